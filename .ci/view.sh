@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Links the rooms under build/view/palpate and builds the core in place, for work on the sources:
+#   bash .ci/view.sh PYTHON [cmake options]; then PYTHONPATH=build/view PYTHON -m pytest
+# mypy reads the same tree.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+python="${1:-python3}"
+shift || true
+view=build/view/palpate
+mkdir -p "$view"
+for room in meshes fastsim reference validation; do
+    ln -sfn "../../../$room" "$view/$room"
+done
+printf '"""FEniCSx validation and reference pipeline for soft-tissue simulation."""\n__version__ = "dev"\n' >"$view/__init__.py"
+tag=$("$python" -c 'import sys; print(sys.implementation.cache_tag)')
+PATH="$(dirname "$("$python" -c 'import sys; print(sys.executable)')"):$PATH"
+cmake -S fastsim/core -B "build/core-$tag" -G Ninja -DPython_EXECUTABLE="$(command -v "$python")" \
+    -DCMAKE_LIBRARY_OUTPUT_DIRECTORY="$PWD/fastsim" "$@" >"build/cmake-$tag.log" || {
+    cat "build/cmake-$tag.log"
+    exit 1
+}
+cmake --build "build/core-$tag"

@@ -1,0 +1,1 @@
+"""The candidate: a lightweight explicit finite-element simulator of soft tissue."""

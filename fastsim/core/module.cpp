@@ -1,0 +1,14 @@
+// The compiled module: lists the bindings, holds nothing else.
+#include <nanobind/nanobind.h>
+
+namespace nb = nanobind;
+
+void bind_mesher(nb::module_ &module);
+void bind_mechanics(nb::module_ &module);
+
+NB_MODULE(_core, module) {
+    module.doc() = "Compiled core of palpate.fastsim.";
+    module.attr("__version__") = PALPATE_VERSION;
+    bind_mesher(module);
+    bind_mechanics(module);
+}

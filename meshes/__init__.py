@@ -1,0 +1,1 @@
+"""Common ground: meshes, shapes, files and plain problem data; no mechanics."""

@@ -1,0 +1,66 @@
+"""Checks shared by everything that takes points, cells or facets as arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.errors import IndexRangeError, NonFiniteError, ShapeError
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+def checked_points(points: Any) -> Points:
+    """Return points as a read-only C-ordered float64 array.
+
+    Args:
+        points: Coordinates [m], shape (num_points, 3).
+
+    Raises:
+        ShapeError: Not a table of three real columns.
+        NonFiniteError: A coordinate is NaN or infinite.
+    """
+    array = np.asarray(points)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+        raise ShapeError(f"points need shape (num_points, 3) of reals, got {array.shape}")
+    array = np.array(array, dtype=np.float64, order="C")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise NonFiniteError(bad.tolist())
+    array.setflags(write=False)
+    return array
+
+
+def checked_indices(indices: Any, width: int, num_points: int, what: str) -> Indices:
+    """Return index rows as a read-only C-ordered int32 array, each entry a point that exists.
+
+    Args:
+        indices: Whole numbers, shape (num_rows, width), or (num_rows,) when width is 1.
+        width: Points per row.
+        num_points: Number of points.
+        what: The noun for messages ("cells", "facets", "points").
+
+    Raises:
+        ShapeError: Wrong shape, or not whole numbers.
+        IndexRangeError: An index below 0 or not below num_points.
+    """
+    array = np.asarray(indices)
+    shape = "(n,)" if width == 1 else f"(n, {width})"
+    if array.size == 0:
+        array = np.zeros((0,) if width == 1 else (0, width), dtype=np.int32)
+    if array.dtype.kind not in "iu":
+        raise ShapeError(f"{what} need whole numbers, got {array.dtype}")
+    if (width == 1 and array.ndim != 1) or (
+        width > 1 and (array.ndim != 2 or array.shape[1] != width)
+    ):
+        raise ShapeError(f"{what} need shape {shape}, got {array.shape}")
+    outside = (array < 0) | (array >= num_points)
+    rows = np.flatnonzero(outside if width == 1 else outside.any(axis=1))
+    if rows.size:
+        raise IndexRangeError(what, rows.tolist(), num_points)
+    array = np.array(array, dtype=np.int32, order="C")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,88 @@
+"""What is held and what is pushed, as plain data in SI units.
+
+Each simulator turns these into its own nodal forces and constraints; no mechanics here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+
+
+def _no_facets() -> Indices:
+    return np.zeros((0, 3), dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Points held at a given displacement, by component.
+
+    Args:
+        points: Held points, shape (n,). Holds every vertex of `facets` too.
+        facets: Held boundary facets, shape (m, 3): a quadratic solve also holds their edges.
+            Without facets only the points are held, which for a solid is a point support.
+        components: Which of x, y, z are held.
+        displacement: Prescribed displacement [m], shape (3,); read where `components` is true.
+    """
+
+    points: Indices
+    facets: Indices = field(default_factory=_no_facets)
+    components: tuple[bool, bool, bool] = (True, True, True)
+    displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Traction:
+    """Dead surface load: force per rest area, fixed direction.
+
+    Args:
+        facets: Loaded boundary facets, shape (m, 3).
+        traction: Force per rest area [Pa], shape (3,).
+    """
+
+    facets: Indices
+    traction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Pressure:
+    """Follower load: pressure on the deformed area, along its inward normal.
+
+    Args:
+        facets: Loaded boundary facets, shape (m, 3), counter-clockwise seen from outside.
+        pressure: Pressure [Pa]; > 0 pushes inwards.
+    """
+
+    facets: Indices
+    pressure: float
+
+
+@dataclass(frozen=True, eq=False)
+class PointForce:
+    """Forces on single points (singular in the continuum limit: no truth to converge to).
+
+    Args:
+        points: Loaded points, shape (n,).
+        forces: Force on each [N], shape (n, 3).
+    """
+
+    points: Indices
+    forces: Points
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """Dead force per rest volume on the whole body (weight: density times gravity).
+
+    Args:
+        force_density: Force per rest volume [N/m3], shape (3,).
+    """
+
+    force_density: tuple[float, float, float]
+
+
+Load: TypeAlias = Traction | Pressure | PointForce | BodyForce

@@ -1,0 +1,148 @@
+"""Errors that say which input cannot be used, with the data that shows it.
+
+Every class derives from InputError; the command line turns it into exit code 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def _first(items: Sequence[object], limit: int = 5) -> str:
+    """Show the first few entries of a list of guilty things."""
+    shown = ", ".join(str(item) for item in items[:limit])
+    return shown if len(items) <= limit else f"{shown} and {len(items) - limit} more"
+
+
+class InputError(ValueError):
+    """The input cannot be used; the message names the thing, the value and the remedy."""
+
+
+class FileFormatError(InputError):
+    """A file is missing, unreadable, malformed or of an unknown kind; `.path` names it."""
+
+    def __init__(self, path: object, reason: str) -> None:
+        self.path = str(path)
+        super().__init__(f"{path}: {reason}")
+
+
+class MeshError(InputError):
+    """A mesh or surface that cannot be used."""
+
+
+class ShapeError(MeshError):
+    """An array has the wrong shape or kind of number."""
+
+
+class NonFiniteError(MeshError):
+    """A coordinate is NaN or infinite; `.points` holds the indices of the points."""
+
+    def __init__(self, points: Sequence[int]) -> None:
+        self.points = [int(i) for i in points]
+        super().__init__(
+            f"{len(self.points)} point(s) with a coordinate that is NaN or infinite: "
+            f"{_first(self.points)}; repair or drop them"
+        )
+
+
+class IndexRangeError(MeshError):
+    """A cell or facet names a point that does not exist; `.rows` holds the guilty rows."""
+
+    def __init__(self, what: str, rows: Sequence[int], num_points: int) -> None:
+        self.rows = [int(i) for i in rows]
+        super().__init__(
+            f"{len(self.rows)} {what} name a point outside 0..{num_points - 1}: "
+            f"{_first(self.rows)}; the file is damaged or numbered from one"
+        )
+
+
+class InvertedCellError(MeshError):
+    """Cells of zero or negative volume; `.cells` and `.signed_volumes` hold them."""
+
+    def __init__(self, cells: Sequence[int], signed_volumes: Sequence[float]) -> None:
+        self.cells = [int(i) for i in cells]
+        self.signed_volumes = [float(v) for v in signed_volumes]
+        worst = min(self.signed_volumes, default=0.0)
+        super().__init__(
+            f"{len(self.cells)} cell(s) inverted or flat: {_first(self.cells)}; smallest signed "
+            f"volume {worst:.3g} m3; re-mesh, or swap two points of each if all are mirrored"
+        )
+
+
+class SurfaceError(MeshError):
+    """A surface that bounds no solid; `.facets` holds the guilty facets."""
+
+    def __init__(self, message: str, facets: Sequence[int] = ()) -> None:
+        self.facets = [int(i) for i in facets]
+        super().__init__(message)
+
+
+class EmptySurfaceError(SurfaceError):
+    """A surface without facets."""
+
+
+class OpenSurfaceError(SurfaceError):
+    """Edges with one facet only; `.edges` holds them as pairs of points."""
+
+    def __init__(self, edges: Sequence[tuple[int, int]], facets: Sequence[int]) -> None:
+        self.edges = [(int(a), int(b)) for a, b in edges]
+        super().__init__(
+            f"the surface is open: {len(self.edges)} edge(s) with one facet only, at points "
+            f"{_first(self.edges, 3)}; close the holes",
+            facets,
+        )
+
+
+class NonManifoldError(SurfaceError):
+    """Edges with more than two facets, or vertices where sheets touch; `.edges`, `.vertices`."""
+
+    def __init__(
+        self,
+        facets: Sequence[int],
+        edges: Sequence[tuple[int, int]] = (),
+        vertices: Sequence[int] = (),
+    ) -> None:
+        self.edges = [(int(a), int(b)) for a, b in edges]
+        self.vertices = [int(v) for v in vertices]
+        what = (
+            f"{len(self.edges)} edge(s) with more than two facets: {_first(self.edges, 3)}"
+            if self.edges
+            else f"{len(self.vertices)} vertex(es) where sheets touch: {_first(self.vertices)}"
+        )
+        super().__init__(f"the surface is not manifold: {what}; separate the sheets", facets)
+
+
+class OrientationError(SurfaceError):
+    """Facets whose orientation differs from their neighbours', or that all point inwards."""
+
+
+class DegenerateFacetError(SurfaceError):
+    """Facets of zero area or with a repeated point."""
+
+    def __init__(self, facets: Sequence[int]) -> None:
+        super().__init__(
+            f"{len(facets)} facet(s) of zero area: {_first(list(facets))}; remove or re-mesh them",
+            facets,
+        )
+
+
+class DuplicateFacetError(SurfaceError):
+    """The same three points make more than one facet."""
+
+    def __init__(self, facets: Sequence[int]) -> None:
+        super().__init__(
+            f"{len(facets)} facet(s) given more than once: {_first(list(facets))}; remove copies",
+            facets,
+        )
+
+
+class SelfIntersectionError(SurfaceError):
+    """Facets that cut or touch others; `.pairs` holds them."""
+
+    def __init__(self, pairs: Sequence[tuple[int, int]]) -> None:
+        self.pairs = [(int(a), int(b)) for a, b in pairs]
+        super().__init__(
+            f"the surface intersects itself: {len(self.pairs)} pair(s) of facets, "
+            f"{_first(self.pairs, 3)}; repair it before meshing",
+            sorted({f for pair in self.pairs for f in pair}),
+        )

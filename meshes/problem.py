@@ -1,0 +1,91 @@
+"""A mechanical problem as plain data: what every simulator is given, in SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from palpate.meshes.boundary_conditions import Load, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.tet_mesh import TetMesh
+
+
+class Strain(StrEnum):
+    """Strain measure: engineering strain (eq. 3-4) or Green strain (eq. 6-7)."""
+
+    LINEAR = "linear"
+    GREEN = "green"
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic elastic solid; with Green strain the Saint-Venant-Kirchhoff material.
+
+    Args:
+        youngs_modulus: [Pa], > 0.
+        poissons_ratio: [-], between -1 and 0.5, both excluded.
+        density: [kg/m3], > 0.
+
+    Raises:
+        InputError: A value outside its range.
+
+    Note:
+        Linear tetrahedra lock as Poisson's ratio nears 0.5.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    density: float = 1000.0
+
+    def __post_init__(self) -> None:
+        E, nu, rho = self.youngs_modulus, self.poissons_ratio, self.density
+        if not (math.isfinite(E) and E > 0.0):
+            raise InputError(f"youngs_modulus = {E:g} Pa: needs a finite value above 0")
+        if not -1.0 < nu < 0.5:
+            raise InputError(
+                f"poissons_ratio = {nu:g}: needs a value between -1 and 0.5, both excluded; "
+                "for nearly incompressible tissue use 0.45 to 0.49"
+            )
+        if not (math.isfinite(rho) and rho > 0.0):
+            raise InputError(f"density = {rho:g} kg/m3: needs a finite value above 0")
+
+
+@dataclass(frozen=True)
+class TimeSpan:
+    """The time axis of a dynamic problem.
+
+    Args:
+        end_time: [s], > 0.
+        time_step: [s], > 0; None lets the simulator choose a stable one.
+        mass_damping: lambda in D = lambda M (eq. 11) [1/s], >= 0.
+        num_outputs: Number of stored states after the initial one, evenly spaced, >= 1.
+    """
+
+    end_time: float
+    time_step: float | None = None
+    mass_damping: float = 0.0
+    num_outputs: int = 50
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.end_time) and self.end_time > 0.0):
+            raise InputError(f"end_time = {self.end_time:g} s: needs a finite value above 0")
+        if self.time_step is not None and not (
+            math.isfinite(self.time_step) and self.time_step > 0.0
+        ):
+            raise InputError(f"time_step = {self.time_step:g} s: needs a finite value above 0")
+        if not (math.isfinite(self.mass_damping) and self.mass_damping >= 0.0):
+            raise InputError(f"mass_damping = {self.mass_damping:g} 1/s: needs a value >= 0")
+        if self.num_outputs < 1:
+            raise InputError(f"num_outputs = {self.num_outputs}: needs at least 1")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Mesh, material, supports and loads, all in SI units and plain arrays."""
+
+    mesh: TetMesh
+    material: Material
+    supports: tuple[Support, ...]
+    loads: tuple[Load, ...]
+    time: TimeSpan | None = None

@@ -1,0 +1,126 @@
+"""TetMesh: an immutable, checked mesh of four-node tetrahedra."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
+from palpate.meshes.errors import InvertedCellError, MeshError
+from palpate.meshes.tri_surface import TriSurface
+
+# Facet k of a positive cell lies opposite its vertex k; seen from outside, counter-clockwise.
+CELL_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.int32)
+
+
+def signed_volumes(points: Points, cells: Indices) -> Points:
+    """Signed volume of each cell, det(x1 - x0, x2 - x0, x3 - x0) / 6 [m3], shape (num_cells,)."""
+    origin = points[cells[:, 0]]
+    a, b, c = (points[cells[:, k]] - origin for k in (1, 2, 3))
+    volumes: Points = np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0
+    return volumes
+
+
+@dataclass(frozen=True, eq=False)
+class TetMesh:
+    """A solid made of tetrahedra; checked on construction, immutable afterwards.
+
+    Args:
+        points: Rest positions [m], shape (num_points, 3), finite.
+        cells: Point indices, shape (num_cells, 4), every signed volume > 0.
+        facet_groups: Named sets of boundary facets, each shape (n, 3).
+        point_groups: Named sets of points, each shape (n,).
+
+    Raises:
+        ShapeError: An array has the wrong shape or type.
+        NonFiniteError: A coordinate is NaN or infinite.
+        IndexRangeError: An index is outside the points.
+        InvertedCellError: A cell is inverted or flat.
+        MeshError: No cells, or points that no cell uses.
+    """
+
+    points: Points
+    cells: Indices
+    facet_groups: Mapping[str, Indices] = field(default_factory=dict)
+    point_groups: Mapping[str, Indices] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        points = checked_points(self.points)
+        cells = checked_indices(self.cells, 4, len(points), "cells")
+        if len(cells) == 0:
+            raise MeshError("the mesh has no tetrahedra; give a volume mesh, or mesh the surface")
+        volumes = signed_volumes(points, cells)
+        bad = np.flatnonzero(~(volumes > 0.0))
+        if bad.size:
+            raise InvertedCellError(bad.tolist(), volumes[bad].tolist())
+        unused = np.setdiff1d(np.arange(len(points)), cells)
+        if unused.size:
+            raise MeshError(
+                f"{unused.size} point(s) belong to no cell, first {int(unused[0])}; drop them"
+            )
+        keep = object.__setattr__
+        keep(self, "points", points)
+        keep(self, "cells", cells)
+        keep(
+            self,
+            "facet_groups",
+            MappingProxyType(
+                {
+                    name: checked_indices(rows, 3, len(points), f"facets of {name!r}")
+                    for name, rows in self.facet_groups.items()
+                }
+            ),
+        )
+        keep(
+            self,
+            "point_groups",
+            MappingProxyType(
+                {
+                    name: checked_indices(rows, 1, len(points), f"points of {name!r}")
+                    for name, rows in self.point_groups.items()
+                }
+            ),
+        )
+
+    @property
+    def num_points(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @property
+    def num_cells(self) -> int:
+        """Number of tetrahedra."""
+        return len(self.cells)
+
+    @cached_property
+    def boundary_facets(self) -> Indices:
+        """Facets of one cell only, counter-clockwise seen from outside, shape (n, 3)."""
+        facets = self.cells[:, CELL_FACETS].reshape(-1, 3)
+        keys = np.sort(facets, axis=1)
+        order = np.lexsort(keys.T[::-1])
+        same = np.all(keys[order][1:] == keys[order][:-1], axis=1)
+        shared = np.zeros(len(facets), dtype=bool)
+        shared[order[1:][same]] = True
+        shared[order[:-1][same]] = True
+        boundary: Indices = np.ascontiguousarray(facets[~shared])
+        boundary.setflags(write=False)
+        return boundary
+
+    @cached_property
+    def volume(self) -> float:
+        """Rest volume [m3]."""
+        return float(signed_volumes(self.points, self.cells).sum())
+
+    @cached_property
+    def surface_area(self) -> float:
+        """Rest area of the boundary [m2]."""
+        return self.surface().area
+
+    def surface(self, displacement: Points | None = None) -> TriSurface:
+        """The boundary as a surface on all points, moved by a displacement when one is given."""
+        points = self.points if displacement is None else self.points + displacement
+        return TriSurface(points, self.boundary_facets)

@@ -1,0 +1,1 @@
+"""The truth: Saint-Venant-Kirchhoff solves in UFL on FEniCSx."""

@@ -1,0 +1,1 @@
+"""The judge: cases, metrics, gates, studies, benchmarks and reports."""
