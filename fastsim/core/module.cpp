@@ -1,4 +1,6 @@
 // The compiled module: lists the bindings, holds nothing else.
+#include "version.hpp"
+
 #include <nanobind/nanobind.h>
 
 namespace nb = nanobind;
@@ -8,7 +10,7 @@ void bind_mechanics(nb::module_ &module);
 
 NB_MODULE(_core, module) {
     module.doc() = "Compiled core of palpate.fastsim.";
-    module.attr("__version__") = PALPATE_VERSION;
+    module.attr("__version__") = fastsim::version();
     bind_mesher(module);
     bind_mechanics(module);
 }
