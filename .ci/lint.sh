@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Format, style and types: ruff, clang-format, mypy --strict, and a build without warnings.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+bin="${VENV:-.venv}/bin"
+"$bin/ruff" check .
+"$bin/ruff" format --check .
+git ls-files '*.cpp' '*.hpp' | xargs "$bin/clang-format" --dry-run -Werror
+bash .ci/view.sh "$bin/python" -DPALPATE_WERROR=ON
+MYPYPATH=build/view "$bin/mypy" -p palpate

@@ -1,0 +1,40 @@
+# Two commands do everything, the set-up included: make report, make test.
+# FENICSX=apt|wheel|none chooses where FEniCSx comes from (see .ci/setup.sh).
+
+VENV ?= .venv
+OUT ?= out
+FENICSX ?=
+PYTHON ?=
+export VENV FENICSX PYTHON
+
+.DEFAULT_GOAL := help
+.PHONY: help setup report test gate lint view clean
+
+help: ## print this list
+	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
+	@echo
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1@\2/p' Makefile | awk -F@ '{printf "%-14s %s\n", $$1, $$2}'
+	@echo
+	@echo "  FENICSX=apt|wheel|none   where FEniCSx comes from (default: apt, else wheel, else none)"
+
+setup: ## make the environment and install palpate into it
+	@bash .ci/setup.sh
+
+report: setup ## the kidney and the beam, judged: out/kidney/report.html
+	@$(VENV)/bin/palpate report kidney -o $(OUT)/kidney
+	@$(VENV)/bin/palpate report beam -o $(OUT)/beam
+
+test: setup ## run the test suite
+	@$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+gate: setup ## the accuracy gate on the built-in cases
+	@$(VENV)/bin/palpate gate kidney beam
+
+lint: setup ## format, style and type checks
+	@VENV=$(VENV) bash .ci/lint.sh
+
+view: setup ## link the sources under build/view, for work on them in place
+	@bash .ci/view.sh $(VENV)/bin/python
+
+clean: ## remove everything that was made, the environment included
+	@rm -rf .venv .venv-wheel build out fastsim/_core*.so
