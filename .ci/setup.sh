@@ -43,8 +43,17 @@ as_root() {
 apt_missing() {
     local name
     for name in $APT_PACKAGES; do
-        dpkg-query -W -f='${Status}\n' "$name" 2>/dev/null | grep -q 'ok installed' || echo "$name"
+        case "$(dpkg-query -W -f='${Status}' "$name" 2>/dev/null)" in
+        *"ok installed") ;;
+        *) echo "$name" ;;
+        esac
     done
+}
+apt_offers_dolfinx() { # no pipe: `grep -q` would end apt-cache early, an error under pipefail
+    case "$(apt-cache policy python3-dolfinx 2>/dev/null)" in
+    *"Candidate: "[0-9]*) return 0 ;;
+    *) return 1 ;;
+    esac
 }
 may_install() {
     [ "$(id -u)" = 0 ] || sudo -n true 2>/dev/null
@@ -66,10 +75,10 @@ apt_possible() { # sets APT_WHY when not
         APT_WHY="no rights to install (needs root or sudo): $(apt_missing | tr '\n' ' ')"
         return 1
     fi
-    if ! apt-cache policy python3-dolfinx 2>/dev/null | grep -q 'Candidate: [0-9]'; then
+    if ! apt_offers_dolfinx; then
         say "refreshing apt's package lists"
         as_root apt-get update >>"$LOG" 2>&1 || true
-        if ! apt-cache policy python3-dolfinx 2>/dev/null | grep -q 'Candidate: [0-9]'; then
+        if ! apt_offers_dolfinx; then
             APT_WHY="apt has no python3-dolfinx here"
             return 1
         fi
@@ -142,20 +151,31 @@ if ! recorded environment "$ENVIRONMENT"; then
             logged as_root env DEBIAN_FRONTEND=noninteractive \
                 apt-get install -y --no-install-recommends $missing
         fi
-    elif ! command -v c++ >/dev/null && ! command -v g++ >/dev/null; then
-        if command -v apt-get >/dev/null && may_install; then
-            say "installing a C++ compiler by apt"
-            as_root apt-get update >>"$LOG" 2>&1 || true
-            logged as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends g++
-        else
-            die "a C++20 compiler is needed to build the simulator's core; install g++ or clang++"
+    else
+        # A compiler (for the core, and for FEniCSx's forms), headers, and venv itself.
+        wanted=""
+        command -v c++ >/dev/null || wanted="g++"
+        "$BASE_PYTHON" -c 'import ensurepip' 2>/dev/null || wanted="$wanted python3-venv"
+        "$BASE_PYTHON" -c 'import os, sys, sysconfig
+sys.exit(not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")))' ||
+            wanted="$wanted python3-dev"
+        if [ -n "$wanted" ]; then
+            if command -v apt-get >/dev/null && may_install; then
+                say "installing by apt: $wanted"
+                as_root apt-get update >>"$LOG" 2>&1 || true
+                # shellcheck disable=SC2086
+                logged as_root env DEBIAN_FRONTEND=noninteractive \
+                    apt-get install -y --no-install-recommends $wanted
+            else
+                die "needed to build the simulator's core, and not here: $wanted (remedy: install them)"
+            fi
         fi
     fi
     say "making $VENV with $("$BASE_PYTHON" --version) ($BASE_PYTHON), FEniCSx: $ROUTE"
     if [ "$ROUTE" = apt ]; then
         logged "$BASE_PYTHON" -m venv --clear --system-site-packages "$VENV"
     else
-        logged "$BASE_PYTHON" -m venv --clear "$VENV" || true
+        logged "$BASE_PYTHON" -m venv --clear "$VENV"
     fi
 fi
 
