@@ -1,0 +1,120 @@
+"""A Problem as one .npz file: exact, no pickle; the way to hand it to another process."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.errors import FileFormatError
+from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
+
+_KINDS: dict[str, type[Any]] = {
+    kind.__name__: kind for kind in (Support, Traction, Pressure, PointForce, BodyForce)
+}
+
+
+def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
+    """The problem as named arrays; plain values are kept as JSON text in `header`.
+
+    The same problem always gives the same arrays, so they also serve as its identity.
+    """
+    arrays: dict[str, NDArray[Any]] = {
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+    }
+    for name, rows in problem.mesh.facet_groups.items():
+        arrays[f"facet_group:{name}"] = rows
+    for name, rows in problem.mesh.point_groups.items():
+        arrays[f"point_group:{name}"] = rows
+    header: dict[str, Any] = {
+        "schema": 1,
+        "material": dataclasses.asdict(problem.material),
+        "time": dataclasses.asdict(problem.time) if problem.time else None,
+        "supports": [],
+        "loads": [],
+    }
+    for group in ("supports", "loads"):
+        for index, item in enumerate(getattr(problem, group)):
+            entry: dict[str, Any] = {"kind": type(item).__name__}
+            for part in dataclasses.fields(item):
+                value = getattr(item, part.name)
+                if isinstance(value, np.ndarray):
+                    arrays[f"{group}:{index}:{part.name}"] = value
+                else:
+                    entry[part.name] = value
+            header[group].append(entry)
+    arrays["header"] = np.array(json.dumps(header, sort_keys=True))
+    return arrays
+
+
+def save_problem(path: str | Path, problem: Problem) -> None:
+    """Write a problem to `path` (.npz), whole or not at all."""
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, **problem_arrays(problem))
+
+
+def load_problem(path: str | Path) -> Problem:
+    """Read a problem written by `save_problem`.
+
+    Raises:
+        FileFormatError: Missing, damaged, or of another schema.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        header = json.loads(str(arrays["header"]))
+        if header["schema"] != 1:
+            raise FileFormatError(path, f"schema {header['schema']} is not known here (1 is)")
+        groups: dict[str, list[Any]] = {"supports": [], "loads": []}
+        for group, items in groups.items():
+            for index, entry in enumerate(header[group]):
+                values = {
+                    key: tuple(value) if isinstance(value, list) else value
+                    for key, value in entry.items()
+                    if key != "kind"
+                }
+                prefix = f"{group}:{index}:"
+                values |= {
+                    key.removeprefix(prefix): rows
+                    for key, rows in arrays.items()
+                    if key.startswith(prefix)
+                }
+                items.append(_KINDS[entry["kind"]](**values))
+        mesh = TetMesh(
+            arrays["points"],
+            arrays["cells"],
+            _group(arrays, "facet_group:"),
+            _group(arrays, "point_group:"),
+        )
+        supports: list[Support] = groups["supports"]
+        loads: list[Load] = groups["loads"]
+        return Problem(
+            mesh,
+            Material(**header["material"]),
+            tuple(supports),
+            tuple(loads),
+            TimeSpan(**header["time"]) if header["time"] else None,
+        )
+    except FileFormatError:
+        raise
+    except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
+        raise FileFormatError(path, f"not a problem file ({error})") from error
+
+
+def _group(arrays: dict[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
+    return {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}

@@ -1,0 +1,91 @@
+"""Which rigid-body motions do the supports leave free? Geometry only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.meshes.tet_mesh import TetMesh
+
+
+class UnsupportedBodyError(InputError):
+    """A body that can move as a whole; `.num_free_modes` and `.part` say how and which."""
+
+    def __init__(self, num_free_modes: int, part: int, num_parts: int, num_supports: int) -> None:
+        self.num_free_modes = num_free_modes
+        self.part = part
+        where = f"part {part} of {num_parts}" if num_parts > 1 else "the body"
+        held = "has no support" if num_supports == 0 else "is not held enough"
+        super().__init__(
+            f"{where} {held}: {num_free_modes} of 6 rigid motions are free, so it floats; "
+            "add a [[support]] that holds at least three points not on a line"
+        )
+
+
+def connected_parts(mesh: TetMesh) -> NDArray[np.int64]:
+    """Label of the connected part of each point, shape (num_points,), from 0."""
+    label = np.arange(mesh.num_points)
+    while True:
+        smallest = label[mesh.cells].min(axis=1)
+        lowered = label.copy()
+        for corner in range(4):
+            np.minimum.at(lowered, mesh.cells[:, corner], smallest)
+        lowered = lowered[lowered]
+        if np.array_equal(lowered, label):
+            break
+        label = lowered
+    labels: NDArray[np.int64] = np.unique(label, return_inverse=True)[1].reshape(-1)
+    return labels
+
+
+def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
+    """Count the rigid motions (of 6) that the supports leave free, for each connected part.
+
+    The rank of the held components of the six rigid modes, with lengths scaled by the part's
+    size; singular values below 1e-8 of the largest count as zero.
+    """
+    labels = connected_parts(mesh)
+    free = []
+    for part in range(int(labels.max()) + 1):
+        inside = labels == part
+        points = mesh.points[inside]
+        centre = points.mean(axis=0)
+        size = max(float(np.ptp(points, axis=0).max()), np.finfo(float).tiny)
+        rows = []
+        for support in supports:
+            held = np.union1d(support.points, support.facets)
+            held = held[inside[held]]
+            x, y, z = ((mesh.points[held] - centre) / size).T
+            one, zero = np.ones_like(x), np.zeros_like(x)
+            modes = np.array(
+                [
+                    [one, zero, zero, zero, z, -y],
+                    [zero, one, zero, -z, zero, x],
+                    [zero, zero, one, y, -x, zero],
+                ]
+            )
+            rows += [modes[axis].T for axis in range(3) if support.components[axis]]
+        held_modes = np.vstack(rows) if rows else np.zeros((0, 6))
+        if len(held_modes) == 0:
+            free.append(6)
+            continue
+        singular = np.linalg.svd(held_modes, compute_uv=False)
+        free.append(6 - int(np.sum(singular > 1e-8 * singular[0])))
+    return free
+
+
+def require_supported(problem: Problem) -> None:
+    """Refuse a static problem in which a part of the body can move as a whole.
+
+    Raises:
+        UnsupportedBodyError: With the part and the number of its free rigid motions.
+    """
+    free = free_rigid_modes(problem.mesh, problem.supports)
+    for part, count in enumerate(free):
+        if count:
+            raise UnsupportedBodyError(count, part, len(free), len(problem.supports))
