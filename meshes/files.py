@@ -1,0 +1,234 @@
+"""Surfaces and meshes in files, by meshio; refuses what its readers let through.
+
+meshio 5 lets NaN and out-of-range indices pass, raises SystemExit on damaged XML and asks for
+any amount of memory a header claims. All of that ends here as a FileFormatError with one line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.errors import FileFormatError, InputError, MeshError
+from palpate.meshes.surface_checks import merge_equal_points
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+
+SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
+MESH_SUFFIXES = (".msh", ".vtk", ".vtu")
+
+# Cells of lower dimension that may stand beside the wanted ones.
+_HARMLESS = {"vertex", "line", "triangle", "tetra"}
+
+
+def read_surface(path: str | Path, *, scale: float = 1.0) -> TriSurface:
+    """Read a triangulated surface; points that are equal bit for bit are merged.
+
+    Args:
+        path: STL, OBJ, PLY, OFF, MSH, VTK or VTU; of a volume mesh, its triangles are read.
+        scale: Metres per unit of the file (0.001 for millimetres).
+
+    Raises:
+        FileFormatError: Missing, damaged, of another kind, or without triangles.
+        MeshError: Coordinates or indices that cannot be used.
+    """
+    data = _read(path, SURFACE_SUFFIXES)
+    facets = _cells_of(data, "triangle")
+    if len(facets) == 0:
+        kinds = sorted({block.type for block in data.cells}) or ["nothing"]
+        raise FileFormatError(path, f"holds no triangles (it holds: {', '.join(kinds)})")
+    _refuse_other_cells(path, data, {"tetra"})
+    with _named(path):
+        surface = TriSurface(_scaled(data.points, scale), facets)
+        return merge_equal_points(surface)
+
+
+def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
+    """Read a tetrahedral mesh; named physical groups of triangles become facet groups.
+
+    Args:
+        path: MSH, VTK or VTU with four-node tetrahedra.
+        scale: Metres per unit of the file.
+
+    Raises:
+        FileFormatError: Missing, damaged, of another kind, or without tetrahedra.
+        MeshError: Inverted cells, unused points, NaN, indices out of range.
+    """
+    data = _read(path, MESH_SUFFIXES)
+    cells = _cells_of(data, "tetra")
+    if len(cells) == 0:
+        kinds = sorted({block.type for block in data.cells}) or ["nothing"]
+        raise FileFormatError(
+            path, f"holds no four-node tetrahedra (it holds: {', '.join(kinds)}); mesh it first"
+        )
+    _refuse_other_cells(path, data, set())
+    with _named(path):
+        facet_groups = {}
+        for name, blocks in data.cell_sets.items():
+            rows = [
+                block.data[np.asarray(chosen, dtype=np.int64)]
+                for block, chosen in zip(data.cells, blocks, strict=True)
+                if block.type == "triangle" and chosen is not None and len(chosen)
+            ]
+            if rows:
+                facet_groups[name] = np.vstack(rows)
+        points, cells, facet_groups = _without_lower_points(data, cells, facet_groups)
+        return TetMesh(_scaled(points, scale), cells, facet_groups)
+
+
+def write_surface(path: str | Path, surface: TriSurface) -> None:
+    """Write a surface, whole or not at all; STL keeps single precision only."""
+    suffix = _known_suffix(path, SURFACE_SUFFIXES)
+    _write(path, suffix, meshio.Mesh(np.array(surface.points), [("triangle", surface.facets)]))
+
+
+def write_mesh(
+    path: str | Path,
+    mesh: TetMesh,
+    *,
+    point_data: Mapping[str, NDArray[Any]] | None = None,
+    cell_data: Mapping[str, NDArray[Any]] | None = None,
+) -> None:
+    """Write a tetrahedral mesh with fields, whole or not at all.
+
+    VTU is binary and compressed, float64: exact.
+
+    Args:
+        path: MSH, VTK or VTU.
+        mesh: The mesh; its groups are not written.
+        point_data: Fields by name, first dimension num_points.
+        cell_data: Fields by name, first dimension num_cells.
+    """
+    suffix = _known_suffix(path, MESH_SUFFIXES)
+    out = meshio.Mesh(
+        np.array(mesh.points),
+        [("tetra", np.array(mesh.cells))],
+        point_data={name: np.array(field) for name, field in (point_data or {}).items()},
+        cell_data={name: [np.array(field)] for name, field in (cell_data or {}).items()},
+    )
+    _write(path, suffix, out)
+
+
+def read_point_data(path: str | Path) -> tuple[Points, dict[str, NDArray[Any]]]:
+    """Points and fields on points of a VTU or VTK file, as they stand (NaN included).
+
+    Raises:
+        FileFormatError: Missing, damaged or of another kind.
+    """
+    data = _read(path, MESH_SUFFIXES)
+    points: Points = np.asarray(data.points, dtype=np.float64)
+    return points, {name: np.asarray(field) for name, field in data.point_data.items()}
+
+
+def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:
+    suffix = Path(path).suffix.lower()
+    if suffix not in known:
+        raise FileFormatError(path, f"unknown kind {suffix or '(none)'!r}; use {', '.join(known)}")
+    return suffix
+
+
+def _read(path: str | Path, known: tuple[str, ...]) -> Any:
+    """Read by meshio with every way it can fail turned into a FileFormatError."""
+    file = Path(path)
+    suffix = _known_suffix(file, known)
+    if not file.is_file():
+        raise FileFormatError(path, "no such file")
+    try:
+        # The readers chat on stdout and stderr, and end the process on damaged XML.
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            data = meshio.gmsh.read(file) if suffix == ".msh" else meshio.read(file)
+    except (SystemExit, Exception) as error:
+        reason = str(error) if str(error) and not isinstance(error, SystemExit) else "damaged"
+        first_line = reason.strip().splitlines()[0][:200]
+        raise FileFormatError(path, f"cannot be read as {suffix[1:]} ({first_line})") from error
+    if len(data.points) == 0:
+        raise FileFormatError(path, "holds no points (empty or cut off)")
+    points = np.asarray(data.points)
+    if points.ndim != 2 or points.shape[1] not in (2, 3) or points.dtype.kind not in "fiu":
+        raise FileFormatError(path, f"holds points of shape {points.shape}, not (n, 3)")
+    if points.shape[1] == 2:
+        raise FileFormatError(path, "is two-dimensional; points need three coordinates")
+    return data
+
+
+def _cells_of(data: Any, kind: str) -> NDArray[Any]:
+    blocks = [np.asarray(block.data) for block in data.cells if block.type == kind]
+    return np.vstack(blocks) if blocks else np.zeros((0, 0), dtype=np.int64)
+
+
+def _refuse_other_cells(path: str | Path, data: Any, allowed: set[str]) -> None:
+    """A part made of quads or hexahedra must not vanish without a word."""
+    other = {block.type for block in data.cells} - _HARMLESS - allowed
+    if other:
+        raise FileFormatError(
+            path, f"holds cells of kind {', '.join(sorted(other))}; split them into simplices"
+        )
+
+
+def _without_lower_points(
+    data: Any, cells: NDArray[Any], groups: dict[str, NDArray[Any]]
+) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]]]:
+    """Drop points only used by cells of lower dimension (gmsh keeps its geometry's points)."""
+    points = np.asarray(data.points, dtype=np.float64)
+    lower = [np.ravel(block.data) for block in data.cells if block.type in ("vertex", "line")]
+    if not lower:
+        return points, cells, groups
+    if min(int(cells.min()), 0) < 0 or int(cells.max()) >= len(points):
+        return points, cells, groups  # TetMesh refuses it, with the guilty rows
+    loose = np.setdiff1d(np.concatenate(lower), cells)
+    if loose.size == 0:
+        return points, cells, groups
+    keep = np.setdiff1d(np.arange(len(points)), loose)
+    renumber = np.full(len(points), -1)
+    renumber[keep] = np.arange(len(keep))
+    return points[keep], renumber[cells], {k: renumber[v] for k, v in groups.items()}
+
+
+def _scaled(points: NDArray[Any], scale: float) -> Points:
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise InputError(f"scale = {scale:g}: needs a finite value above 0")
+    scaled: Points = np.asarray(points, dtype=np.float64) * scale
+    return scaled
+
+
+@contextlib.contextmanager
+def _named(path: str | Path) -> Any:
+    """Put the file's name in front of what the mesh classes find wrong."""
+    try:
+        yield
+    except MeshError as error:
+        error.args = (f"{path}: {error}",)
+        raise
+
+
+def _write(path: str | Path, suffix: str, mesh: Any) -> None:
+    with atomic_path(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
+        if suffix == ".msh":
+            meshio.gmsh.write(temporary, mesh, "4.1", binary=True)
+        elif suffix in (".vtu", ".vtk", ".ply", ".stl"):
+            meshio.write(temporary, mesh, binary=True)
+        else:
+            # OBJ and OFF are text; the default formats drop digits.
+            _write_text(temporary, suffix, mesh)
+
+
+def _write_text(path: Path, suffix: str, mesh: Any) -> None:
+    """OBJ and OFF with all 17 digits, so that a round trip is exact."""
+    facets = mesh.cells[0].data
+    rows = [" ".join(f"{x:.17g}" for x in point) for point in mesh.points]
+    if suffix == ".obj":
+        lines = [f"v {row}" for row in rows] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in facets]
+    else:
+        lines = ["OFF", f"{len(rows)} {len(facets)} 0", *rows]
+        lines += [f"3 {a} {b} {c}" for a, b, c in facets]
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")

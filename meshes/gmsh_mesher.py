@@ -1,0 +1,141 @@
+"""An independent mesher: gmsh fills a closed surface, keeping its facets.
+
+gmsh runs in a process of its own, with a time limit: it aborts or hangs on some bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import MeshError
+from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+
+
+class MesherFailedError(MeshError):
+    """The mesher gave no usable mesh; the message says what it said."""
+
+
+def mesh_with_gmsh(
+    surface: TriSurface, *, edge_length: float | None = None, time_limit: float = 300.0
+) -> TetMesh:
+    """Fill a closed surface with tetrahedra by gmsh (Delaunay, with Netgen's optimiser).
+
+    Args:
+        surface: Closed, outward surface of one shell [m].
+        edge_length: Wanted edge length inside [m]; None takes the surface's.
+        time_limit: Seconds before gmsh is ended.
+
+    Returns:
+        A mesh whose boundary facets are exactly the surface's, points in its order first.
+
+    Raises:
+        SurfaceError: The surface does not bound a solid.
+        MesherFailedError: gmsh is missing, failed, ran out of time, or changed the boundary.
+    """
+    require_closed(surface)
+    with tempfile.TemporaryDirectory() as folder:
+        source, target = Path(folder) / "surface.npz", Path(folder) / "mesh.npz"
+        np.savez(source, points=surface.points, facets=surface.facets)
+        command = [sys.executable, "-m", "palpate.meshes.gmsh_mesher", str(source), str(target)]
+        command += [] if edge_length is None else ["--edge-length", repr(float(edge_length))]
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=time_limit, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise MesherFailedError(
+                f"gmsh did not end within {time_limit:g} s; use a larger edge length or limit"
+            ) from None
+        if done.returncode != 0 or not target.exists():
+            said = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]
+            raise MesherFailedError(f"gmsh gave no mesh (exit {done.returncode}): {said[:300]}")
+        with np.load(target) as stored:
+            points, cells = stored["points"], stored["cells"]
+    mesh = TetMesh(points, cells)
+    _require_same_boundary(surface, mesh)
+    return mesh
+
+
+def _require_same_boundary(surface: TriSurface, mesh: TetMesh) -> None:
+    wanted = {tuple(sorted(row)) for row in surface.facets.tolist()}
+    found = {tuple(sorted(row)) for row in mesh.boundary_facets.tolist()}
+    if wanted != found:
+        raise MesherFailedError(
+            f"gmsh changed the boundary: {len(wanted - found)} facet(s) lost, "
+            f"{len(found - wanted)} new; several shells are not supported by this mesher"
+        )
+
+
+def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[Points, Indices]:
+    """Run gmsh on one shell; used points first, in the surface's order."""
+    import gmsh
+
+    if edge_length is None:
+        corners = points[facets]
+        edge_length = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
+    gmsh.initialize([], interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Verbosity", 2)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        gmsh.option.setNumber("Mesh.Algorithm3D", 1)
+        gmsh.option.setNumber("Mesh.Optimize", 1)
+        gmsh.option.setNumber("Mesh.OptimizeNetgen", 1)
+        # Sizes come from the surface's own edges, not from points or curvature.
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 1.3 * edge_length)
+        used = np.unique(facets)
+        gmsh.model.addDiscreteEntity(2, 1)
+        gmsh.model.mesh.addNodes(2, 1, (used + 1).tolist(), points[used].ravel().tolist())
+        gmsh.model.mesh.addElementsByType(1, 2, [], (facets + 1).ravel().tolist())
+        gmsh.model.geo.addSurfaceLoop([1], 1)
+        gmsh.model.geo.addVolume([1], 1)
+        gmsh.model.geo.synchronize()
+        gmsh.model.mesh.generate(3)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        _, connectivity = gmsh.model.mesh.getElementsByType(4)
+    finally:
+        gmsh.finalize()
+    if len(connectivity) == 0:
+        raise MesherFailedError("gmsh returned no tetrahedra")
+    cells = np.asarray(connectivity, dtype=np.int64).reshape(-1, 4) - 1
+    number = np.asarray(tags, dtype=np.int64) - 1
+    place = np.full((int(number.max()) + 1, 3), np.nan)
+    place[number] = np.asarray(coordinates).reshape(-1, 3)
+    place[: len(points)][used] = points[used]
+    inside = np.setdiff1d(np.unique(cells), used)
+    order = np.concatenate([used, inside])
+    renumber = np.full(len(place), -1)
+    renumber[order] = np.arange(len(order))
+    return place[order], renumber[cells].astype(np.int32)
+
+
+def _main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("source")
+    parser.add_argument("target")
+    parser.add_argument("--edge-length", type=float)
+    arguments = parser.parse_args()
+    with np.load(arguments.source) as stored:
+        points, facets = stored["points"], stored["facets"]
+    try:
+        filled_points, cells = _fill(points, facets, arguments.edge_length)
+    except ImportError as error:
+        print(f"gmsh is not installed ({error}); pip install gmsh", file=sys.stderr)
+        return 3
+    except Exception as error:  # gmsh raises plain Exception with its last message
+        print(str(error) or type(error).__name__, file=sys.stderr)
+        return 4
+    np.savez(arguments.target, points=filled_points, cells=cells)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main())
