@@ -102,8 +102,8 @@ class _EdgeMidpoints:
 
     def of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         """Point index of the midpoint of each edge, shape (n,)."""
-        place: NDArray[np.int64] = np.searchsorted(self._keys, self._key(pairs)) + self._stride
-        return place
+        place: NDArray[np.int64] = np.searchsorted(self._keys, self._key(pairs)).astype(np.int64)
+        return np.asarray(place + self._stride, dtype=np.int64)
 
     def facets(self, facets: Indices) -> Indices:
         """Four facets for each, with the same orientation."""

@@ -1,0 +1,60 @@
+"""Compiled core of palpate.fastsim."""
+
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class StrainMeasure(Enum):
+    linear = 0
+    green = 1
+
+class SolveStatus(Enum):
+    converged = 0
+    negative_curvature = 1
+    iteration_limit = 2
+
+class Solid:
+    @staticmethod
+    def make(points: NDArray[np.float64], cells: NDArray[np.int32]) -> Solid: ...
+    def internal_force(
+        self,
+        displacement: NDArray[np.float64],
+        lmbda: float,
+        mu: float,
+        strain: StrainMeasure,
+        force: NDArray[np.float64],
+    ) -> None: ...
+    def strain_energy(
+        self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
+    ) -> float: ...
+    def det_f(self, displacement: NDArray[np.float64], out: NDArray[np.float64]) -> None: ...
+    def assemble_tangent(
+        self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
+    ) -> None: ...
+    def multiply_tangent(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None: ...
+    def solve_tangent(
+        self,
+        b: NDArray[np.float64],
+        is_free: NDArray[np.uint8],
+        absolute_tolerance: float,
+        max_iterations: int,
+        x: NDArray[np.float64],
+    ) -> tuple[SolveStatus, int, float]: ...
+    def central_difference(
+        self,
+        lmbda: float,
+        mu: float,
+        strain: StrainMeasure,
+        lumped_mass: NDArray[np.float64],
+        external_force: NDArray[np.float64],
+        is_free: NDArray[np.uint8],
+        time_step: float,
+        mass_damping: float,
+        displacement_limit: float,
+        num_steps: int,
+        displacement: NDArray[np.float64],
+        previous: NDArray[np.float64],
+    ) -> tuple[int, bool]: ...

@@ -1,0 +1,88 @@
+#include "mechanics/block_matrix.hpp"
+
+#include <algorithm>
+
+namespace fastsim {
+
+BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells) {
+    const std::size_t num_cells = cells.size() / 4;
+    // Count, then list, then sort and drop repeats: 16 entries for each cell.
+    std::vector<std::size_t> start(num_points + 1, 0);
+    for (const Index i : cells)
+        start[static_cast<std::size_t>(i) + 1] += 4;
+    for (std::size_t i = 0; i < num_points; ++i)
+        start[i + 1] += start[i];
+    std::vector<Index> listed(start.back());
+    std::vector<std::size_t> fill(start.begin(), start.end() - 1);
+    for (std::size_t c = 0; c < num_cells; ++c)
+        for (std::size_t a = 0; a < 4; ++a)
+            for (std::size_t b = 0; b < 4; ++b)
+                listed[fill[static_cast<std::size_t>(cells[4 * c + a])]++] = cells[4 * c + b];
+
+    BlockMatrix matrix;
+    matrix.num_points = num_points;
+    matrix.row_start.assign(num_points + 1, 0);
+    matrix.diagonal.resize(num_points);
+    for (std::size_t i = 0; i < num_points; ++i) {
+        const auto first = listed.begin() + static_cast<std::ptrdiff_t>(start[i]);
+        const auto last = listed.begin() + static_cast<std::ptrdiff_t>(start[i + 1]);
+        std::sort(first, last);
+        for (auto it = first; it != last; ++it) {
+            if (it != first && *it == *(it - 1))
+                continue;
+            if (static_cast<std::size_t>(*it) == i)
+                matrix.diagonal[i] = matrix.columns.size();
+            matrix.columns.push_back(*it);
+        }
+        matrix.row_start[i + 1] = matrix.columns.size();
+    }
+    matrix.blocks.assign(matrix.columns.size(), Matrix3{});
+    matrix.cell_position.resize(16 * num_cells);
+    for (std::size_t c = 0; c < num_cells; ++c)
+        for (std::size_t a = 0; a < 4; ++a) {
+            const auto row = static_cast<std::size_t>(cells[4 * c + a]);
+            const auto first =
+                matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row]);
+            const auto last =
+                matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row + 1]);
+            for (std::size_t b = 0; b < 4; ++b)
+                matrix.cell_position[16 * c + 4 * a + b] = static_cast<std::size_t>(
+                    std::lower_bound(first, last, cells[4 * c + b]) - matrix.columns.begin());
+        }
+    return matrix;
+}
+
+void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
+                      std::span<const double> displacement, Lame lame, StrainMeasure strain,
+                      BlockMatrix &matrix) {
+    std::fill(matrix.blocks.begin(), matrix.blocks.end(), Matrix3{});
+    for (std::size_t c = 0; c < rest.volumes.size(); ++c) {
+        const Matrix3 h =
+            displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]);
+        const auto local =
+            tangent_blocks(h, rest.gradients[c], rest.volumes[c], lame, strain);
+        for (std::size_t k = 0; k < 16; ++k) {
+            Matrix3 &block = matrix.blocks[matrix.cell_position[16 * c + k]];
+            for (std::size_t e = 0; e < 9; ++e)
+                block[e] += local[k][e];
+        }
+    }
+}
+
+void multiply(const BlockMatrix &matrix, std::span<const double> x, std::span<double> y) {
+    for (std::size_t i = 0; i < matrix.num_points; ++i) {
+        double y0 = 0.0, y1 = 0.0, y2 = 0.0;
+        for (std::size_t k = matrix.row_start[i]; k < matrix.row_start[i + 1]; ++k) {
+            const Matrix3 &m = matrix.blocks[k];
+            const double *v = x.data() + 3 * static_cast<std::size_t>(matrix.columns[k]);
+            y0 += m[0] * v[0] + m[1] * v[1] + m[2] * v[2];
+            y1 += m[3] * v[0] + m[4] * v[1] + m[5] * v[2];
+            y2 += m[6] * v[0] + m[7] * v[1] + m[8] * v[2];
+        }
+        y[3 * i] = y0;
+        y[3 * i + 1] = y1;
+        y[3 * i + 2] = y2;
+    }
+}
+
+} // namespace fastsim

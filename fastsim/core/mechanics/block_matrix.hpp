@@ -1,0 +1,32 @@
+#pragma once
+// Sparse symmetric matrix of 3 x 3 blocks in compressed rows, one block row for each point.
+
+#include "mechanics/tet4.hpp"
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+namespace fastsim {
+
+struct BlockMatrix {
+    std::size_t num_points = 0;
+    std::vector<std::size_t> row_start; // num_points + 1
+    std::vector<Index> columns;         // ascending in each row
+    std::vector<Matrix3> blocks;
+    std::vector<std::size_t> diagonal;      // position of each row's diagonal block
+    std::vector<std::size_t> cell_position; // 16 positions for each cell
+};
+
+/// The pattern of a mesh; blocks are zero.
+BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells);
+
+/// Sets the matrix to the tangent stiffness at a displacement.
+void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
+                      std::span<const double> displacement, Lame lame, StrainMeasure strain,
+                      BlockMatrix &matrix);
+
+/// y = A x.
+void multiply(const BlockMatrix &matrix, std::span<const double> x, std::span<double> y);
+
+} // namespace fastsim

@@ -1,0 +1,66 @@
+#pragma once
+// The four-node tetrahedron: strain, force, energy and tangent of one cell.
+//
+// H = grad u is constant in a cell; g_a is the rest gradient of shape function a.
+//   linear strain (eq. 3-4):  e = (H + H^T) / 2
+//   Green strain (eq. 6-7):   E = (H + H^T + H^T H) / 2
+//   S = lmbda tr(E) I + 2 mu E,  P = (I + H) S,  f_a = V P g_a
+// Strain is taken from H, never from F^T F - I, which loses digits when H is small.
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace fastsim {
+
+using Index = std::int32_t;
+using Matrix3 = std::array<double, 9>; // row-major
+
+enum class StrainMeasure { linear, green };
+
+struct Lame {
+    double lmbda;
+    double mu;
+};
+
+/// Rest data of the cells: gradients of shape functions 1, 2, 3 (rows) and volumes.
+struct RestCells {
+    std::vector<Matrix3> gradients;
+    std::vector<double> volumes;
+};
+
+/// Pre-condition: every cell has positive signed volume.
+RestCells make_rest_cells(std::span<const double> points, std::span<const Index> cells);
+
+/// Displacement gradient H of one cell.
+Matrix3 displacement_gradient(const Matrix3 &gradients, const double *displacement,
+                              const Index *cell);
+
+double determinant(const Matrix3 &m);
+
+/// det(I + H).
+double det_f(const Matrix3 &gradient_of_displacement);
+
+/// First Piola-Kirchhoff stress P (the engineering stress for linear strain).
+Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain);
+
+double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain);
+
+/// Tangent blocks of one cell, 4 x 4 blocks of 3 x 3, row-major in both; includes the volume.
+std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradients, double volume,
+                                       Lame lame, StrainMeasure strain);
+
+/// Adds the nodal internal forces of all cells to `force`.
+void add_internal_force(const RestCells &rest, std::span<const Index> cells,
+                        std::span<const double> displacement, Lame lame, StrainMeasure strain,
+                        std::span<double> force);
+
+double strain_energy(const RestCells &rest, std::span<const Index> cells,
+                     std::span<const double> displacement, Lame lame, StrainMeasure strain);
+
+/// det F of every cell into `out`.
+void cell_det_f(const RestCells &rest, std::span<const Index> cells,
+                std::span<const double> displacement, std::span<double> out);
+
+} // namespace fastsim

@@ -1,0 +1,83 @@
+"""What can go wrong in a simulation, with the data that shows it."""
+
+from __future__ import annotations
+
+from palpate.meshes.arrays import Points
+
+
+class FastsimError(RuntimeError):
+    """Base of what goes wrong while simulating; the input itself was usable."""
+
+
+class NotConvergedError(FastsimError):
+    """No equilibrium was found at the full load.
+
+    Attributes:
+        load_factor: Largest part of the load, 0 to 1, at which equilibrium was found.
+        residual: Relative residual of the last attempt.
+        iterations: Newton iterations in all.
+        smallest_det_f: Smallest det F at the last equilibrium.
+        cell: The cell that has it.
+        displacement: The last equilibrium [m], shape (num_points, 3).
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        load_factor: float,
+        residual: float,
+        iterations: int,
+        smallest_det_f: float,
+        cell: int,
+        displacement: Points,
+    ) -> None:
+        self.load_factor = load_factor
+        self.residual = residual
+        self.iterations = iterations
+        self.smallest_det_f = smallest_det_f
+        self.cell = cell
+        self.displacement = displacement
+        super().__init__(
+            f"no equilibrium beyond {load_factor:.4g} of the load ({reason}); smallest det F "
+            f"{smallest_det_f:.3g} in cell {cell}, after {iterations} iterations. "
+            "Saint-Venant-Kirchhoff has none under strong compression: lower the load, or use a "
+            "finer mesh if the place is a corner"
+        )
+
+
+class UnstableStepError(FastsimError):
+    """The chosen time step is above the critical one; `.time_step`, `.critical_time_step`."""
+
+    def __init__(self, time_step: float, critical_time_step: float) -> None:
+        self.time_step = time_step
+        self.critical_time_step = critical_time_step
+        super().__init__(
+            f"time_step = {time_step:.4g} s is above the critical {critical_time_step:.4g} s; "
+            f"use at most {0.9 * critical_time_step:.3g} s, or leave it out"
+        )
+
+
+class BlowUpError(FastsimError):
+    """A run that left the finite numbers or the neighbourhood of the body.
+
+    Attributes:
+        step: Number of good steps done.
+        time: Time of the last good state [s].
+        cell: The cell with the smallest det F there.
+        smallest_det_f: Its det F.
+        displacement: The last good state [m], shape (num_points, 3).
+    """
+
+    def __init__(
+        self, *, step: int, time: float, cell: int, smallest_det_f: float, displacement: Points
+    ) -> None:
+        self.step = step
+        self.time = time
+        self.cell = cell
+        self.smallest_det_f = smallest_det_f
+        self.displacement = displacement
+        super().__init__(
+            f"blew up after step {step} (t = {time:.4g} s); smallest det F {smallest_det_f:.3g} "
+            f"in cell {cell}; halve the time step, or lower the load"
+        )

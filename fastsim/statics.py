@@ -1,0 +1,260 @@
+"""Static equilibrium: linear strain (eq. 5) and Green strain by Newton-Raphson (eq. 9-10).
+
+The matrix of eq. 10 as printed is the secant matrix K + P(a); here it is the consistent tangent
+dR/da, which converges quadratically. The steps are driven from here, so that progress can be
+shown and Ctrl-C works between them; assembly and conjugate gradients are in the core.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.fastsim import _core
+from palpate.fastsim.errors import NotConvergedError
+from palpate.fastsim.forces import (
+    STRAIN_MEASURE,
+    constraints,
+    external_force,
+    lame_parameters,
+)
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import Pressure
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.rigid_modes import require_supported
+
+SMALLEST_LOAD_STEP = 1.0 / 1024.0
+
+
+@dataclass(frozen=True, eq=False)
+class StaticResult:
+    """A static equilibrium.
+
+    Attributes:
+        displacement: [m], shape (num_points, 3).
+        strain: The strain measure used.
+        iterations: Newton iterations in all (1 for linear strain).
+        linear_iterations: Conjugate-gradient iterations in all.
+        residual_history: Relative residual after each Newton iteration of the last load step.
+        load_steps: Accepted load factors, the last is 1.
+        smallest_det_f: Smallest det F of all cells [-], > 0 for Green strain.
+    """
+
+    displacement: Points
+    strain: Strain
+    iterations: int
+    linear_iterations: int
+    residual_history: tuple[float, ...]
+    load_steps: tuple[float, ...]
+    smallest_det_f: float
+
+
+def solve_static(
+    problem: Problem,
+    *,
+    strain: Strain = Strain.GREEN,
+    relative_tolerance: float = 1e-10,
+    max_iterations: int = 30,
+    progress: Callable[[str], None] | None = None,
+) -> StaticResult:
+    """Find R(a) = F (eq. 1) with the supports' displacements held.
+
+    Args:
+        problem: Mesh, material, supports and loads.
+        strain: Engineering strain (one linear solve) or Green strain (Newton).
+        relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
+        max_iterations: Newton iterations per load step.
+        progress: Called with one line per load step.
+
+    Returns:
+        The equilibrium; its relative residual is at most the tolerance.
+
+    Raises:
+        UnsupportedBodyError: The body can float.
+        NotConvergedError: No equilibrium at the full load; carries the last good state.
+
+    Note:
+        Linear tetrahedra are too stiff in bending and lock as Poisson's ratio nears 0.5.
+    """
+    require_supported(problem)
+    newton = _Newton(problem, strain, relative_tolerance, max_iterations)
+    factor, step = 0.0, 1.0
+    displacement = np.zeros_like(problem.mesh.points)
+    accepted: list[float] = []
+    while factor < 1.0:
+        target = min(1.0, factor + step)
+        if target > 1.0 - 1e-9:
+            target = 1.0
+        outcome = newton.solve(displacement, target)
+        if outcome.displacement is not None:
+            displacement, factor = outcome.displacement, target
+            accepted.append(target)
+            if progress:
+                progress(f"load {target:.4g} reached, {newton.iterations} iterations")
+            if len(outcome.history) <= 6:
+                step *= 2.0
+            continue
+        step *= 0.5
+        if progress:
+            progress(f"load {target:.4g} not reached ({outcome.reason}); trying smaller steps")
+        if strain is Strain.LINEAR or step < SMALLEST_LOAD_STEP:
+            smallest, cell = newton.smallest_det_f(displacement)
+            raise NotConvergedError(
+                outcome.reason,
+                load_factor=factor,
+                residual=outcome.history[-1] if outcome.history else float("nan"),
+                iterations=newton.iterations,
+                smallest_det_f=smallest,
+                cell=cell,
+                displacement=displacement,
+            )
+    return StaticResult(
+        displacement=displacement,
+        strain=strain,
+        iterations=newton.iterations,
+        linear_iterations=newton.linear_iterations,
+        residual_history=tuple(outcome.history),
+        load_steps=tuple(accepted),
+        smallest_det_f=newton.smallest_det_f(displacement)[0],
+    )
+
+
+@dataclass
+class _Outcome:
+    """Displacement at equilibrium, or the reason why there is none."""
+
+    displacement: Points | None
+    reason: str = ""
+    history: list[float] = field(default_factory=list)
+
+
+class _Newton:
+    """Newton-Raphson on one problem; keeps the core's solid and the counts."""
+
+    def __init__(
+        self, problem: Problem, strain: Strain, relative_tolerance: float, max_iterations: int
+    ) -> None:
+        self.problem = problem
+        self.strain = strain
+        self.tolerance = relative_tolerance
+        self.max_iterations = max_iterations
+        self.iterations = 0
+        self.linear_iterations = 0
+        self._measure = STRAIN_MEASURE[strain]
+        self._lmbda, self._mu = lame_parameters(problem.material)
+        self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
+        self._is_free, self._held = constraints(problem)
+        self._load = external_force(problem)
+        # Pressure follows the body only where the strain measure knows finite rotations.
+        self._follows = strain is Strain.GREEN and any(
+            isinstance(load, Pressure) for load in problem.loads
+        )
+
+    def smallest_det_f(self, displacement: Points) -> tuple[float, int]:
+        """Smallest det F and its cell."""
+        values = np.empty(self.problem.mesh.num_cells)
+        self._solid.det_f(displacement, values)
+        cell = int(np.argmin(values))
+        return float(values[cell]), cell
+
+    def solve(self, start: Points, factor: float) -> _Outcome:
+        """Equilibrium at a load factor, from the equilibrium at a smaller one."""
+        free = self._is_free.astype(bool)
+        displacement = start.copy()
+        # The held components' change goes through the tangent first: no cell is crushed by it.
+        jump = np.where(free, 0.0, factor * self._held - displacement)
+        history: list[float] = []
+        self._residual_scale = 0.0
+        residual, internal = self._residual(displacement, factor)
+        outcome = _Outcome(None, history=history)
+        for _ in range(self.max_iterations):
+            self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
+            right_side = residual
+            if np.any(jump):
+                through = np.empty_like(jump)
+                self._solid.multiply_tangent(jump, through)
+                right_side = residual - through
+            step, reason = self._linear_solve(np.where(free, right_side, 0.0), history)
+            if step is None:
+                outcome.reason = reason
+                return outcome
+            step = step + jump
+            self.iterations += 1
+            accepted = self._line_search(displacement, step, factor, residual, bool(np.any(jump)))
+            if accepted is None:
+                outcome.reason = "the line search found no smaller residual with det F > 0"
+                return outcome
+            displacement, residual, internal = accepted
+            jump = np.where(free, 0.0, factor * self._held - displacement)
+            norm = float(np.linalg.norm(residual[free]))
+            history.append(norm / self._scale(internal, factor))
+            if not np.isfinite(history[-1]):
+                outcome.reason = "the residual is not finite"
+                return outcome
+            if history[-1] <= self.tolerance and not np.any(jump):
+                outcome.displacement = displacement
+                return outcome
+            if len(history) >= 4 and history[-1] > 0.9 * history[-3] and self._at_rounding(history):
+                break
+        outcome.reason = f"relative residual {history[-1]:.2g} after {len(history)} iterations"
+        return outcome
+
+    def _at_rounding(self, history: list[float]) -> bool:
+        return max(history[-3:]) < 1e-7
+
+    def _scale(self, internal: Points, factor: float) -> float:
+        """Norm of the load and of the reactions: whichever drives the problem."""
+        held = self._is_free == 0
+        loads = factor * float(np.linalg.norm(self._load))
+        reactions = float(np.linalg.norm(internal[held]))
+        return max(loads, reactions, float(np.finfo(float).tiny))
+
+    def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
+        internal = np.zeros_like(displacement)
+        self._solid.internal_force(displacement, self._lmbda, self._mu, self._measure, internal)
+        load = external_force(self.problem, displacement) if self._follows else self._load
+        return factor * load - internal, internal
+
+    def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
+        """Solve K x = b; early Newton steps need few digits, the last ones many."""
+        norm = float(np.linalg.norm(right_side))
+        relative = 1e-12
+        if self.strain is Strain.GREEN:
+            last = history[-1] if history else 1.0
+            relative = float(np.clip(0.1 * last, 1e-8, 1e-4))
+        x = np.zeros_like(right_side)
+        limit = 20 * self.problem.mesh.num_points + 1000
+        status, iterations, _ = self._solid.solve_tangent(
+            right_side, self._is_free, relative * norm, limit, x
+        )
+        self.linear_iterations += iterations
+        if status == _core.SolveStatus.negative_curvature:
+            return None, "the tangent stiffness is not positive definite: a limit point"
+        if status == _core.SolveStatus.iteration_limit:
+            return None, f"conjugate gradients stopped at {limit} iterations"
+        return x, ""
+
+    def _line_search(
+        self, displacement: Points, step: Points, factor: float, residual: Points, moves_held: bool
+    ) -> tuple[Points, Points, Points] | None:
+        """Full step first; halve it while a cell is inverted or the residual explodes.
+
+        A full Newton step may raise the residual for a while in bending, so only a growth by
+        more than ten is refused when no cell is inverted.
+        """
+        free = self._is_free.astype(bool)
+        before = float(np.linalg.norm(residual[free]))
+        length = 1.0
+        for _ in range(12):
+            trial = displacement + length * step
+            trial_residual, internal = self._residual(trial, factor)
+            norm = float(np.linalg.norm(trial_residual[free]))
+            if self.strain is Strain.LINEAR:
+                return trial, trial_residual, internal
+            is_whole = self.smallest_det_f(trial)[0] > 0.0
+            if is_whole and np.isfinite(norm) and (moves_held or norm <= 10.0 * before):
+                return trial, trial_residual, internal
+            length *= 0.5
+        return None
