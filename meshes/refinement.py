@@ -98,7 +98,8 @@ class _EdgeMidpoints:
 
     def _key(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         low, high = pairs.min(axis=1), pairs.max(axis=1)
-        return low * self._stride + high
+        key: NDArray[np.int64] = low * self._stride + high
+        return key
 
     def of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         """Point index of the midpoint of each edge, shape (n,)."""

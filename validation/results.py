@@ -1,0 +1,131 @@
+"""What judging a case gives: states, checks, a verdict. Plain data for every output."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem, Strain
+
+
+class Verdict(StrEnum):
+    """Outcome of a check or a case."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    INCONCLUSIVE = "inconclusive"
+
+
+def gravest(verdicts: list[Verdict]) -> Verdict:
+    """Failed before inconclusive before passed; no verdict at all is inconclusive."""
+    for verdict in (Verdict.FAILED, Verdict.INCONCLUSIVE):
+        if verdict in verdicts:
+            return verdict
+    return Verdict.PASSED if verdicts else Verdict.INCONCLUSIVE
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One check: how far off, how far off it may be, and why.
+
+    Attributes:
+        metric: Name of the metric.
+        against: "same_mesh" (P1 on the same mesh), "truth" (P2) or "candidate" (on its own).
+        strain: Which of the candidate's solutions was judged.
+        value: The error (or the quantity, for "candidate") in `unit`; None if there is none.
+        limit: What `value` may be at most (at least, for smallest_det_f).
+        scale: What the error was divided by, in words.
+        unit: "-" or a unit.
+        reference_error: The reference's own error bar, in the units of `value`.
+        verdict: The outcome.
+        reason: Why this limit, from the case.
+        message: One line that says what was found.
+    """
+
+    metric: str
+    against: str
+    strain: Strain
+    value: float | None
+    limit: float
+    scale: str
+    unit: str
+    reference_error: float
+    verdict: Verdict
+    reason: str
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One solution of a case, with the quantities that are judged.
+
+    Attributes:
+        label: For people: "fastsim", "reference P1", "reference P2".
+        simulator: "fastsim", "reference", or the name of another.
+        strain: Strain measure.
+        degree: Degree of the elements.
+        displacement: [m], shape (num_points, 3), at the points of the case's mesh.
+        volume: Deformed volume [m3].
+        surface_area: Deformed area of the boundary [m2].
+        smallest_det_f: [-].
+        max_displacement: Largest displacement of a point [m].
+        seconds: Time the solve took; 0 when stored.
+        details: Iterations, residuals, versions.
+    """
+
+    label: str
+    simulator: str
+    strain: Strain
+    degree: int
+    displacement: Points
+    volume: float
+    surface_area: float
+    smallest_det_f: float
+    max_displacement: float
+    seconds: float = 0.0
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class CaseResult:
+    """A case, judged.
+
+    Attributes:
+        name: The case's name.
+        title: Its title.
+        verdict: The gravest of its checks.
+        checks: In the order of the case file.
+        states: Every solution that was made or read.
+        problem: Mesh, material, supports and loads.
+        metrics: Named numbers, SI units.
+        provenance: Versions, hashes, machine, command.
+        notes: Lines a reader must know (what meshed it, where the reference comes from).
+        published: Numbers of a paper with their source, from the case file.
+        rest_volume: [m3].
+        rest_surface_area: [m2].
+        error_fields: Error at the points, by name [m], shape (num_points,).
+    """
+
+    name: str
+    title: str
+    verdict: Verdict
+    checks: tuple[CheckResult, ...]
+    states: tuple[State, ...]
+    problem: Problem
+    metrics: Mapping[str, float | None]
+    provenance: Mapping[str, Any]
+    notes: tuple[str, ...]
+    published: Mapping[str, Any]
+    rest_volume: float
+    rest_surface_area: float
+    error_fields: Mapping[str, Points]
+
+    def state(self, label: str, strain: Strain) -> State | None:
+        """The state with this label and strain, if there is one."""
+        for state in self.states:
+            if state.label == label and state.strain is strain:
+                return state
+        return None
