@@ -1,0 +1,81 @@
+"""Volume, surface area, energy and det F of a deformed body."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.reference import fenicsx
+from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.fenicsx import ufl
+from palpate.reference.kinematics import cofactor, deformation_gradient
+
+
+def lattice(order: int) -> Points:
+    """Points of the reference tetrahedron with coordinates i/order, vertices included."""
+    if order == 0:
+        return np.full((1, 3), 0.25)
+    rows = [r for r in itertools.product(range(order + 1), repeat=3) if sum(r) <= order]
+    points: Points = np.array(rows, dtype=np.float64) / order
+    return points
+
+
+class DetFSampler:
+    """The smallest det F of a displacement.
+
+    det F is a polynomial of degree 3 (p - 1) in a cell: one point for p = 1, else the lattice
+    that determines it, with the vertices among its points.
+    """
+
+    def __init__(self, body: ElasticBody) -> None:
+        self._body = body
+        mesh = body.space.transferred.mesh
+        points = lattice(3 * (body.space.degree - 1))
+        F = deformation_gradient(body.u)
+        self._det_f = fenicsx.evaluate_in_cells(mesh, ufl.det(F), points)
+        gradient = ufl.grad(body.u)
+        self._gradient = fenicsx.evaluate_in_cells(mesh, ufl.inner(gradient, gradient), points)
+
+    def smallest(self, displacement: Points) -> float:
+        """Smallest det F at the sample points [-]."""
+        self._body.set_displacement(displacement)
+        return float(np.min(self._det_f()))
+
+    def largest_gradient(self, displacement: Points) -> float:
+        """Largest Frobenius norm of grad u at the sample points [-]."""
+        self._body.set_displacement(displacement)
+        return float(np.sqrt(np.max(self._gradient())))
+
+
+@dataclass(frozen=True)
+class DeformedState:
+    """Volume [m3], surface area [m2] and strain energy [J] of a displacement."""
+
+    volume: float
+    surface_area: float
+    strain_energy: float
+
+
+def measure_state(body: ElasticBody, displacement: Points) -> DeformedState:
+    """Integrate over the rest body: volume of det F, area of |cof(F) N|, energy of psi.
+
+    det F and psi are polynomials and integrated exactly. |cof(F) N| is constant on a facet for
+    degree 1; beyond that it is the root of a polynomial, and four orders more are spent on it.
+    """
+    mesh = body.space.transferred.mesh
+    body.set_displacement(displacement)
+    F = deformation_gradient(body.u)
+    order = body.space.degree - 1
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 3 * order})
+    ds = ufl.ds(domain=mesh, metadata={"quadrature_degree": 8 * order})
+    area_vector = cofactor(F) * ufl.FacetNormal(mesh)
+    return DeformedState(
+        volume=fenicsx.assemble_scalar(fenicsx.form(ufl.det(F) * dx)),
+        surface_area=fenicsx.assemble_scalar(
+            fenicsx.form(ufl.sqrt(ufl.inner(area_vector, area_vector)) * ds)
+        ),
+        strain_energy=body.strain_energy(displacement),
+    )

@@ -1,0 +1,121 @@
+"""The discrete balance of forces R(u, t) = internal(u) - t external(u) of a problem."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.loads import apply_loads
+from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
+from palpate.reference.supports import hold
+
+_LAWS: dict[Strain, Any] = {
+    Strain.GREEN: st_venant_kirchhoff,
+    Strain.LINEAR: linear_elasticity,
+}
+
+
+def lame_parameters(material: Material) -> tuple[float, float]:
+    """Return lmbda and mu [Pa] of an isotropic material."""
+    E, nu = material.youngs_modulus, material.poissons_ratio
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+class ElasticBody:
+    """Internal forces, their tangent and energy on a space; E and nu are constants of the forms.
+
+    Args:
+        space: Displacement space.
+        material: Elastic constants.
+        strain: Strain measure.
+    """
+
+    def __init__(self, space: TransferredSpace, material: Material, strain: Strain) -> None:
+        self.space = space
+        self.strain = strain
+        mesh = space.transferred.mesh
+        lmbda, mu = (
+            fem.Constant(mesh, PETSc.ScalarType(value)) for value in lame_parameters(material)
+        )
+        self.u = fem.Function(space.space)
+        self.v = ufl.TestFunction(space.space)
+        law = _LAWS[strain]
+        # The stress is of degree 3 (p - 1) or p - 1, the gradient of v of degree p - 1: exact.
+        degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
+        self.virtual_work = law.internal_virtual_work_density(self.u, self.v, lmbda, mu) * dx
+        self.energy = law.energy_density(self.u, lmbda, mu) * dx
+        self._force = fenicsx.form(self.virtual_work)
+
+    @property
+    def num_dofs(self) -> int:
+        """Degrees of freedom in all."""
+        return 3 * self.space.num_blocks
+
+    def set_displacement(self, displacement: Points) -> None:
+        """Make `u` the given flat vector."""
+        self.u.x.array[:] = displacement
+
+    def internal_force(self, displacement: Points) -> Points:
+        """Nodal internal forces [N], flat, shape (num_dofs,)."""
+        self.set_displacement(displacement)
+        return fenicsx.assemble_vector(self._force)
+
+    def strain_energy(self, displacement: Points) -> float:
+        """Stored energy [J]."""
+        self.set_displacement(displacement)
+        return fenicsx.assemble_scalar(fenicsx.form(self.energy))
+
+
+class Equilibrium(ElasticBody):
+    """An elastic body with the supports and loads of its problem.
+
+    Args:
+        problem: Mesh, material, supports and loads.
+        strain: Strain measure.
+        degree: Polynomial degree of the displacement.
+    """
+
+    def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
+        space = create_space(transfer(problem.mesh), degree)
+        super().__init__(space, problem.material, strain)
+        self.held = hold(space, problem.supports)
+        self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
+        loads = apply_loads(space, problem.loads, self.u, self.v, strain)
+        self.dead_force = loads.dead
+        self.has_followers = bool(loads.followers)
+        du = ufl.TrialFunction(space.space)
+        self._tangent = fenicsx.form(ufl.derivative(self.virtual_work, self.u, du))
+        self._followers = [fenicsx.form(work) for work in loads.followers]
+        # The tangent of R has the tangent of the load with a minus sign and the load factor.
+        self._load_factor = fem.Constant(space.transferred.mesh, PETSc.ScalarType(0.0))
+        self._follower_tangents = [
+            fenicsx.form(-self._load_factor * ufl.derivative(work, self.u, du))
+            for work in loads.followers
+        ]
+        self._matrix = fenicsx.create_matrix(self._tangent)
+        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+
+    def external_force(self, displacement: Points) -> Points:
+        """Nodal forces of the full load at a displacement [N], flat, shape (num_dofs,)."""
+        force: Points = self.dead_force.copy()
+        if self.has_followers:
+            self.set_displacement(displacement)
+            for compiled in self._followers:
+                force += fenicsx.assemble_vector(compiled)
+        return force
+
+    def tangent(self, displacement: Points, load_factor: float) -> Any:
+        """dR/du as a PETSc matrix without supports; the same object each time."""
+        self.set_displacement(displacement)
+        self._load_factor.value = load_factor
+        self._matrix.zeroEntries()
+        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        for compiled in self._follower_tangents:
+            fenicsx.assemble_into_matrix(self._matrix, compiled)
+        return self._matrix

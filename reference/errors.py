@@ -1,0 +1,79 @@
+"""Errors of the reference; importable without FEniCSx.
+
+Input that cannot be used raises palpate.meshes.errors.InputError instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+
+
+class ReferenceFailedError(RuntimeError):
+    """The reference gave no answer: nothing can be judged against it."""
+
+
+class ReferenceUnavailableError(ReferenceFailedError):
+    """FEniCSx cannot be imported here."""
+
+
+class ReferenceNotConvergedError(ReferenceFailedError):
+    """No equilibrium was found under the full load.
+
+    Attributes:
+        load_factor: Largest fraction of the load with an equilibrium found, in [0, 1).
+        reason: What ended the search.
+        smallest_det_f: Smallest det F of that last equilibrium [-].
+        displacement: Displacement of that last equilibrium at the mesh's points [m],
+            shape (num_points, 3); empty when not even the mesh was reached.
+    """
+
+    def __init__(
+        self,
+        load_factor: float,
+        reason: str,
+        smallest_det_f: float = 1.0,
+        displacement: Points | None = None,
+    ) -> None:
+        self.load_factor = load_factor
+        self.reason = reason
+        self.smallest_det_f = smallest_det_f
+        self.displacement = np.zeros((0, 3)) if displacement is None else displacement
+        super().__init__(
+            f"the reference found equilibrium up to {load_factor:.3f} of the load and none beyond: "
+            f"{reason} (smallest det F there {smallest_det_f:.3g}); lower the load"
+        )
+
+
+class ReferenceCrashedError(ReferenceFailedError):
+    """The process of the reference ended without an answer.
+
+    Attributes:
+        exit_code: Its exit status; negative for a signal.
+        stderr_tail: The last lines it wrote to standard error.
+    """
+
+    def __init__(self, exit_code: int, stderr_tail: str) -> None:
+        self.exit_code = exit_code
+        self.stderr_tail = stderr_tail
+        how = f"signal {-exit_code}" if exit_code < 0 else f"exit status {exit_code}"
+        last = stderr_tail.strip().splitlines()[-1:] or ["it wrote no message"]
+        super().__init__(f"the reference crashed ({how}): {last[0]}")
+
+
+class ReferenceTimeoutError(ReferenceFailedError):
+    """The process of the reference was ended at its time limit.
+
+    Attributes:
+        time_limit: The limit [s].
+        stderr_tail: The last lines it wrote to standard error.
+    """
+
+    def __init__(self, time_limit: float, stderr_tail: str = "") -> None:
+        self.time_limit = time_limit
+        self.stderr_tail = stderr_tail
+        super().__init__(
+            f"the reference was ended after {time_limit:g} s without an answer; "
+            "coarsen the mesh or raise the time limit"
+        )

@@ -1,0 +1,190 @@
+# ruff: noqa: E402 (the wheel must be found before its parts are imported)
+"""Everything that differs between dolfinx 0.5 and 0.11, and nothing else.
+
+The rest of the room reads the same on both. Import dolfinx only through this module:
+
+    from palpate.reference.fenicsx import PETSc, fem, ufl
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import logging
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.reference.availability import require_available
+from palpate.reference.jit_cache import cache_folder, locked, remove_unfinished
+
+require_available()
+if importlib.util.find_spec("dolfinx_solver"):
+    # The PyPI wheel: finds libmpi and PETSc for the imports below.
+    import dolfinx_solver  # noqa: F401
+import dolfinx
+import dolfinx.fem.petsc
+import dolfinx.jit
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+__all__ = [
+    "MPI",
+    "VERSION",
+    "PETSc",
+    "assemble_into_matrix",
+    "assemble_scalar",
+    "assemble_vector",
+    "cell_dofs",
+    "cell_nodes",
+    "create_matrix",
+    "create_mesh",
+    "evaluate_in_cells",
+    "fem",
+    "form",
+    "meshtags",
+    "ufl",
+    "vector_space",
+]
+
+# "0.11.0.post0" reads (0, 11).
+VERSION: tuple[int, int] = tuple(int(n) for n in re.findall(r"\d+", dolfinx.__version__)[:2])  # type: ignore[assignment]
+_IS_OLD = VERSION < (0, 6)
+
+# -O2 without -march=native or -ffast-math: the same digits on every machine of the family.
+_JIT = {"cffi_extra_compile_args": ["-O2", "-g0"], "timeout": 60}
+
+
+@contextlib.contextmanager
+def _compiling() -> Iterator[dict[str, Any]]:
+    """Yield options for the compiler of forms, with its cache locked and its log quiet."""
+    defaults = (
+        dolfinx.jit.DOLFINX_DEFAULT_JIT_PARAMETERS
+        if _IS_OLD
+        else dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS
+    )
+    folder = cache_folder(dolfinx.__version__)
+    options = {**_JIT, "cache_dir": str(folder)}
+    root = logging.getLogger()
+    level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
+    old_default = defaults["cache_dir"]
+    with locked(folder):
+        remove_unfinished(folder)
+        # 0.5 compiles elements and coordinate maps without a way to pass options.
+        defaults["cache_dir"] = (folder, old_default[1])
+        # cffi builds through setuptools, which reconfigures the root logger and logs every command.
+        logging.disable(logging.INFO)
+        try:
+            yield options
+        finally:
+            defaults["cache_dir"] = old_default
+            logging.disable(disabled)
+            root.setLevel(level)
+            root.handlers[:] = handlers
+
+
+def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
+    """Return a dolfinx mesh of linear tetrahedra on this process alone; it renumbers both."""
+    x = np.ascontiguousarray(points, dtype=np.float64)
+    rows = np.ascontiguousarray(cells, dtype=np.int64)
+    with _compiling():
+        if _IS_OLD:
+            shape = ufl.Cell("tetrahedron", geometric_dimension=3)
+            domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1))
+            return dolfinx.mesh.create_mesh(MPI.COMM_SELF, rows, x, domain)
+        import basix.ufl
+
+        element = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
+        return dolfinx.mesh.create_mesh(MPI.COMM_SELF, rows, element, x)
+
+
+def vector_space(mesh: Any, degree: int) -> Any:
+    """Return the space of continuous displacements of a polynomial degree."""
+    with _compiling():
+        if _IS_OLD:
+            return fem.VectorFunctionSpace(mesh, ("Lagrange", degree))
+        return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+
+
+def form(expression: Any) -> Any:
+    """Compile a UFL form, or take it from the cache."""
+    with _compiling() as options:
+        if _IS_OLD:
+            return fem.form(expression, jit_params=options)
+        return fem.form(expression, jit_options=options)
+
+
+def create_matrix(compiled: Any) -> Any:
+    """Return an empty PETSc matrix with the pattern of a compiled bilinear form."""
+    return dolfinx.fem.petsc.create_matrix(compiled)
+
+
+def assemble_into_matrix(matrix: Any, compiled: Any) -> None:
+    """Add a compiled bilinear form to a PETSc matrix (constraints are the caller's)."""
+    dolfinx.fem.petsc.assemble_matrix(matrix, compiled)
+    matrix.assemble()
+
+
+def assemble_vector(compiled: Any) -> Points:
+    """Assemble a compiled linear form, flat, shape (num_dofs,)."""
+    return np.array(fem.assemble_vector(compiled).array)
+
+
+def assemble_scalar(compiled: Any) -> float:
+    """Integrate a compiled functional."""
+    return float(fem.assemble_scalar(compiled))
+
+
+def cell_dofs(space: Any) -> np.ndarray[Any, Any]:
+    """Blocked dofs of each cell, shape (num_cells, dofs_per_cell)."""
+    return _table(space.dofmap.list, space.mesh)
+
+
+def cell_nodes(mesh: Any) -> np.ndarray[Any, Any]:
+    """Geometry nodes of each cell, shape (num_cells, 4)."""
+    return _table(mesh.geometry.dofmap, mesh)
+
+
+def _table(rows: Any, mesh: Any) -> np.ndarray[Any, Any]:
+    num_cells = mesh.topology.index_map(3).size_local
+    # An adjacency list in 0.5, an array in 0.11.
+    return np.asarray(getattr(rows, "array", rows)).reshape(num_cells, -1)
+
+
+class _CellExpression:
+    """A compiled UFL expression at fixed points of the reference cell."""
+
+    def __init__(self, mesh: Any, expression: Any, reference_points: Points) -> None:
+        self._mesh = mesh
+        self._cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+        with _compiling() as options:
+            if _IS_OLD:
+                self._compiled = fem.Expression(expression, reference_points, jit_params=options)
+            else:
+                self._compiled = fem.Expression(expression, reference_points, jit_options=options)
+
+    def __call__(self) -> np.ndarray[Any, Any]:
+        """Values now, shape (num_cells, num_points * value_size)."""
+        values = (
+            self._compiled.eval(self._cells)
+            if _IS_OLD
+            else self._compiled.eval(self._mesh, self._cells)
+        )
+        return np.asarray(values).reshape(len(self._cells), -1)
+
+
+def evaluate_in_cells(mesh: Any, expression: Any, reference_points: Points) -> _CellExpression:
+    """Compile an expression to be evaluated in every cell, dolfinx numbering."""
+    return _CellExpression(mesh, expression, np.ascontiguousarray(reference_points))
+
+
+def meshtags(
+    mesh: Any, dimension: int, entities: np.ndarray[Any, Any], values: np.ndarray[Any, Any]
+) -> Any:
+    """Return tags of mesh entities (sorted, as both versions require)."""
+    return dolfinx.mesh.meshtags(mesh, dimension, entities, values)

@@ -1,0 +1,141 @@
+"""One tangent system at a time: direct when small, multigrid with rigid modes when large."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.reference.fenicsx import PETSc
+
+# Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
+LARGEST_DIRECT = 15_000
+_MAX_KRYLOV_ITERATIONS = 2_000
+
+
+class LinearSolveError(RuntimeError):
+    """The linear solver gave up: the tangent is singular, or not positive definite."""
+
+
+class LinearSolver:
+    """Solves A du = b with some entries of du prescribed.
+
+    Args:
+        coordinates: Rest position of each node of the space [m], shape (num_blocks, 3).
+        is_symmetric: Whether the tangents are (they are unless a load follows the surface).
+    """
+
+    def __init__(self, coordinates: Points, *, is_symmetric: bool) -> None:
+        self._num_dofs = 3 * len(coordinates)
+        self._coordinates = coordinates
+        self._is_symmetric = is_symmetric
+        self._is_direct = self._num_dofs < LARGEST_DIRECT
+        self._ksp = self._direct() if self._is_direct else self._multigrid()
+
+    @property
+    def name(self) -> str:
+        """What solves, for the log."""
+        if self._is_direct:
+            return "LU (MUMPS)"
+        return f"{'CG' if self._is_symmetric else 'FGMRES'} with GAMG"
+
+    def solve(
+        self, matrix: Any, rhs: Points, held: Indices, values: Points, *, tolerance: float
+    ) -> Points:
+        """Return du with matrix du = rhs on the free entries and du = values on the held ones.
+
+        Overwrites the held rows and columns of the matrix.
+
+        Args:
+            matrix: PETSc matrix.
+            rhs: Right-hand side, shape (num_dofs,).
+            held: Prescribed entries, shape (n,).
+            values: Their values, shape (n,).
+            tolerance: Relative residual at which an iterative solve stops.
+
+        Raises:
+            LinearSolveError: No finite solution was found.
+        """
+        x, b = matrix.createVecs()
+        b.array[:] = rhs
+        x.array[held] = values
+        # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
+        typical = float(np.mean(np.abs(matrix.getDiagonal().array))) or 1.0
+        matrix.zeroRowsColumns(held, diag=typical, x=x, b=b)
+        try:
+            if not self._is_direct:
+                self._attach_rigid_modes(matrix, held)
+            self._ksp.setOperators(matrix)
+            self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
+            self._run(b, x)
+            solution: Points = np.array(x.array)
+        finally:
+            x.destroy()
+            b.destroy()
+        if not np.isfinite(solution).all():
+            raise LinearSolveError("the tangent stiffness is singular")
+        solution[held] = values
+        return solution
+
+    def _run(self, b: Any, x: Any) -> None:
+        try:
+            self._ksp.solve(b, x)
+        except PETSc.Error as error:
+            raise LinearSolveError(f"PETSc error {error.ierr} in {self.name}") from None
+        reason = self._ksp.getConvergedReason()
+        if reason < 0:
+            indefinite = (
+                PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+                PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+            )
+            raise LinearSolveError(
+                "the tangent stiffness is not positive definite"
+                if reason in indefinite
+                else f"{self.name} stopped with reason {reason}"
+            )
+
+    def _direct(self) -> Any:
+        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+        ksp.getPC().setFactorSolverType("mumps")
+        return ksp
+
+    def _multigrid(self) -> Any:
+        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        ksp.setOptionsPrefix("palpate_reference_")
+        options = PETSc.Options("palpate_reference_")
+        for key, value in {
+            "pc_gamg_type": "agg",
+            "pc_gamg_agg_nsmooths": 1,
+            "pc_gamg_threshold": 0.01,
+            "mg_levels_ksp_type": "chebyshev",
+            "mg_levels_pc_type": "jacobi",
+            "mg_levels_ksp_max_it": 3,
+        }.items():
+            options[key] = value
+        ksp.setType("cg" if self._is_symmetric else "fgmres")
+        ksp.getPC().setType("gamg")
+        # The stopping norm must be the true residual's: the outer loop reasons with it.
+        if self._is_symmetric:
+            ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        ksp.setFromOptions()
+        return ksp
+
+    def _attach_rigid_modes(self, matrix: Any, held: Indices) -> None:
+        centred = self._coordinates - self._coordinates.mean(axis=0)
+        modes = np.zeros((6, len(centred), 3))
+        for axis in range(3):
+            modes[axis, :, axis] = 1.0
+            modes[3 + axis] = np.cross(np.eye(3)[axis], centred)
+        flat = modes.reshape(6, -1)
+        flat[:, held] = 0.0
+        orthonormal = np.linalg.qr(flat.T)[0].T
+        vectors = []
+        for mode in orthonormal:
+            vector = matrix.createVecRight()
+            vector.array[:] = mode
+            vectors.append(vector)
+        matrix.setBlockSizes(3, 3)
+        matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_SELF))

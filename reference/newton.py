@@ -1,0 +1,170 @@
+"""Newton's method at one load factor.
+
+Full steps, because the residual must be free to grow at first: on bending steps stretching is
+so much stiffer than bending that a search for a smaller residual stalls where full steps converge
+in five. Two things are guarded instead: no cell may invert on the way, and the iteration is
+given up when it wanders off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Strain
+from palpate.reference.deformed_state import DetFSampler
+from palpate.reference.equilibrium import Equilibrium
+from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+
+_SMALLEST_STEP_LENGTH = 1.0 / 64.0
+_LARGEST_GROWTH = 1e6
+# A Newton step may take det F down to this fraction of what it was, not further.
+_SHRINK_PER_STEP = 0.1
+
+Report = Callable[[int, float, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonOutcome:
+    """Where an iteration ended.
+
+    Attributes:
+        displacement: Last iterate, flat [m].
+        converged: Whether it is an equilibrium.
+        reason: Why it ended, when it did not converge.
+        iterations: Linear solves.
+        relative_residual: Last relative residual [-].
+    """
+
+    displacement: Points
+    converged: bool
+    reason: str
+    iterations: int
+    relative_residual: float
+
+
+class Newton:
+    """Newton's method for an equilibrium.
+
+    Args:
+        equilibrium: The discrete problem.
+        sampler: Measures det F.
+        relative_tolerance: Where to stop: norm of the free residual over the larger norm of
+            external and internal forces.
+        max_iterations: Where to give up.
+    """
+
+    def __init__(
+        self,
+        equilibrium: Equilibrium,
+        sampler: DetFSampler,
+        *,
+        relative_tolerance: float,
+        max_iterations: int = 20,
+    ) -> None:
+        self._equilibrium = equilibrium
+        self._sampler = sampler
+        self._tolerance = relative_tolerance
+        self._max_iterations = max_iterations
+        space = equilibrium.space
+        self._linear = LinearSolver(
+            space.space.tabulate_dof_coordinates(), is_symmetric=not equilibrium.has_followers
+        )
+        source = space.transferred.source
+        self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
+        self.is_linear = equilibrium.strain is Strain.LINEAR
+
+    @property
+    def linear_solver(self) -> str:
+        """Name of the linear solver."""
+        return self._linear.name
+
+    def linearise(self, displacement: Points) -> Points | None:
+        """First Newton step from a displacement to the full load, roughly; None if singular."""
+        eq = self._equilibrium
+        residual = eq.internal_force(displacement) - eq.external_force(displacement)
+        gap = eq.held.values - displacement[eq.held.dofs]
+        matrix = eq.tangent(displacement, 1.0)
+        try:
+            return self._linear.solve(matrix, -residual, eq.held.dofs, gap, tolerance=1e-3)
+        except LinearSolveError:
+            return None
+
+    def solve(
+        self, start: Points, load_factor: float, *, report: Report | None = None
+    ) -> NewtonOutcome:
+        """Iterate from a displacement to the equilibrium at a load factor.
+
+        Args:
+            start: First iterate, flat [m]; need not meet the supports.
+            load_factor: Fraction of the loads and of the prescribed displacements.
+            report: Called with iteration, relative residual and smallest det F.
+        """
+        eq = self._equilibrium
+        held, free = eq.held.dofs, eq.free
+        target = load_factor * eq.held.values
+        u = start.copy()
+        det_f = self._sampler.smallest(u)
+        rounding, first, relative = 0.0, 0.0, math.inf
+        for iteration in range(self._max_iterations + 1):
+            internal = eq.internal_force(u)
+            external = load_factor * eq.external_force(u)
+            residual = internal - external
+            norm = float(np.linalg.norm(residual[free]))
+            scale = max(float(np.linalg.norm(internal)), float(np.linalg.norm(external)))
+            if not math.isfinite(norm):
+                return NewtonOutcome(u, False, "the residual is not finite", iteration, math.inf)
+            relative = norm / scale if scale > 0.0 else 0.0
+            if report:
+                report(iteration, relative, det_f)
+            is_at_supports = bool(np.all(u[held] == target))
+            if is_at_supports and norm <= max(self._tolerance * scale, rounding):
+                return NewtonOutcome(u, True, "", iteration, relative)
+            if iteration > 0 and not norm <= _LARGEST_GROWTH * first:
+                return NewtonOutcome(u, False, "the iteration diverges", iteration, relative)
+            if iteration == self._max_iterations:
+                break
+            matrix = eq.tangent(u, load_factor)
+            rounding = self._rounding_error(matrix, u)
+            # Loose while far away, tight enough at the end for one more step to finish.
+            tolerance = max(min(1e-3, relative), 0.1 * self._tolerance / max(relative, 1e-300))
+            try:
+                du = self._linear.solve(
+                    matrix, -residual, held, target - u[held], tolerance=min(tolerance, 1e-3)
+                )
+            except LinearSolveError as error:
+                return NewtonOutcome(u, False, str(error), iteration, relative)
+            length, det_f = self._step_length(u, du, det_f)
+            if length == 0.0:
+                return NewtonOutcome(u, False, "a cell would invert", iteration + 1, relative)
+            u = u + length * du
+            if length == 1.0:
+                u[held] = target
+            first = max(first, norm)
+        return NewtonOutcome(
+            u, False, f"no convergence in {self._max_iterations} iterations", iteration, relative
+        )
+
+    def _step_length(self, u: Points, du: Points, det_f: float) -> tuple[float, float]:
+        """Largest of 1, 1/2, 1/4, ... that keeps every sampled det F well above zero."""
+        length = 1.0
+        while length >= _SMALLEST_STEP_LENGTH:
+            trial = self._sampler.smallest(u + length * du)
+            if self.is_linear or trial > _SHRINK_PER_STEP * min(det_f, 1.0):
+                return length, trial
+            length /= 2.0
+        return 0.0, det_f
+
+    def _rounding_error(self, matrix: object, u: Points) -> float:
+        """Norm of the nodal forces that rounding alone can leave.
+
+        The strain is computed from I + grad u, so its rounding error is eps even where u is small
+        beside the cell size.
+        """
+        largest = float(np.max(np.abs(u), initial=0.0))
+        length = largest if self.is_linear else max(largest, self._cell_size)
+        return 4.0 * float(np.finfo(float).eps) * float(matrix.norm()) * length  # type: ignore[attr-defined]
