@@ -258,7 +258,9 @@ def _solve(
 
 
 def _end_with_caller() -> None:
-    sys.stdin.buffer.read()
+    # Not sys.stdin: a thread inside its buffer aborts the interpreter's shutdown.
+    while os.read(0, 4096):
+        pass
     os._exit(1)
 
 
