@@ -1,0 +1,210 @@
+"""The keys of a case file. No expression is ever evaluated from a case."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from palpate.meshes.problem import Strain
+from palpate.validation.units import Units
+
+Vector = tuple[float, float, float]
+METRICS = (
+    "displacement_l2",
+    "displacement_max",
+    "max_displacement",
+    "volume",
+    "surface_area",
+    "smallest_det_f",
+)
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=()
+    )
+
+
+class BoxRegion(_Table):
+    """Between two corners, in the case's length unit."""
+
+    min: Vector
+    max: Vector
+
+
+class BallRegion(_Table):
+    """Within a radius of a centre."""
+
+    center: Vector
+    radius: float = Field(gt=0.0)
+
+
+class HalfSpaceRegion(_Table):
+    """The side of a plane to which its normal points."""
+
+    point: Vector
+    normal: Vector
+
+
+class RegionSpec(_Table):
+    """Part of the boundary: where all the given conditions hold."""
+
+    box: BoxRegion | None = None
+    ball: BallRegion | None = None
+    half_space: HalfSpaceRegion | None = None
+    group: str | None = None
+    nearest: Vector | None = None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> RegionSpec:
+        if not self.model_fields_set:
+            raise ValueError("needs one of box, ball, half_space, group, nearest")
+        if self.nearest is not None and len(self.model_fields_set) > 1:
+            raise ValueError("nearest stands alone")
+        return self
+
+
+class GeometrySpec(_Table):
+    """Exactly one of a built-in shape, a surface file or a mesh file."""
+
+    shape: Literal["box", "beam", "cylinder", "sphere", "kidney"] | None = None
+    surface: str | None = None
+    mesh: str | None = None
+    size: Vector | None = None
+    length: float | None = Field(default=None, gt=0.0)
+    width: float | None = Field(default=None, gt=0.0)
+    height: float | None = Field(default=None, gt=0.0)
+    radius: float | None = Field(default=None, gt=0.0)
+    edge_length: float | None = Field(default=None, gt=0.0)
+
+    @model_validator(mode="after")
+    def _is_one_thing(self) -> GeometrySpec:
+        given = [k for k in ("shape", "surface", "mesh") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError("needs exactly one of shape, surface, mesh")
+        parameters = {
+            None: set(),
+            "box": {"size", "edge_length"},
+            "beam": {"length", "width", "height", "edge_length"},
+            "cylinder": {"radius", "height", "edge_length"},
+            "sphere": {"radius", "edge_length"},
+            "kidney": {"edge_length"},
+        }[self.shape]
+        extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
+        missing = parameters - self.model_fields_set
+        if extra:
+            raise ValueError(f"{given[0]} takes no {', '.join(sorted(extra))}")
+        if missing:
+            raise ValueError(f"shape {self.shape!r} needs {', '.join(sorted(missing))}")
+        return self
+
+
+class MeshSpec(_Table):
+    """Who fills a surface, and how finely."""
+
+    mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
+    edge_length: float | None = Field(default=None, gt=0.0)
+
+
+class MaterialSpec(_Table):
+    """Isotropic solid; the ranges are checked where it is built."""
+
+    youngs_modulus: float
+    poissons_ratio: float
+    density: float = 1000.0
+
+
+class SupportSpec(_Table):
+    """What is held."""
+
+    region: RegionSpec
+    components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+    displacement: Vector = (0.0, 0.0, 0.0)
+
+
+class ForceSpec(_Table):
+    """A total force, spread evenly over the region's area."""
+
+    kind: Literal["force"]
+    region: RegionSpec
+    force: Vector
+
+
+class TractionSpec(_Table):
+    """Force per rest area."""
+
+    kind: Literal["traction"]
+    region: RegionSpec
+    traction: Vector
+
+
+class PressureSpec(_Table):
+    """Pressure that follows the surface; > 0 pushes inwards."""
+
+    kind: Literal["pressure"]
+    region: RegionSpec
+    pressure: float
+
+
+class GravitySpec(_Table):
+    """Weight: density times an acceleration [m/s2]."""
+
+    kind: Literal["gravity"]
+    acceleration: Vector
+
+
+class PointForceSpec(_Table):
+    """A force on the point nearest to a place."""
+
+    kind: Literal["point_force"]
+    region: RegionSpec
+    force: Vector
+
+
+LoadSpec = Annotated[
+    ForceSpec | TractionSpec | PressureSpec | GravitySpec | PointForceSpec,
+    Field(discriminator="kind"),
+]
+
+
+class CheckSpec(_Table):
+    """A limit and the reason for it."""
+
+    metric: Literal[
+        "displacement_l2",
+        "displacement_max",
+        "max_displacement",
+        "volume",
+        "surface_area",
+        "smallest_det_f",
+    ]
+    against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
+    strain: Strain | None = None
+    limit: float
+    reason: str = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> CheckSpec:
+        if (self.metric == "smallest_det_f") != (self.against == "candidate"):
+            raise ValueError('smallest_det_f goes with against = "candidate", and nothing else does')
+        if self.metric != "smallest_det_f" and self.limit <= 0.0:
+            raise ValueError("limit must be above 0")
+        return self
+
+
+class CaseSpec(_Table):
+    """A whole case file."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    title: str = Field(min_length=1)
+    description: str = ""
+    units: Units = Units()
+    strain: Strain = Strain.GREEN
+    geometry: GeometrySpec
+    mesh: MeshSpec = MeshSpec()
+    material: MaterialSpec
+    support: tuple[SupportSpec, ...] = ()
+    load: tuple[LoadSpec, ...] = ()
+    check: tuple[CheckSpec, ...] = ()
+    published: dict[str, Any] = Field(default_factory=dict)
