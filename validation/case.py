@@ -143,9 +143,7 @@ class Case:
                 self.spec.material.poissons_ratio,
                 units.kilograms_per_cubic_metre(self.spec.material.density),
             )
-            supports = tuple(
-                self._support(index) for index in range(len(self.spec.support))
-            )
+            supports = tuple(self._support(index) for index in range(len(self.spec.support)))
             loads = tuple(self._load(index, material) for index in range(len(self.spec.load)))
             problem = Problem(mesh, material, supports, loads)
             require_supported(problem)

@@ -187,7 +187,9 @@ class CheckSpec(_Table):
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
         if (self.metric == "smallest_det_f") != (self.against == "candidate"):
-            raise ValueError('smallest_det_f goes with against = "candidate", and nothing else does')
+            raise ValueError(
+                'smallest_det_f goes with against = "candidate", and nothing else does'
+            )
         if self.metric != "smallest_det_f" and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self

@@ -100,7 +100,9 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
         mesh = mesh_with_gmsh(surface, edge_length=size)
     except MeshError as error:
         if refusal and not isinstance(error, SurfaceError):
-            raise InputError(f"neither mesher manages: fastsim: {refusal}; gmsh: {error}") from error
+            raise InputError(
+                f"neither mesher manages: fastsim: {refusal}; gmsh: {error}"
+            ) from error
         raise
     why = f" (fastsim's mesher did not manage: {refusal})" if refusal else ""
     return BuiltMesh(mesh, f"meshed by gmsh: {mesh.num_cells} cells{why}")

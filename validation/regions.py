@@ -35,7 +35,9 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     if region.group is not None:
         if region.group not in mesh.facet_groups:
             known = ", ".join(sorted(mesh.facet_groups)) or "none"
-            raise InputError(f"{what}: no facet group {region.group!r} in the mesh (known: {known})")
+            raise InputError(
+                f"{what}: no facet group {region.group!r} in the mesh (known: {known})"
+            )
         wanted = {tuple(row) for row in np.sort(mesh.facet_groups[region.group], axis=1).tolist()}
         keys = np.sort(facets, axis=1).tolist()
         inside = np.array([tuple(row) in wanted for row in keys])
@@ -58,9 +60,7 @@ def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     return boundary[[int(np.argmin(distance))]].astype(np.int32)
 
 
-def _contains(
-    places: NDArray[np.float64], region: RegionSpec, units: Units
-) -> NDArray[np.bool_]:
+def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> NDArray[np.bool_]:
     inside = np.ones(len(places), dtype=bool)
     if region.box is not None:
         low = np.array([units.metres(x) for x in region.box.min])

@@ -1,0 +1,80 @@
+"""From numbers to a verdict; fail-closed: what cannot be judged never passes."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.meshes.problem import Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case_schema import CheckSpec
+from palpate.validation.metrics import COMPARISONS
+from palpate.validation.results import CheckResult, State, Verdict
+
+
+def decide(error: float, bar: float, limit: float) -> Verdict:
+    """Passed when error + bar <= limit, failed when error - bar > limit, else inconclusive.
+
+    A worse reference never makes passing easier. A bar that is not finite is inconclusive; an
+    error that is not finite is the candidate's failure.
+    """
+    if not math.isfinite(error):
+        return Verdict.FAILED
+    if not math.isfinite(bar):
+        return Verdict.INCONCLUSIVE
+    if error + bar <= limit:
+        return Verdict.PASSED
+    return Verdict.FAILED if error - bar > limit else Verdict.INCONCLUSIVE
+
+
+def judge_check(
+    spec: CheckSpec,
+    strain: Strain,
+    mesh: TetMesh,
+    candidate: State | None,
+    reference: State | None,
+    bar: float,
+    failure: str,
+) -> CheckResult:
+    """Judge one check.
+
+    Args:
+        spec: Metric, limit and reason.
+        strain: Which solution is judged.
+        mesh: The case's mesh.
+        candidate: The candidate's state, or None with `failure` saying why.
+        reference: The reference's, or None if there is none.
+        bar: The reference's error bar, relative to the check's scale.
+        failure: Why a state is missing.
+    """
+    value: float | None = None
+    scale, unit = "-", "-"
+    if candidate is None:
+        verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
+    elif spec.metric == "smallest_det_f":
+        value, scale, bar = candidate.smallest_det_f, "none", 0.0
+        is_good = math.isfinite(value) and value > spec.limit
+        verdict = Verdict.PASSED if is_good else Verdict.FAILED
+        message = f"smallest det F {value:.4g} {'>' if is_good else 'not >'} {spec.limit:g}"
+    elif reference is None:
+        verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
+    else:
+        difference = COMPARISONS[spec.metric](mesh, candidate, reference)
+        scale = difference.scale_name
+        verdict = decide(difference.value, bar, spec.limit)
+        value = difference.value if math.isfinite(difference.value) else None
+        sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
+        shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
+        message = f"{shown} {sign} {spec.limit:g}"
+    return CheckResult(
+        metric=spec.metric,
+        against=spec.against,
+        strain=strain,
+        value=value,
+        limit=spec.limit,
+        scale=scale,
+        unit=unit,
+        reference_error=bar,
+        verdict=verdict,
+        reason=spec.reason,
+        message=message,
+    )

@@ -1,0 +1,288 @@
+"""The command line: `palpate ...`. It only calls what can be called from Python."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
+from palpate.validation.simulators import Fault
+
+# Exit codes, the same for every verb (README).
+USAGE, INTERNAL = 2, 4
+
+app = typer.Typer(
+    name="palpate",
+    help="Judge fast soft-tissue simulators against a FEniCSx reference.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+reference_app = typer.Typer(help="Stored references.", no_args_is_help=True)
+app.add_typer(reference_app, name="reference")
+
+Cases = Annotated[list[str], typer.Argument(help="built-in names, or paths to .toml files")]
+Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
+OptionalFile = Annotated[Path | None, typer.Option()]
+
+
+class Simulator(StrEnum):
+    """Who solves."""
+
+    FASTSIM = "fastsim"
+    REFERENCE = "reference"
+
+
+class Mesher(StrEnum):
+    """Who meshes."""
+
+    FASTSIM = "fastsim"
+    GMSH = "gmsh"
+
+
+def _progress() -> Callable[[str], None]:
+    """Lines on standard error: what is being done, for people and logs alike."""
+    console = Console(stderr=True, highlight=False)
+    return lambda line: console.print(Text(f"  {line}", style="dim"), soft_wrap=True)
+
+
+@app.command()
+def cases() -> None:
+    """List the built-in cases, one line each."""
+    from palpate.validation.case import builtin_cases, load_case
+
+    for name in builtin_cases():
+        print(f"{name:12} {load_case(name).title}")
+
+
+@app.command()
+def mesh(
+    surface: Annotated[str, typer.Argument(help="surface file, or kidney")],
+    output: Annotated[Path, typer.Option("--output", "-o", help=".vtu, .vtk or .msh")],
+    size: Annotated[float | None, typer.Option(help="edge length, in the file's unit")] = None,
+    mesher: Annotated[Mesher, typer.Option()] = Mesher.FASTSIM,
+    unit: Annotated[str, typer.Option(help="unit of file and size: m, cm or mm")] = "mm",
+) -> None:
+    """Fill a closed surface with tetrahedra, keeping its facets."""
+    from palpate.meshes.files import MESH_SUFFIXES, read_surface, write_mesh
+    from palpate.meshes.kidney import shape_kidney
+    from palpate.meshes.quality import measure_quality
+    from palpate.meshes.tet_mesh import TetMesh
+    from palpate.validation.case_schema import MeshSpec
+    from palpate.validation.geometry import fill
+    from palpate.validation.units import LENGTH, Units
+
+    if unit not in LENGTH:
+        raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
+    if output.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
+    scale = LENGTH[unit]
+    if surface == "kidney":
+        body = shape_kidney(edge_length=size * scale if size else 0.008)
+    else:
+        body = read_surface(surface, scale=scale)
+    units = Units.model_validate({"length": unit})
+    spec = MeshSpec.model_validate({"mesher": mesher.value, "edge_length": size})
+    built = fill(body, spec, units)
+    quality = measure_quality(built.mesh)
+    write_mesh(output, TetMesh(built.mesh.points / scale, built.mesh.cells))
+    print(
+        f"{output}: {built.origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
+        f" degrees, volume {built.mesh.volume:.6g} m3"
+    )
+
+
+@app.command()
+def solve(
+    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    output: Annotated[Path, typer.Option("--output", "-o", help=".vtu or .vtk")],
+    simulator: Annotated[Simulator, typer.Option("--with")] = Simulator.FASTSIM,
+    strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
+    degree: Annotated[int, typer.Option(min=1, max=2, help="of the reference")] = 1,
+) -> None:
+    """Solve a case and write the displacement."""
+    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
+    from palpate.validation.case import load_case
+    from palpate.validation.reference_set import solve_state
+    from palpate.validation.simulators import CandidateFailedError, run_fastsim
+
+    if output.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
+    loaded = load_case(case)
+    problem, used, progress = loaded.problem, strain or loaded.strain, _progress()
+    if simulator is Simulator.FASTSIM:
+        try:
+            displacement = run_fastsim(problem, used, progress).displacement
+        except CandidateFailedError as error:
+            print(f"palpate: {error}", file=sys.stderr)
+            raise typer.Exit(1) from error
+    else:
+        displacement = solve_state(problem, used, degree, progress).displacement
+    write_mesh(output, problem.mesh, point_data={"displacement": displacement})
+    print(f"{output}: displacement [m] of {problem.mesh.num_points} points, {used} strain")
+
+
+@app.command()
+def gate(
+    names: Cases,
+    json: OptionalFile = None,
+    junit: OptionalFile = None,
+    summary: OptionalFile = None,
+    live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
+    fault: Annotated[Fault, typer.Option(help="seed a fault, to see the gate go red")] = Fault.NONE,
+) -> None:
+    """Judge fastsim on cases; the exit code is the verdict."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation import outputs
+    from palpate.validation.case import load_case
+    from palpate.validation.judge import exit_code, judge_case
+
+    loaded = [load_case(name) for name in names]
+    progress = _progress()
+    results = [judge_case(c, live=live, fault=fault, progress=progress) for c in loaded]
+    texts = {
+        json: outputs.results_json(results, _version()),
+        junit: outputs.junit_xml(results),
+        summary: outputs.summary_markdown(results),
+    }
+    for path, text in texts.items():
+        if path is not None:
+            write_text_atomically(path, text)
+    outputs.print_results(results, Console(highlight=False))
+    raise typer.Exit(exit_code(results))
+
+
+@app.command()
+def report(names: Cases, output: Folder) -> None:
+    """Solve with both, judge, and write report.html with everything beside it."""
+    from palpate.validation import outputs
+    from palpate.validation.case import load_case
+    from palpate.validation.judge import exit_code, judge_case
+    from palpate.validation.report.html import write_report
+    from palpate.validation.run_folder import MARK, run_folder
+
+    loaded = [load_case(name) for name in names]
+    progress = _progress()
+    results = [judge_case(c, live=True, progress=progress) for c in loaded]
+    with run_folder(output) as fresh:
+        progress("drawing the report")
+        write_report(results, fresh)
+        (fresh / "junit.xml").write_text(outputs.junit_xml(results), encoding="utf-8")
+        (fresh / "summary.md").write_text(outputs.summary_markdown(results), encoding="utf-8")
+        (fresh / MARK).write_text(outputs.results_json(results, _version()), encoding="utf-8")
+    outputs.print_results(results, Console(highlight=False))
+    print(f"{output / 'report.html'}")
+    raise typer.Exit(exit_code(results))
+
+
+@app.command()
+def study(
+    name: Annotated[str, typer.Argument(help="kidney or beam")],
+    output: Folder,
+) -> None:
+    """Remake a study of the paper: kidney (Fig. 5, Table I) or beam (Fig. 2)."""
+    from palpate.validation.run_folder import run_folder
+    from palpate.validation.studies import run_study
+
+    progress = _progress()
+    with run_folder(output) as fresh:
+        code = run_study(name, fresh, progress, Console(highlight=False))
+    print(f"{output / 'report.html'}")
+    raise typer.Exit(code)
+
+
+@reference_app.command("build")
+def reference_build(names: Cases) -> None:
+    """Solve and store the references of built-in cases; needs FEniCSx."""
+    import datetime
+
+    from palpate.validation.case import load_case
+    from palpate.validation.reference_set import solve_for_storing
+    from palpate.validation.stored_references import store
+
+    for name in names:
+        case = load_case(name)
+        found = solve_for_storing(case.problem, _progress())
+        provenance: dict[str, Any] = {
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "command": f"palpate reference build {case.name}",
+            "palpate": _version(),
+            **found.provenance,
+        }
+        print(store(case.name, case.problem, found, provenance))
+
+
+@reference_app.command("check")
+def reference_check(names: Cases) -> None:
+    """Check that the stored references belong to their cases."""
+    from palpate.validation.case import load_case
+    from palpate.validation.stored_references import load_stored
+
+    for name in names:
+        case = load_case(name)
+        stored = load_stored(case.name, case.problem)
+        print(f"{case.name}: {stored.origin}, made {stored.provenance.get('date', '?')}")
+
+
+def _version() -> str:
+    from importlib import metadata
+
+    try:
+        return metadata.version("palpate")
+    except metadata.PackageNotFoundError:
+        return "sources in place"
+
+
+def main() -> None:
+    """Run the command line; every end has its exit code, and no traceback looks like a verdict."""
+    try:
+        app(standalone_mode=False)
+    except typer.Exit as stop:
+        sys.exit(stop.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
+        print("palpate: stopped; nothing half-written was left", file=sys.stderr)
+        sys.exit(130)
+    except InputError as error:
+        print(f"palpate: {error}", file=sys.stderr)
+        sys.exit(USAGE)
+    except OSError as error:
+        print(f"palpate: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        sys.exit(USAGE)
+    except Exception as error:
+        sys.exit(_other_end(error))
+
+
+def _other_end(error: Exception) -> int:
+    """Usage errors of the command line, a reference that failed, or an error of palpate's own."""
+    # typer brings its own copy of click or the real one: known by what they can do.
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+        print(f"palpate: {error.format_message()}", file=sys.stderr)
+        return USAGE
+    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+
+    if isinstance(error, ReferenceUnavailableError):
+        print(f"palpate: {error}", file=sys.stderr)
+        return USAGE
+    if isinstance(error, ReferenceFailedError):
+        print(f"palpate: {error}", file=sys.stderr)
+        return 3
+    handle, name = tempfile.mkstemp(prefix="palpate-error-", suffix=".txt", text=True)
+    with os.fdopen(handle, "w", encoding="utf-8") as stream:
+        traceback.print_exception(error, file=stream)
+    print(f"palpate: internal error: {type(error).__name__}: {error} ({name})", file=sys.stderr)
+    return INTERNAL
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Solve a case with the candidate, find its reference, and judge every check."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+import sys
+from collections.abc import Callable
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
+from palpate.meshes.quality import measure_quality
+from palpate.validation.case import Case
+from palpate.validation.checks import judge_check
+from palpate.validation.metrics import COMPARISONS, make_state
+from palpate.validation.reference_set import SAME_MESH, ReferenceSet, solve_live
+from palpate.validation.results import CaseResult, CheckResult, State, Verdict, gravest
+from palpate.validation.simulators import CandidateFailedError, Fault, run_fastsim
+from palpate.validation.stored_references import (
+    MissingReferenceError,
+    StaleReferenceError,
+    load_stored,
+    problem_key,
+)
+
+CANDIDATE = "fastsim"
+
+
+def judge_case(
+    case: Case,
+    *,
+    live: bool = False,
+    fault: Fault = Fault.NONE,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> CaseResult:
+    """Judge fastsim on a case.
+
+    Args:
+        case: The case; it needs at least one check.
+        live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
+        fault: Seeded into the candidate, to show that the checks go red.
+        progress: Called with one line for each thing done.
+
+    Raises:
+        InputError: The case cannot be used, has no check, or its stored reference is missing or
+            stale.
+    """
+    if not case.checks:
+        raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
+    progress(f"case {case.name}: {case.title}")
+    problem = case.problem
+    progress(f"mesh {case.mesh.origin}")
+    notes = [f"Mesh: {case.mesh.origin}."]
+    if fault is not Fault.NONE:
+        notes.append(f"A fault is seeded into the candidate: {fault}.")
+    references = find_references(case, live=live, progress=progress)
+    notes.append(f"Reference: {references.origin}.")
+
+    candidates: dict[Strain, State] = {}
+    failures: dict[Strain, str] = {}
+    for strain in Strain:
+        try:
+            answer = run_fastsim(problem, strain, progress, fault)
+        except CandidateFailedError as error:
+            failures[strain] = str(error)
+            continue
+        candidates[strain] = make_state(
+            problem.mesh,
+            answer.displacement,
+            label=CANDIDATE,
+            simulator=CANDIDATE,
+            strain=strain,
+            seconds=answer.seconds,
+            details=answer.details,
+        )
+
+    checks: list[CheckResult] = []
+    for spec in case.checks:
+        strain = spec.strain or case.strain
+        is_truth = spec.against == "truth"
+        reference = (
+            references.truth(strain) if is_truth else references.states.get((SAME_MESH, strain))
+        )
+        bar = references.bars.get((spec.metric, strain), float("inf"))
+        checks.append(
+            judge_check(
+                spec,
+                strain,
+                problem.mesh,
+                candidates.get(strain),
+                reference,
+                bar if is_truth else 0.0,
+                failures.get(strain) or references.failure(spec.against, strain),
+            )
+        )
+    states = (*candidates.values(), *references.states.values())
+    return CaseResult(
+        name=case.name,
+        title=case.title,
+        verdict=gravest([check.verdict for check in checks]),
+        checks=tuple(checks),
+        states=states,
+        problem=problem,
+        metrics=_metrics(case, candidates, references),
+        provenance=_provenance(case, references),
+        notes=tuple(notes),
+        published=case.spec.published,
+        rest_volume=problem.mesh.volume,
+        rest_surface_area=problem.mesh.surface_area,
+        error_fields=_error_fields(candidates, references),
+    )
+
+
+def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) -> ReferenceSet:
+    """The reference of a case: solved here, or the stored one.
+
+    Raises:
+        InputError: Neither is to be had.
+    """
+    problem = case.problem
+    stored: ReferenceSet | None = None
+    trouble: InputError | None = None
+    try:
+        stored = load_stored(case.name, problem) if case.is_builtin else None
+    except (MissingReferenceError, StaleReferenceError) as error:
+        trouble = error
+    if live:
+        from palpate.reference.availability import is_available
+
+        if is_available():
+            return solve_live(problem, progress, stored=stored)
+    if stored is not None:
+        progress(f"reference {stored.origin}")
+        return stored
+    if trouble is not None:
+        raise trouble
+    raise MissingReferenceError(
+        f"{case.name}: FEniCSx is not installed and no reference is stored for this case; "
+        "run it with FENICSX=apt or FENICSX=wheel (see README)"
+    )
+
+
+def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:
+    """Length of the displacement error at each point [m]."""
+    fields = {}
+    for strain, candidate in candidates.items():
+        for reference in (references.states.get((SAME_MESH, strain)), references.truth(strain)):
+            if reference is not None:
+                error = candidate.displacement - reference.displacement
+                fields[f"{CANDIDATE} - {reference.label}, {strain}"] = np.linalg.norm(error, axis=1)
+    return fields
+
+
+def _metrics(
+    case: Case, candidates: dict[Strain, State], references: ReferenceSet
+) -> dict[str, float | None]:
+    """Every metric of every pair, whether a check asks for it or not."""
+    mesh = case.problem.mesh
+    metrics: dict[str, float | None] = {
+        "rest.volume": mesh.volume,
+        "rest.surface_area": mesh.surface_area,
+    }
+    for state in (*candidates.values(), *references.states.values()):
+        name = f"{state.label.replace(',', '').replace(' ', '_').lower()}.{state.strain}"
+        metrics[f"{name}.volume"] = state.volume
+        metrics[f"{name}.surface_area"] = state.surface_area
+        metrics[f"{name}.smallest_det_f"] = state.smallest_det_f
+        metrics[f"{name}.max_displacement"] = state.max_displacement
+    for strain, candidate in candidates.items():
+        pairs = (
+            ("same_mesh", references.states.get((SAME_MESH, strain))),
+            ("truth", references.truth(strain)),
+        )
+        for word, reference in pairs:
+            if reference is None:
+                continue
+            for metric, compare in COMPARISONS.items():
+                value = compare(mesh, candidate, reference).value
+                metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
+    return metrics
+
+
+def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
+    mesh = case.problem.mesh
+    quality = measure_quality(mesh)
+    return {
+        "palpate": _version("palpate"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "command": " ".join(["palpate", *sys.argv[1:]]),
+        "case_key": problem_key(case.problem),
+        "mesh": {
+            "origin": case.mesh.origin,
+            "num_points": mesh.num_points,
+            "num_cells": mesh.num_cells,
+            "smallest_dihedral_deg": quality.smallest_dihedral_deg,
+            "longest_edge": quality.longest_edge,
+        },
+        "reference": {"origin": references.origin, **references.provenance},
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "sources in place"
+
+
+def exit_code(results: list[CaseResult]) -> int:
+    """0 passed, 1 failed, 3 inconclusive; the gravest case decides."""
+    verdict = gravest([result.verdict for result in results])
+    return {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}[verdict]

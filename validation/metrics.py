@@ -1,0 +1,127 @@
+"""How far apart two solutions are: each metric with its scale, and never a comparison with NaN."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.results import State
+
+# Where the reference hardly changes volume or area, errors are scaled by this part of the rest
+# value instead: a change below it is not what such a check is about.
+SMALLEST_CHANGE = 1e-3
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A relative error with the scale it was divided by."""
+
+    value: float
+    scale: float
+    scale_name: str
+
+
+def l2_norm(mesh: TetMesh, displacement: Points) -> float:
+    """L2 norm of a linear field over the rest volume [m^2.5], integrated exactly.
+
+    A cell's mass matrix is V/20 (1 + delta_ab), so |u|^2 integrates to V/20 (sum over corners
+    of |u_a|^2 plus |sum over corners of u_a|^2).
+    """
+    corners = displacement[mesh.cells]
+    squared = np.einsum("cai,cai->c", corners, corners)
+    total = corners.sum(axis=1)
+    squared += np.einsum("ci,ci->c", total, total)
+    return math.sqrt(float(signed_volumes(mesh.points, mesh.cells) @ squared / 20.0))
+
+
+def displacement_l2(mesh: TetMesh, candidate: State, reference: State) -> Difference:
+    """Relative L2 error of displacement, weighted by volume."""
+    scale = l2_norm(mesh, reference.displacement)
+    error = l2_norm(mesh, candidate.displacement - reference.displacement)
+    return _ratio(error, scale, "L2 norm of the reference's displacement")
+
+
+def displacement_max(mesh: TetMesh, candidate: State, reference: State) -> Difference:
+    """Largest error of a point over the largest displacement of the reference."""
+    del mesh
+    error = float(np.linalg.norm(candidate.displacement - reference.displacement, axis=1).max())
+    return _ratio(error, reference.max_displacement, "the reference's largest displacement")
+
+
+def max_displacement(mesh: TetMesh, candidate: State, reference: State) -> Difference:
+    """Error of the largest displacement, over the reference's."""
+    del mesh
+    error = abs(candidate.max_displacement - reference.max_displacement)
+    return _ratio(error, reference.max_displacement, "the reference's largest displacement")
+
+
+def volume(mesh: TetMesh, candidate: State, reference: State) -> Difference:
+    """Error of the deformed volume over the reference's change of volume.
+
+    One per cent of the rest volume would pass almost anything.
+    """
+    change = abs(reference.volume - mesh.volume)
+    floor = SMALLEST_CHANGE * mesh.volume
+    name = "the reference's change of volume" if change >= floor else "0.1 % of the rest volume"
+    return _ratio(abs(candidate.volume - reference.volume), max(change, floor), name)
+
+
+def surface_area(mesh: TetMesh, candidate: State, reference: State) -> Difference:
+    """Error of the deformed area over the reference's change of area."""
+    change = abs(reference.surface_area - mesh.surface_area)
+    floor = SMALLEST_CHANGE * mesh.surface_area
+    name = "the reference's change of area" if change >= floor else "0.1 % of the rest area"
+    return _ratio(abs(candidate.surface_area - reference.surface_area), max(change, floor), name)
+
+
+COMPARISONS = {
+    "displacement_l2": displacement_l2,
+    "displacement_max": displacement_max,
+    "max_displacement": max_displacement,
+    "volume": volume,
+    "surface_area": surface_area,
+}
+
+
+def _ratio(error: float, scale: float, name: str) -> Difference:
+    """A reference that does not move at all gives no scale: then only zero error is zero."""
+    if scale == 0.0:
+        return Difference(0.0 if error == 0.0 else math.inf, scale, name)
+    return Difference(error / scale, scale, name)
+
+
+def make_state(
+    mesh: TetMesh,
+    displacement: Points,
+    *,
+    label: str,
+    simulator: str,
+    strain: Strain,
+    degree: int = 1,
+    seconds: float = 0.0,
+    details: dict[str, object] | None = None,
+) -> State:
+    """Measure a linear displacement field: volume, area, smallest det F by geometry alone."""
+    moved = mesh.points + displacement
+    volumes = signed_volumes(moved, mesh.cells)
+    rest = signed_volumes(mesh.points, mesh.cells)
+    corners = moved[mesh.boundary_facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return State(
+        label=label,
+        simulator=simulator,
+        strain=strain,
+        degree=degree,
+        displacement=displacement,
+        volume=float(volumes.sum()),
+        surface_area=float(0.5 * np.linalg.norm(normals, axis=1).sum()),
+        smallest_det_f=float((volumes / rest).min()),
+        max_displacement=float(np.linalg.norm(displacement, axis=1).max()),
+        seconds=seconds,
+        details=details or {},
+    )

@@ -1,0 +1,175 @@
+"""The reference solutions of a case: P1 on its mesh, P2 for the truth, with error bars."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.linalg import norm
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.refinement import refine_problem
+from palpate.validation.metrics import COMPARISONS
+from palpate.validation.results import State
+
+SAME_MESH = "reference P1"
+QUADRATIC = "reference P2"
+# P2 on the case's mesh cut in eight: only stored references have it.
+TRUTH = "reference P2, refined"
+# Two grids only: Roache's factor of safety (ASME J. Fluids Eng. 116, 1994), with first order
+# assumed, since clamped edges are singular; then GCI = 3 |f2 - f1| / (2^1 - 1).
+SAFETY_FACTOR = 3.0
+
+Bars = dict[tuple[str, Strain], float]
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceSet:
+    """States by (label, strain), and error bars by (metric, strain) relative to their scale.
+
+    Attributes:
+        states: P1 and P2 states; one that did not converge is missing.
+        bars: Error bars of the truth.
+        origin: One line on where this comes from.
+        failures: Why a state is missing, by (label, strain).
+        provenance: Versions and how it was made.
+    """
+
+    states: Mapping[tuple[str, Strain], State]
+    bars: Mapping[tuple[str, Strain], float]
+    origin: str
+    failures: Mapping[tuple[str, Strain], str] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def truth(self, strain: Strain) -> State | None:
+        """The best state there is: P2 on the refined mesh, else P2 on the case's mesh."""
+        return self.states.get((TRUTH, strain)) or self.states.get((QUADRATIC, strain))
+
+    def failure(self, against: str, strain: Strain) -> str:
+        """Why a reference is missing; empty when it is not."""
+        label = QUADRATIC if against == "truth" else SAME_MESH
+        return self.failures.get((label, strain), "")
+
+
+def solve_state(
+    problem: Problem, strain: Strain, degree: int, progress: Callable[[str], None]
+) -> State:
+    """One reference solve in a child process, as a state.
+
+    Raises:
+        ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
+    """
+    from palpate.reference.child import solve_static_in_child
+
+    start = time.perf_counter()
+    label = SAME_MESH if degree == 1 else QUADRATIC
+    progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
+    result = solve_static_in_child(problem, strain=strain, degree=degree, progress=progress)
+    return State(
+        label=label,
+        simulator="reference",
+        strain=strain,
+        degree=degree,
+        displacement=result.displacement,
+        volume=result.volume,
+        surface_area=result.surface_area,
+        smallest_det_f=result.smallest_det_f,
+        max_displacement=float(norm(result.displacement, axis=1).max()),
+        seconds=time.perf_counter() - start,
+        details={
+            "relative_residual": result.relative_residual,
+            "newton_iterations": result.newton_iterations,
+            "versions": dict(result.versions),
+        },
+    )
+
+
+def solve_live(
+    problem: Problem, progress: Callable[[str], None], *, stored: ReferenceSet | None = None
+) -> ReferenceSet:
+    """Solve P1 and P2 on the case's mesh, with both strains.
+
+    A stored reference adds the truth on the refined mesh, with its bars. Without one the truth
+    is P2 here, and the bar of each metric is the difference of P1 and P2, an upper estimate.
+    """
+    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+
+    states: dict[tuple[str, Strain], State] = {}
+    failures: dict[tuple[str, Strain], str] = {}
+    for strain in Strain:
+        for degree in (1, 2):
+            label = SAME_MESH if degree == 1 else QUADRATIC
+            try:
+                states[label, strain] = solve_state(problem, strain, degree, progress)
+            except ReferenceUnavailableError:
+                raise
+            except ReferenceFailedError as error:
+                failures[label, strain] = f"{label}: {error}"
+    versions: dict[str, str] = next((s.details["versions"] for s in states.values()), {})
+    if stored is not None:
+        states |= {place: s for place, s in stored.states.items() if place[0] == TRUTH}
+        return ReferenceSet(
+            states,
+            stored.bars,
+            "P1 and P2 solved here; the truth and its error bar stored (P2, mesh cut in eight)",
+            failures,
+            {"versions": versions, "stored": dict(stored.provenance)},
+        )
+    return ReferenceSet(
+        states,
+        estimate_bars(problem, states),
+        "P1 and P2 solved here; error bar of P2: its difference from P1, an upper estimate",
+        failures,
+        {"versions": versions},
+    )
+
+
+def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) -> Bars:
+    """P1 against P2 on the same mesh, for every metric and strain."""
+    bars: Bars = {}
+    for strain in Strain:
+        coarse, fine = states.get((SAME_MESH, strain)), states.get((QUADRATIC, strain))
+        if coarse is None or fine is None:
+            continue
+        for metric, compare in COMPARISONS.items():
+            bars[metric, strain] = compare(problem.mesh, coarse, fine).value
+    return bars
+
+
+def solve_for_storing(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
+    """P1 on the mesh, P2 on the mesh cut in eight; bars by the two-grid rule of Roache.
+
+    The refined mesh keeps the case's points first, so no interpolation is needed.
+
+    Raises:
+        ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
+    """
+    from dataclasses import replace
+
+    fine_problem = refine_problem(problem)
+    states: dict[tuple[str, Strain], State] = {}
+    bars: Bars = {}
+    for strain in Strain:
+        states[SAME_MESH, strain] = solve_state(problem, strain, 1, progress)
+        coarse = solve_state(problem, strain, 2, progress)
+        states[QUADRATIC, strain] = coarse
+        fine = solve_state(fine_problem, strain, 2, progress)
+        at_points = fine.displacement[: problem.mesh.num_points]
+            truth = replace(
+            fine,
+            label=TRUTH,
+            displacement=at_points,
+            max_displacement=float(norm(at_points, axis=1).max()),
+        )
+        states[TRUTH, strain] = truth
+        for metric, compare in COMPARISONS.items():
+            bars[metric, strain] = SAFETY_FACTOR * compare(problem.mesh, coarse, truth).value
+    versions = states[TRUTH, Strain.GREEN].details["versions"]
+    return ReferenceSet(
+        states,
+        bars,
+        "stored: P1 and P2 on the case's mesh, and P2 on that mesh cut in eight as the truth",
+        provenance={"versions": versions},
+    )

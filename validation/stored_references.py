@@ -1,0 +1,127 @@
+"""References that travel with palpate, so that gates work without FEniCSx.
+
+The key is what the answer depends on: mesh, material, supports, loads and schema. Versions of
+dolfinx and PETSc are provenance, not key. One file holds fields and header, so that it is
+always of one piece.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem_files import problem_arrays
+from palpate.validation.reference_set import ReferenceSet
+from palpate.validation.results import State
+
+SCHEMA = 1
+_SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
+
+
+class MissingReferenceError(InputError):
+    """No reference is stored for a case."""
+
+
+class StaleReferenceError(InputError):
+    """The stored reference belongs to another mesh, material, support, load or schema."""
+
+
+def references_folder() -> Path:
+    """Where stored references lie; PALPATE_REFERENCES names another folder."""
+    chosen = os.environ.get("PALPATE_REFERENCES")
+    return Path(chosen) if chosen else Path(__file__).parent / "references"
+
+
+def problem_key(problem: Problem) -> str:
+    """SHA-256 over everything the answer depends on."""
+    digest = hashlib.sha256(f"palpate reference schema {SCHEMA}".encode())
+    for name, array in sorted(problem_arrays(problem).items()):
+        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def store(
+    name: str, problem: Problem, references: ReferenceSet, provenance: dict[str, Any]
+) -> Path:
+    """Write a case's references, whole or not at all."""
+    header: dict[str, Any] = {
+        "schema": SCHEMA,
+        "key": problem_key(problem),
+        "case": name,
+        "origin": references.origin,
+        "provenance": provenance,
+        "bars": {f"{m}|{s}": bar for (m, s), bar in references.bars.items()},
+        "states": [],
+    }
+    arrays: dict[str, Any] = {}
+    for index, state in enumerate(references.states.values()):
+        header["states"].append(
+            {
+                "label": state.label,
+                "strain": state.strain.value,
+                "degree": state.degree,
+                "details": dict(state.details),
+                **{scalar: getattr(state, scalar) for scalar in _SCALARS},
+            }
+        )
+        arrays[f"displacement_{index}"] = state.displacement
+    arrays["header"] = np.array(json.dumps(header, sort_keys=True, allow_nan=False))
+    path = references_folder() / f"{name}.npz"
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)
+    return path
+
+
+def load_stored(name: str, problem: Problem) -> ReferenceSet:
+    """Read a case's stored references and check that they belong to it.
+
+    Raises:
+        MissingReferenceError: There are none, or the file is damaged.
+        StaleReferenceError: They were made for something else.
+    """
+    path = references_folder() / f"{name}.npz"
+    remedy = f"make it with `palpate reference build {name}` where FEniCSx is installed"
+    if not path.is_file():
+        raise MissingReferenceError(f"no stored reference for {name!r}; {remedy}")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            header = json.loads(str(stored["header"]))
+            fields = [stored[f"displacement_{k}"] for k in range(len(header["states"]))]
+        schema, key = header["schema"], header["key"]
+    except (OSError, ValueError, KeyError, EOFError) as error:
+        raise MissingReferenceError(
+            f"the stored reference of {name!r} is damaged ({type(error).__name__}); {remedy}"
+        ) from error
+    if schema != SCHEMA or key != problem_key(problem):
+        raise StaleReferenceError(
+            f"the stored reference of {name!r} is stale: mesh, material, supports or loads have "
+            f"changed since it was made; {remedy}"
+        )
+    states = {}
+    for entry, displacement in zip(header["states"], fields, strict=True):
+        if displacement.shape != problem.mesh.points.shape or not np.isfinite(displacement).all():
+            raise StaleReferenceError(f"the stored reference of {name!r} does not fit its mesh")
+        strain = Strain(entry["strain"])
+        states[entry["label"], strain] = State(
+            label=entry["label"],
+            simulator="reference",
+            strain=strain,
+            degree=entry["degree"],
+            displacement=displacement,
+            details=entry["details"],
+            **{scalar: entry[scalar] for scalar in _SCALARS},
+        )
+    bars = {}
+    for place, bar in header["bars"].items():
+        metric, strain_name = place.split("|")
+        bars[metric, Strain(strain_name)] = float(bar)
+    return ReferenceSet(states, bars, header["origin"], provenance=header["provenance"])
