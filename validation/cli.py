@@ -247,9 +247,8 @@ def _version() -> str:
 def main() -> None:
     """Run the command line; every end has its exit code, and no traceback looks like a verdict."""
     try:
-        app(standalone_mode=False)
-    except typer.Exit as stop:
-        sys.exit(stop.exit_code)
+        code = app(standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
     except (KeyboardInterrupt, typer.Abort):
         print("palpate: stopped; nothing half-written was left", file=sys.stderr)
         sys.exit(130)

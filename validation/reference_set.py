@@ -157,7 +157,7 @@ def solve_for_storing(problem: Problem, progress: Callable[[str], None]) -> Refe
         states[QUADRATIC, strain] = coarse
         fine = solve_state(fine_problem, strain, 2, progress)
         at_points = fine.displacement[: problem.mesh.num_points]
-            truth = replace(
+        truth = replace(
             fine,
             label=TRUTH,
             displacement=at_points,
