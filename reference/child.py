@@ -79,14 +79,20 @@ def solve_static_in_child(
     with tempfile.TemporaryDirectory(prefix="palpate-reference-") as folder:
         given, answer = Path(folder, "problem.npz"), Path(folder, "result.npz")
         save_problem(given, problem)
-        command = [
-            # -P: a file called numpy.py in the current folder is not the child's numpy.
-            *(sys.executable, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
-            *("--strain", Strain(strain).value, "--degree", str(degree)),
-            *("--relative-tolerance", repr(relative_tolerance), "--until-stdin-closes"),
-        ]
+        command = _command(given, answer, Strain(strain), degree, relative_tolerance)
         exit_code, errors = _run(command, time_limit, progress or _say_nothing)
         return _read_answer(answer, exit_code, errors)
+
+
+def _command(
+    given: Path, answer: Path, strain: Strain, degree: int, relative_tolerance: float
+) -> list[str]:
+    return [
+        # -P: a file called numpy.py in the current folder is not the child's numpy.
+        *(sys.executable, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
+        *("--strain", strain.value, "--degree", str(degree)),
+        *("--relative-tolerance", repr(relative_tolerance), "--until-stdin-closes"),
+    ]
 
 
 def child_environment() -> dict[str, str]:
@@ -94,7 +100,9 @@ def child_environment() -> dict[str, str]:
 
     One thread keeps the order of every sum, so that a run repeats bit for bit.
     """
-    environment = dict(os.environ)
+    # Under mpirun a child must not take itself for one of the ranks.
+    ranks = ("OMPI_", "PMIX_", "PMI_")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(ranks)}
     environment["PYTHONPATH"] = os.pathsep.join(str(Path(p).absolute()) for p in sys.path if p)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         environment[name] = "1"

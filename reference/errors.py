@@ -5,6 +5,10 @@ Input that cannot be used raises palpate.meshes.errors.InputError instead.
 
 from __future__ import annotations
 
+import contextlib
+import re
+import signal
+
 import numpy as np
 
 from palpate.meshes.arrays import Points
@@ -57,9 +61,23 @@ class ReferenceCrashedError(ReferenceFailedError):
     def __init__(self, exit_code: int, stderr_tail: str) -> None:
         self.exit_code = exit_code
         self.stderr_tail = stderr_tail
-        how = f"signal {-exit_code}" if exit_code < 0 else f"exit status {exit_code}"
-        last = stderr_tail.strip().splitlines()[-1:] or ["it wrote no message"]
-        super().__init__(f"the reference crashed ({how}): {last[0]}")
+        super().__init__(f"the reference crashed ({_how(exit_code)}): {_cause(stderr_tail)}")
+
+
+def _how(exit_code: int) -> str:
+    if exit_code >= 0:
+        return f"exit status {exit_code}"
+    with contextlib.suppress(ValueError):
+        name = signal.Signals(-exit_code).name
+        return f"{name}, most likely out of memory" if name == "SIGKILL" else name
+    return f"signal {-exit_code}"
+
+
+def _cause(stderr_tail: str) -> str:
+    """Return the last line that names an error, or the last line."""
+    lines = [line.strip() for line in stderr_tail.splitlines() if line.strip()]
+    named = [line for line in lines if re.match(r"[\w.]*(Error|Exception)\b", line)]
+    return (named or lines or ["it wrote no message"])[-1]
 
 
 class ReferenceTimeoutError(ReferenceFailedError):

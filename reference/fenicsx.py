@@ -12,6 +12,7 @@ import contextlib
 import importlib.util
 import logging
 import re
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -73,7 +74,10 @@ def _compiling() -> Iterator[dict[str, Any]]:
     root = logging.getLogger()
     level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
     old_default = defaults["cache_dir"]
-    with locked(folder):
+    with locked(folder), warnings.catch_warnings():
+        # The old compiler uses names that numpy deprecates, and leaves files to the collector.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("ignore", ResourceWarning)
         remove_unfinished(folder)
         # 0.5 compiles elements and coordinate maps without a way to pass options.
         defaults["cache_dir"] = (folder, old_default[1])
@@ -147,7 +151,7 @@ def cell_dofs(space: Any) -> np.ndarray[Any, Any]:
 
 def cell_nodes(mesh: Any) -> np.ndarray[Any, Any]:
     """Geometry nodes of each cell, shape (num_cells, 4)."""
-    return _table(mesh.geometry.dofmap, mesh)
+    return _table(mesh.geometry.dofmap if _IS_OLD else mesh.geometry.dofmaps[0], mesh)
 
 
 def _table(rows: Any, mesh: Any) -> np.ndarray[Any, Any]:

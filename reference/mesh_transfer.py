@@ -7,6 +7,7 @@ choke on is refused before it sees it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,18 @@ class TransferredMesh:
     cell_of_cell: Indices
     point_of_vertex: Indices
 
+    @cached_property
+    def _boundary_numbers(self) -> dict[tuple[int, ...], int]:
+        """Number of each boundary facet by its three points, sorted."""
+        topology = self.mesh.topology
+        triples = self.point_of_vertex[topology.connectivity(2, 0).array].reshape(-1, 3)
+        on_boundary = np.diff(topology.connectivity(2, 3).offsets) == 1
+        rows = np.sort(triples[on_boundary], axis=1).tolist()
+        return {
+            tuple(row): int(number)
+            for number, row in zip(np.flatnonzero(on_boundary), rows, strict=True)
+        }
+
     def facet_entities(self, facets: Indices, what: str) -> Indices:
         """Numbers of boundary facets in the dolfinx mesh, sorted, shape (n,).
 
@@ -71,19 +84,8 @@ class TransferredMesh:
         rows = checked_indices(facets, 3, self.source.num_points, f"facets of {what}")
         if len(rows) == 0:
             return np.zeros(0, dtype=np.int32)
-        topology = self.mesh.topology
-        topology.create_connectivity(2, 0)
-        topology.create_connectivity(2, 3)
-        triples = self.point_of_vertex[topology.connectivity(2, 0).array].reshape(-1, 3)
-        on_boundary = np.diff(topology.connectivity(2, 3).offsets) == 1
-        numbers = {
-            tuple(triple): number
-            for number, triple in zip(
-                np.flatnonzero(on_boundary), np.sort(triples[on_boundary], axis=1), strict=True
-            )
-        }
         try:
-            found = [numbers[tuple(row)] for row in np.sort(rows, axis=1)]
+            found = [self._boundary_numbers[tuple(row)] for row in np.sort(rows, axis=1).tolist()]
         except KeyError as error:
             points = [int(p) for p in error.args[0]]
             raise InputError(
@@ -113,7 +115,8 @@ def transfer(mesh: TetMesh) -> TransferredMesh:
     nodes = fenicsx.cell_nodes(received)
     point_of_node = np.asarray(received.geometry.input_global_indices, dtype=np.int32)
     cell_of_cell = np.asarray(topology.original_cell_index, dtype=np.int32)
-    topology.create_connectivity(3, 0)
+    for pair in ((3, 0), (2, 0), (2, 3)):
+        topology.create_connectivity(*pair)
     vertices = topology.connectivity(3, 0).array
     point_of_vertex = np.full(topology.index_map(0).size_local, -1, dtype=np.int32)
     point_of_vertex[vertices] = point_of_node[nodes.ravel()]

@@ -1,0 +1,173 @@
+"""The reference in its own process: answers, failures, time limits, spoiled caches."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem_files import save_problem
+from palpate.reference import child
+from palpate.reference.availability import is_available
+from palpate.reference.child import child_environment, solve_static_in_child
+from palpate.reference.errors import (
+    ReferenceCrashedError,
+    ReferenceNotConvergedError,
+    ReferenceTimeoutError,
+    ReferenceUnavailableError,
+)
+
+if is_available():
+    from palpate.reference.statics import solve_static
+
+pytestmark = pytest.mark.dolfinx
+
+
+@pytest.fixture
+def beam(box):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    held = mesh.facet_groups["x0"]
+    supports = (Support(np.unique(held).astype(np.int32), held),)
+    return Problem(mesh, Material(1e4, 0.35), supports, (BodyForce((0.0, 90.0, -300.0)),))
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+def test_the_child_gives_the_same_answer_bit_for_bit(beam, strain):
+    lines = []
+    there = solve_static_in_child(beam, strain=strain, time_limit=120, progress=lines.append)
+    here = solve_static(beam, strain=strain)
+    assert np.array_equal(there.displacement, here.displacement)
+    assert there.strain is strain
+    assert (there.volume, there.load_steps) == (here.volume, here.load_steps)
+    assert there.versions["dolfinx"]
+    assert any("relative residual" in line for line in lines)
+
+
+def test_bad_input_comes_back_as_one_line(beam):
+    with pytest.raises(InputError, match="degree = 7") as caught:
+        solve_static_in_child(beam, degree=7, time_limit=120)
+    assert "\n" not in str(caught.value)
+
+
+def test_lost_equilibrium_comes_back_with_the_last_state(beam):
+    pushed = beam.mesh.facet_groups["x1"]
+    crushed = Problem(
+        beam.mesh, beam.material, beam.supports, (Traction(pushed, (-4000.0, 0.0, 0.0)),)
+    )
+    with pytest.raises(ReferenceNotConvergedError) as caught:
+        solve_static_in_child(crushed, time_limit=120)
+    assert 0.0 < caught.value.load_factor < 1.0
+    assert caught.value.displacement.shape == beam.mesh.points.shape
+    assert caught.value.displacement[:, 0].min() < 0.0
+
+
+def test_the_time_limit_ends_the_child_and_its_children(tmp_path, monkeypatch, beam):
+    # Stands in for a solve that hangs: a process that starts another and waits for ever.
+    hang = tmp_path / "hang.py"
+    hang.write_text(
+        "import subprocess, sys, pathlib\n"
+        "p = subprocess.Popen(['sleep', '1000'])\n"
+        f"pathlib.Path({str(tmp_path / 'pid')!r}).write_text(str(p.pid))\n"
+        "print('stuck', file=sys.stderr, flush=True)\n"
+        "p.wait()\n"
+    )
+    monkeypatch.setattr(child, "_command", lambda *_: [sys.executable, str(hang)])
+    start = time.monotonic()
+    with pytest.raises(ReferenceTimeoutError, match="2 s") as caught:
+        solve_static_in_child(beam, time_limit=2.0)
+    assert time.monotonic() - start < 20.0
+    assert "stuck" in caught.value.stderr_tail
+    assert not is_running(int((tmp_path / "pid").read_text()))
+
+
+def is_running(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+@pytest.mark.parametrize(
+    ("program", "how"),
+    [
+        ("import os; os.abort()", "SIGABRT"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "memory"),
+        ("raise RuntimeError('inner wheel fell off')", "inner wheel fell off"),
+        ("pass", "no readable answer"),
+    ],
+)
+def test_a_crash_is_told_with_its_cause(monkeypatch, beam, program, how):
+    monkeypatch.setattr(child, "_command", lambda *_: [sys.executable, "-c", program])
+    with pytest.raises(ReferenceCrashedError, match=how):
+        solve_static_in_child(beam, time_limit=60)
+
+
+def test_a_half_written_answer_is_a_crash(monkeypatch, beam):
+    def command(_given, answer, *_):
+        return [sys.executable, "-c", f"open({str(answer)!r}, 'wb').write(b'PK half')"]
+
+    monkeypatch.setattr(child, "_command", command)
+    with pytest.raises(ReferenceCrashedError, match="no readable answer"):
+        solve_static_in_child(beam, time_limit=60)
+
+
+def test_no_fenicsx_is_said_with_the_remedy(monkeypatch, beam):
+    def refuse():
+        raise ReferenceUnavailableError("FEniCSx (dolfinx) is not installed")
+
+    monkeypatch.setattr(child, "require_available", refuse)
+    with pytest.raises(ReferenceUnavailableError, match="not installed"):
+        solve_static_in_child(beam)
+
+
+def test_a_broken_fenicsx_is_unavailable_not_a_crash(tmp_path, monkeypatch, beam):
+    (tmp_path / "dolfinx").mkdir()
+    (tmp_path / "dolfinx" / "__init__.py").write_text("raise ImportError('libmpi.so.12')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ReferenceUnavailableError, match=r"libmpi\.so\.12"):
+        solve_static_in_child(beam, time_limit=60)
+
+
+def test_a_time_limit_of_zero_is_refused(beam):
+    with pytest.raises(InputError, match="time_limit"):
+        solve_static_in_child(beam, time_limit=0.0)
+
+
+def test_a_cache_spoiled_by_a_killed_run_is_mended(tmp_path, monkeypatch, beam):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    first = solve_static_in_child(beam, strain=Strain.LINEAR, time_limit=300)
+    ready = list(tmp_path.rglob("*.c.cached"))
+    assert ready
+    for mark in ready:
+        # What a run killed inside the compiler leaves: the source without its mark.
+        mark.unlink()
+    again = solve_static_in_child(beam, strain=Strain.LINEAR, time_limit=300)
+    assert np.array_equal(first.displacement, again.displacement)
+    assert len(list(tmp_path.rglob("*.c.cached"))) == len(ready)
+
+
+def test_the_child_ends_when_its_caller_dies(tmp_path, beam):
+    given = tmp_path / "problem.npz"
+    save_problem(given, beam)
+    process = subprocess.Popen(
+        [*child._command(given, tmp_path / "r.npz", Strain.GREEN, 1, 1e-10)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=child_environment(),
+    )
+    os.kill(process.pid, signal.SIGSTOP)
+    process.stdin.close()
+    os.kill(process.pid, signal.SIGCONT)
+    assert process.wait(timeout=60) == 1
+    assert not (tmp_path / "r.npz").exists()

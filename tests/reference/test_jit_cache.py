@@ -1,0 +1,54 @@
+"""The folder of compiled forms: private, locked, and free of what dead runs left."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from palpate.reference.child import child_environment
+from palpate.reference.jit_cache import cache_folder, locked, remove_unfinished
+
+
+def test_the_folder_is_private_and_named_by_versions(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = cache_folder("0.11.0")
+    assert folder.parent == tmp_path / "palpate"
+    assert "dolfinx-0.11.0" in folder.name
+    assert folder.stat().st_mode & 0o077 == 0
+    assert cache_folder("0.5.2") != folder
+
+
+def test_a_home_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    folder = cache_folder("0.11.0")
+    assert folder.is_dir()
+    assert folder.is_relative_to(tmp_path)
+
+
+def test_only_unfinished_sources_are_removed(tmp_path):
+    for name in ("done.c", "done.c.cached", "half.c", "half.o"):
+        (tmp_path / name).write_text("")
+    assert remove_unfinished(tmp_path) == ["half.c"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["done.c", "done.c.cached", "half.o"]
+
+
+def test_the_lock_dies_with_its_holder(tmp_path):
+    program = (
+        "import os, pathlib, sys\n"
+        "from palpate.reference.jit_cache import locked\n"
+        "with locked(pathlib.Path(sys.argv[1])):\n"
+        "    os.abort()\n"
+    )
+    killed = subprocess.run(
+        [sys.executable, "-P", "-c", program, str(tmp_path)],
+        env=child_environment(),
+        stderr=subprocess.DEVNULL,
+        check=False,
+    )
+    assert killed.returncode == -6
+    with locked(tmp_path):
+        assert (tmp_path / "lock").exists()

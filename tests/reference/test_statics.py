@@ -1,0 +1,344 @@
+"""Closed-form states of the Saint-Venant-Kirchhoff material, and honest ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.availability import is_available
+from palpate.reference.errors import ReferenceNotConvergedError
+
+if is_available():
+    from palpate.reference.residual import internal_force
+    from palpate.reference.statics import solve_static
+
+pytestmark = pytest.mark.dolfinx
+
+E, NU = 3000.0, 0.3
+MATERIAL = Material(E, NU, 1000.0)
+LMBDA, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+# TARGETS: closed homogeneous states to 1e-10.
+CLOSED = 1e-10
+
+
+def support(mesh, face, components=(True, True, True), displacement=(0.0, 0.0, 0.0)):
+    facets = mesh.facet_groups[face]
+    return Support(np.unique(facets).astype(np.int32), facets, components, displacement)
+
+
+def rollers(mesh):
+    """The planes x = 0, y = 0, z = 0 slide in themselves."""
+    axes = np.eye(3, dtype=bool)
+    return tuple(support(mesh, f, tuple(axes[k])) for k, f in enumerate(("x0", "y0", "z0")))
+
+
+def point_supports(mesh, displacement):
+    """Every boundary point held at its own displacement."""
+    points = np.unique(mesh.boundary_facets)
+    return tuple(
+        Support(np.array([p], dtype=np.int32), displacement=tuple(displacement[p])) for p in points
+    )
+
+
+def force_on(mesh, face, forces):
+    return forces[np.unique(mesh.facet_groups[face])].sum(axis=0)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    ("stretch", "stress_over_E", "lateral"),
+    [  # P/E = l (l^2 - 1) / 2; lateral stretch sqrt(1 - nu (l^2 - 1)), nu = 0.3
+        (0.80, -0.144000, 1.0526158),
+        (0.90, -0.085500, 1.0281051),
+        (1.10, 0.115500, 0.9679876),
+        (1.25, 0.3515625, 0.9117291),
+        (1.50, 0.937500, 0.7905694),
+    ],
+)
+def test_free_uniaxial_stretch_is_the_closed_form(box, stretch, stress_over_E, lateral, degree):
+    mesh = box(jitter=0.2)
+    P = E * stretch * (stretch**2 - 1) / 2
+    assert pytest.approx(stress_over_E, abs=5e-7) == P / E
+    side = np.sqrt(1 - NU * (stretch**2 - 1))
+    assert side == pytest.approx(lateral, abs=5e-8)
+    loads = (Traction(mesh.facet_groups["x1"], (P, 0.0, 0.0)),)
+    result = solve_static(Problem(mesh, MATERIAL, rollers(mesh), loads), degree=degree)
+    expected = mesh.points * (np.array([stretch, side, side]) - 1)
+    assert np.max(np.abs(result.displacement - expected)) <= CLOSED
+    assert result.volume == pytest.approx(stretch * side**2, rel=CLOSED)
+    assert result.surface_area == pytest.approx(4 * stretch * side + 2 * side**2, rel=CLOSED)
+    assert result.smallest_det_f == pytest.approx(stretch * side**2, rel=CLOSED)
+    strains = (np.array([stretch, side, side]) ** 2 - 1) / 2
+    psi = LMBDA / 2 * strains.sum() ** 2 + MU * (strains**2).sum()
+    assert result.strain_energy == pytest.approx(psi, rel=1e-9)
+    assert result.relative_residual <= 1e-10
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("stretch", [0.7, 0.9, 1.3])
+def test_confined_stretch_has_the_closed_form_stress(box, stretch, degree):
+    mesh = box(jitter=0.2)
+    axes = np.eye(3, dtype=bool)
+    supports = (
+        *rollers(mesh),
+        support(mesh, "y1", tuple(axes[1])),
+        support(mesh, "z1", tuple(axes[2])),
+        support(mesh, "x1", tuple(axes[0]), (stretch - 1, 0.0, 0.0)),
+    )
+    result = solve_static(Problem(mesh, MATERIAL, supports, ()), degree=degree)
+    expected = mesh.points * [stretch - 1, 0.0, 0.0]
+    assert np.max(np.abs(result.displacement - expected)) <= CLOSED
+    # P = a (lmbda + 2 mu) (a^2 - 1) / 2 on a unit face
+    P = stretch * (LMBDA + 2 * MU) * (stretch**2 - 1) / 2
+    forces = internal_force(mesh, result.displacement, material=MATERIAL)
+    assert force_on(mesh, "x1", forces)[0] == pytest.approx(P, rel=1e-9)
+
+
+def test_simple_shear_has_the_closed_form_stress(box):
+    mesh = box((3, 3, 3), jitter=0.2)
+    k = 0.4
+    shear = mesh.points[:, [1]] * [k, 0.0, 0.0]
+    result = solve_static(Problem(mesh, MATERIAL, point_supports(mesh, shear), ()))
+    assert np.max(np.abs(result.displacement - shear)) <= CLOSED
+    # P12 = mu k + k (lmbda + 2 mu) k^2 / 2; linear: mu k
+    P12 = MU * k + k * (LMBDA + 2 * MU) * k**2 / 2
+    for strain, expected in ((Strain.GREEN, P12), (Strain.LINEAR, MU * k)):
+        forces = internal_force(mesh, shear, material=MATERIAL, strain=strain)
+        # The virtual work of the mode u = y e1 over the unit cube is P12.
+        assert (forces[:, 0] * mesh.points[:, 1]).sum() == pytest.approx(expected, rel=CLOSED)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("strain", list(Strain))
+def test_affine_displacement_is_reproduced_on_a_ragged_mesh(box, strain, degree):
+    mesh = box((3, 3, 3), jitter=0.3)
+    gradient = np.array([[0.1, 0.05, -0.02], [0.03, -0.08, 0.04], [-0.06, 0.02, 0.12]])
+    # Point supports hold no edges, so a quadratic body is driven by the tractions instead.
+    affine = mesh.points @ gradient.T
+    if degree == 1:
+        problem = Problem(mesh, MATERIAL, point_supports(mesh, affine), ())
+        expected = affine
+    else:
+        # Tractions P N of the affine state, and only the rigid motions held.
+        problem, expected = affine_by_tractions(mesh, gradient, strain)
+    result = solve_static(problem, strain=strain, degree=degree)
+    assert np.max(np.abs(result.displacement - expected)) <= CLOSED
+
+
+def affine_by_tractions(mesh: TetMesh, gradient, strain):
+    F = np.eye(3) + gradient
+    green = (F.T @ F - np.eye(3)) / 2
+    eps = (gradient + gradient.T) / 2
+    law = lambda e: LMBDA * np.trace(e) * np.eye(3) + 2 * MU * e  # noqa: E731
+    P = F @ law(green) if strain is Strain.GREEN else law(eps)
+    normals = {"x0": -P[:, 0], "x1": P[:, 0], "y0": -P[:, 1]}
+    normals |= {"y1": P[:, 1], "z0": -P[:, 2], "z1": P[:, 2]}
+    loads = tuple(Traction(mesh.facet_groups[f], tuple(t)) for f, t in normals.items())
+    at = lambda *x: int(np.flatnonzero(np.all(mesh.points == x, axis=1))[0])  # noqa: E731
+    affine = mesh.points @ gradient.T
+    held = [  # 3-2-1: origin, then y and z on the x axis, then z on the y axis
+        (at(0, 0, 0), (True, True, True)),
+        (at(1, 0, 0), (False, True, True)),
+        (at(0, 1, 0), (False, False, True)),
+    ]
+    supports = tuple(
+        Support(np.array([p], dtype=np.int32), components=c, displacement=tuple(affine[p]))
+        for p, c in held
+    )
+    return Problem(mesh, MATERIAL, supports, loads), affine
+
+
+def test_stretch_after_a_large_rotation_meets_code_aster_ssnv121(box):
+    # V6.04.121: stretch 1.1, confined, E = 200 000 MPa, nu = 0.3: 31 096.154 MPa.
+    mesh = box(jitter=0.2)
+    steel = Material(2e11, 0.3, 7800.0)
+    angle = np.radians(60.0)
+    c, s = np.cos(angle), np.sin(angle)
+    Q = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    F = Q @ np.diag([1.1, 1.0, 1.0])
+    moved = mesh.points @ (F - np.eye(3)).T
+    result = solve_static(Problem(mesh, steel, point_supports(mesh, moved), ()))
+    assert np.max(np.abs(result.displacement - moved)) <= CLOSED
+    forces = internal_force(mesh, result.displacement, material=steel)
+    # Work of the stretching mode u = Q e1 x over the unit cube is P11 of the unrotated frame.
+    stress = (forces @ Q[:, 0] * mesh.points[:, 0]).sum()
+    assert stress / 1e6 == pytest.approx(31096.153846, rel=1e-9)
+    linear = internal_force(mesh, result.displacement, material=steel, strain=Strain.LINEAR)
+    assert abs((linear @ Q[:, 0] * mesh.points[:, 0]).sum() / 1e6 - 31096.15) > 1000.0
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_follower_pressure_on_all_faces_shrinks_a_cube_evenly(box, degree):
+    mesh = box(jitter=0.2)
+    stretch = 0.93
+    # P = l (3 lmbda + 2 mu) (l^2 - 1) / 2 balances -p l^2 per rest area.
+    pressure = -(3 * LMBDA + 2 * MU) * (stretch**2 - 1) / (2 * stretch)
+    problem, _ = affine_by_tractions(mesh, (stretch - 1) * np.eye(3), Strain.GREEN)
+    loads = (Pressure(mesh.boundary_facets, pressure),)
+    result = solve_static(Problem(mesh, MATERIAL, problem.supports, loads), degree=degree)
+    assert np.max(np.abs(result.displacement - (stretch - 1) * mesh.points)) <= CLOSED
+    dead = -pressure * np.eye(3)
+    tractions = tuple(
+        Traction(mesh.facet_groups[f], tuple((-1 if f[1] == "0" else 1) * dead["xyz".index(f[0])]))
+        for f in mesh.facet_groups
+    )
+    control = solve_static(Problem(mesh, MATERIAL, problem.supports, tractions), degree=degree)
+    assert np.max(np.abs(control.displacement - result.displacement)) > 1e-3
+
+
+def test_linear_pressure_acts_on_the_rest_surface(box):
+    mesh = box()
+    pressure = Problem(mesh, MATERIAL, rollers(mesh), (Pressure(mesh.facet_groups["x1"], 50.0),))
+    traction = Problem(
+        mesh, MATERIAL, rollers(mesh), (Traction(mesh.facet_groups["x1"], (-50.0, 0.0, 0.0)),)
+    )
+    left, right = (solve_static(p, strain=Strain.LINEAR) for p in (pressure, traction))
+    scale = np.max(np.abs(right.displacement))
+    assert np.max(np.abs(left.displacement - right.displacement)) <= 1e-12 * scale
+    assert right.displacement[-1, 0] == pytest.approx(-50.0 / E, rel=CLOSED)
+
+
+def test_hanging_bar_is_quadratic_in_its_length(box):
+    # nu = 0, linear: u = b (L x - x^2 / 2) / E, in the quadratic space: exact at its vertices.
+    mesh = box((4, 1, 1), (2.0, 0.5, 0.5))
+    material = Material(E, 0.0)
+    b, x = 100.0, mesh.points[:, 0]
+    problem = Problem(mesh, material, rollers(mesh), (BodyForce((b, 0.0, 0.0)),))
+    result = solve_static(problem, strain=Strain.LINEAR, degree=2)
+    exact = b * (2.0 * x - x**2 / 2) / E
+    assert np.max(np.abs(result.displacement[:, 0] - exact)) <= CLOSED * np.max(exact)
+    # volume = integral of 1 + du/dx, a polynomial: 0.25 (2 + u(2))
+    assert result.volume == pytest.approx(0.25 * (2.0 + exact.max()), rel=CLOSED)
+
+
+def test_reactions_carry_the_loads(box):
+    mesh = box((4, 2, 2), (1.0, 0.3, 0.3))
+    tip = int(np.flatnonzero(np.all(mesh.points == [1.0, 0.3, 0.3], axis=1))[0])
+    pull = np.array([[0.4, -0.3, 0.7]])
+    loads = (
+        PointForce(np.array([tip], dtype=np.int32), pull),
+        BodyForce((0.0, 3.0, -50.0)),
+        Traction(mesh.facet_groups["z1"], (5.0, 0.0, -7.0)),
+    )
+    result = solve_static(Problem(mesh, MATERIAL, (support(mesh, "x0"),), loads))
+    forces = internal_force(mesh, result.displacement, material=MATERIAL)
+    applied = pull[0] + 0.09 * np.array([0.0, 3.0, -50.0]) + 0.3 * np.array([5.0, 0.0, -7.0])
+    held = np.unique(mesh.facet_groups["x0"])
+    free = np.setdiff1d(np.arange(mesh.num_points), held)
+    # What the nodes carry outside the support is the load's share there; reactions are the rest.
+    assert np.abs(forces.sum(axis=0)).max() <= 1e-10 * np.abs(applied).max()
+    share = mesh_share(mesh, held, pull[0], tip)
+    assert np.allclose(forces[free].sum(axis=0), applied - share, rtol=0.0, atol=1e-7)
+
+
+def mesh_share(mesh, held, pull, tip):
+    """Part of the three loads that lands on held nodes, by their shares of volume and area."""
+    from palpate.meshes.tet_mesh import signed_volumes
+
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    on_held = np.isin(mesh.cells, held).sum(axis=1) / 4
+    facets = mesh.facet_groups["z1"]
+    a, b, c = (mesh.points[facets[:, k]] for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    area = (areas * np.isin(facets, held).sum(axis=1) / 3).sum()
+    share = (volumes * on_held).sum() * np.array([0.0, 3.0, -50.0])
+    return share + area * np.array([5.0, 0.0, -7.0]) + (pull if tip in held else 0.0)
+
+
+def test_compression_past_the_limit_ends_where_theory_says(box):
+    # Dead P/E = -0.25; equilibrium ends at the peak P/E = -0.1924501, load factor 0.7698.
+    mesh = box()
+    loads = (Traction(mesh.facet_groups["x1"], (-0.25 * E, 0.0, 0.0)),)
+    with pytest.raises(ReferenceNotConvergedError) as caught:
+        solve_static(Problem(mesh, MATERIAL, rollers(mesh), loads))
+    error = caught.value
+    peak = 1 / (3 * np.sqrt(3)) / 0.25
+    assert peak - 2e-3 <= error.load_factor <= peak
+    assert error.reason
+    assert error.smallest_det_f > 0.0
+    stretch = 1 + error.displacement[:, 0].min()
+    assert stretch == pytest.approx(1 / np.sqrt(3), abs=0.05)
+
+
+@pytest.mark.parametrize("push", [-1.0, -1e3])
+def test_absurd_loads_are_not_called_converged(box, push):
+    mesh = box((3, 3, 3))
+    loads = (Traction(mesh.facet_groups["x1"], (push * E, 0.3 * push * E, 0.0)),)
+    with pytest.raises(ReferenceNotConvergedError) as caught:
+        solve_static(Problem(mesh, MATERIAL, (support(mesh, "x0"),), loads))
+    assert caught.value.load_factor < 1.0
+    assert caught.value.smallest_det_f > 0.0
+    assert np.isfinite(caught.value.displacement).all()
+
+
+def test_quadratic_body_is_softer_and_keeps_its_bent_volume(box):
+    mesh = box((6, 1, 1), (1.0, 0.1, 0.1))
+    loads = (BodyForce((0.0, 0.0, -40.0)),)
+    problem = Problem(mesh, Material(2e5, 0.3), (support(mesh, "x0"),), loads)
+    linear, quadratic = (solve_static(problem, degree=p) for p in (1, 2))
+    assert quadratic.displacement[:, 2].min() < 1.2 * linear.displacement[:, 2].min() < 0.0
+    assert quadratic.volume == pytest.approx(problem.mesh.volume, rel=1e-3)
+
+
+def test_the_answer_does_not_depend_on_the_numbering(box):
+    mesh = box((3, 2, 2), (0.6, 0.2, 0.2), jitter=0.2)
+    loads = (BodyForce((0.0, 30.0, -80.0)),)
+    material = Material(1e4, 0.4)
+    result = solve_static(Problem(mesh, material, (support(mesh, "x0"),), loads))
+    random = np.random.default_rng(3)
+    new = random.permutation(mesh.num_points)
+    points = np.empty_like(mesh.points)
+    points[new] = mesh.points
+    cells = new[mesh.cells][random.permutation(mesh.num_cells)][:, [1, 2, 0, 3]]
+    shuffled = TetMesh(points, cells, {"x0": new[mesh.facet_groups["x0"]]})
+    other = solve_static(Problem(shuffled, material, (support(shuffled, "x0"),), loads))
+    scale = np.max(np.abs(result.displacement))
+    assert np.max(np.abs(other.displacement[new] - result.displacement)) <= 1e-11 * scale
+
+
+def test_nothing_happens_without_loads(box):
+    mesh = box()
+    result = solve_static(Problem(mesh, MATERIAL, (support(mesh, "x0"),), ()))
+    assert not result.displacement.any()
+    assert result.relative_residual == 0.0
+    assert result.volume == pytest.approx(1.0, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"supports": ()}, "no support"),
+        ({"loads": (BodyForce((0.0, float("nan"), 0.0)),)}, "force_density"),
+        ({"loads": (Traction(np.array([[0, 1, 26]]), (1.0, 0.0, 0.0)),)}, "not on the boundary"),
+        ({"degree": 4}, "degree = 4"),
+        ({"relative_tolerance": 0.0}, "relative_tolerance"),
+    ],
+)
+def test_unusable_input_is_named(box, change, words):
+    mesh = box()
+    options = {k: v for k, v in change.items() if k in ("degree", "relative_tolerance")}
+    problem = Problem(
+        mesh,
+        MATERIAL,
+        change.get("supports", (support(mesh, "x0"),)),
+        change.get("loads", ()),
+    )
+    with pytest.raises(InputError, match=words):
+        solve_static(problem, **options)
+
+
+def test_contradicting_supports_are_refused(box):
+    mesh = box()
+    supports = (support(mesh, "x0"), support(mesh, "y0", displacement=(0.1, 0.0, 0.0)))
+    with pytest.raises(InputError, match="along x"):
+        solve_static(Problem(mesh, MATERIAL, supports, ()))

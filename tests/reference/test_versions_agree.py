@@ -1,0 +1,65 @@
+"""dolfinx 0.5 and 0.11 give the same answer to 1e-9.
+
+The other Python is named by the environment variable PALPATE_OTHER_PYTHON; PYTHONPATH must let it
+import palpate too, where palpate is not installed for it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem_files import save_problem
+from palpate.reference.child import solve_static_in_child
+from palpate.reference.result import load_result
+
+OTHER = os.environ.get("PALPATE_OTHER_PYTHON", "")
+
+pytestmark = [
+    pytest.mark.dolfinx,
+    pytest.mark.skipif(not OTHER, reason="PALPATE_OTHER_PYTHON names no second Python"),
+]
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_other_version_gives_the_same_answer(box, tmp_path, strain, degree):
+    mesh = box((4, 2, 2), (0.4, 0.1, 0.1), jitter=0.2)
+    held = mesh.facet_groups["x0"]
+    problem = Problem(
+        mesh,
+        Material(2e4, 0.4),
+        (Support(np.unique(held).astype(np.int32), held),),
+        (
+            BodyForce((0.0, 200.0, -600.0)),
+            Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
+            Pressure(mesh.facet_groups["z1"], 80.0),
+        ),
+    )
+    given, answer = tmp_path / "problem.npz", tmp_path / "result.npz"
+    save_problem(given, problem)
+    subprocess.run(
+        [
+            *(OTHER, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
+            *("--strain", strain.value, "--degree", str(degree)),
+        ],
+        check=True,
+        timeout=500,
+        stdout=subprocess.DEVNULL,
+        # Not the C environment, where this process's MPI has left its mark.
+        env=dict(os.environ),
+    )
+    there = load_result(answer)
+    here = solve_static_in_child(problem, strain=strain, degree=degree, time_limit=500)
+    assert there.versions["dolfinx"] != here.versions["dolfinx"], f"{OTHER} and {sys.executable}"
+    scale = np.max(np.abs(here.displacement))
+    assert scale > 1e-3
+    assert np.max(np.abs(there.displacement - here.displacement)) <= 1e-9 * scale
+    for name in ("volume", "surface_area", "smallest_det_f", "strain_energy"):
+        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=1e-9)
