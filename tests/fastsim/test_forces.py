@@ -1,0 +1,216 @@
+"""Forces on meshes: derivatives, invariance, patch, loads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.fastsim import _core
+from palpate.fastsim.forces import (
+    STRAIN_MEASURE,
+    assemble_internal_force,
+    external_force,
+    lame_parameters,
+    lumped_mass,
+    strain_energy,
+)
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    PointForce,
+    Pressure,
+    Traction,
+)
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+
+TISSUE = Material(1e4, 0.4, 1000.0)
+BOTH = pytest.mark.parametrize("strain", list(Strain))
+
+
+def random_displacement(mesh: TetMesh, amplitude: float = 0.03, seed: int = 1) -> np.ndarray:
+    return amplitude * np.random.default_rng(seed).standard_normal(mesh.points.shape)
+
+
+def rotation(angle: float) -> np.ndarray:
+    axis = np.array([1.0, 2.0, -0.5])
+    x, y, z = axis / np.linalg.norm(axis)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+
+
+@BOTH
+def test_force_is_the_derivative_of_the_energy(ragged_box: TetMesh, strain: Strain) -> None:
+    u = random_displacement(ragged_box)
+    force = assemble_internal_force(ragged_box, u, material=TISSUE, strain=strain)
+    direction = random_displacement(ragged_box, 1.0, seed=2)
+    h = 1e-5
+    ahead, behind = (
+        strain_energy(ragged_box, u + s * h * direction, material=TISSUE, strain=strain)
+        for s in (1.0, -1.0)
+    )
+    slope = float(np.sum(force * direction))
+    assert abs(slope) > 1e-3 * np.linalg.norm(force) * np.linalg.norm(direction)
+    assert (ahead - behind) / (2.0 * h) == pytest.approx(slope, rel=1e-7)
+
+
+@BOTH
+def test_tangent_is_the_derivative_of_the_force(ragged_box: TetMesh, strain: Strain) -> None:
+    u = random_displacement(ragged_box)
+    direction = random_displacement(ragged_box, 1.0, seed=3)
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    solid.assemble_tangent(u, *lame_parameters(TISSUE), STRAIN_MEASURE[strain])
+    product = np.empty_like(u)
+    solid.multiply_tangent(direction, product)
+    h = 1e-6
+    ahead, behind = (
+        assemble_internal_force(ragged_box, u + s * h * direction, material=TISSUE, strain=strain)
+        for s in (1.0, -1.0)
+    )
+    difference = (ahead - behind) / (2.0 * h)
+    assert np.abs(product).max() > 1e3
+    assert np.abs(difference - product).max() < 1e-7 * np.abs(product).max()
+
+
+@BOTH
+def test_tangent_is_symmetric(ragged_box: TetMesh, strain: Strain) -> None:
+    u = random_displacement(ragged_box)
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    solid.assemble_tangent(u, *lame_parameters(TISSUE), STRAIN_MEASURE[strain])
+    x, y = random_displacement(ragged_box, 1.0, 4), random_displacement(ragged_box, 1.0, 5)
+    Kx, Ky = np.empty_like(x), np.empty_like(x)
+    solid.multiply_tangent(x, Kx)
+    solid.multiply_tangent(y, Ky)
+    scale = np.linalg.norm(y) * np.linalg.norm(Kx)
+    assert abs(np.sum(y * Kx) - np.sum(x * Ky)) < 100 * np.finfo(float).eps * scale
+
+
+def test_rigid_rotation_gives_no_force_with_green_strain_only(ragged_box: TetMesh) -> None:
+    u = ragged_box.points @ (rotation(0.7) - np.eye(3)).T + np.array([0.3, -1.0, 2.0])
+    scale = TISSUE.youngs_modulus * ragged_box.surface_area
+    green = assemble_internal_force(ragged_box, u, material=TISSUE, strain=Strain.GREEN)
+    linear = assemble_internal_force(ragged_box, u, material=TISSUE, strain=Strain.LINEAR)
+    assert np.abs(green).max() < 100 * np.finfo(float).eps * scale
+    assert np.abs(linear).max() > 1e-3 * scale
+
+
+def test_rotating_the_deformed_body_rotates_the_force(ragged_box: TetMesh) -> None:
+    u, R = random_displacement(ragged_box), rotation(1.1)
+    turned = (ragged_box.points + u) @ R.T - ragged_box.points
+    force = assemble_internal_force(ragged_box, u, material=TISSUE)
+    force_turned = assemble_internal_force(ragged_box, turned, material=TISSUE)
+    atol = 1e-13 * TISSUE.youngs_modulus
+    np.testing.assert_allclose(force_turned, force @ R.T, rtol=0.0, atol=atol)
+
+
+def test_renumbering_the_points_renumbers_the_force(ragged_box: TetMesh) -> None:
+    order = np.random.default_rng(6).permutation(ragged_box.num_points)
+    place = np.argsort(order).astype(np.int32)
+    renumbered = TetMesh(ragged_box.points[order], place[ragged_box.cells])
+    u = random_displacement(ragged_box)
+    force = assemble_internal_force(ragged_box, u, material=TISSUE)
+    other = assemble_internal_force(renumbered, u[order], material=TISSUE)
+    np.testing.assert_allclose(other, force[order], rtol=0.0, atol=1e-13 * np.abs(force).max())
+
+
+@BOTH
+def test_forces_sum_to_zero_and_green_moments_too(ragged_box: TetMesh, strain: Strain) -> None:
+    u = random_displacement(ragged_box)
+    force = assemble_internal_force(ragged_box, u, material=TISSUE, strain=strain)
+    scale = np.abs(force).sum()
+    assert np.abs(force.sum(axis=0)).max() < 1e-14 * scale
+    if strain is Strain.GREEN:
+        moment = np.cross(ragged_box.points + u, force).sum(axis=0)
+        assert np.abs(moment).max() < 1e-14 * scale
+
+
+@BOTH
+def test_affine_displacement_leaves_inner_points_in_balance(
+    ragged_box: TetMesh, strain: Strain
+) -> None:
+    """Patch test: constant stress on a ragged mesh."""
+    gradient = np.array([[0.1, 0.05, 0.0], [-0.02, -0.1, 0.03], [0.04, 0.0, 0.2]])
+    force = assemble_internal_force(
+        ragged_box, ragged_box.points @ gradient.T, material=TISSUE, strain=strain
+    )
+    inner = np.setdiff1d(np.arange(ragged_box.num_points), ragged_box.boundary_facets)
+    assert inner.size > 5
+    assert np.abs(force[inner]).max() < 1e-13 * np.abs(force).max()
+
+
+def test_scaling_the_units_scales_the_force(ragged_box: TetMesh) -> None:
+    u = random_displacement(ragged_box)
+    metres = assemble_internal_force(ragged_box, u, material=TISSUE)
+    in_mm = TetMesh(1e3 * ragged_box.points, ragged_box.cells)
+    mega = Material(TISSUE.youngs_modulus * 1e-6, TISSUE.poissons_ratio)
+    newtons = assemble_internal_force(in_mm, 1e3 * u, material=mega)
+    np.testing.assert_allclose(newtons, metres, rtol=0.0, atol=1e-13 * np.abs(metres).max())
+
+
+def loaded(mesh: TetMesh, *loads: Load) -> Problem:
+    return Problem(mesh, TISSUE, (), loads)
+
+
+def test_every_load_gives_its_resultant(ragged_box: TetMesh) -> None:
+    """Resultants: traction times area, force density times volume, the point forces."""
+    top = ragged_box.boundary_facets[
+        (ragged_box.points[ragged_box.boundary_facets][:, :, 2] > 1.2 - 1e-9).all(axis=1)
+    ]
+    traction = external_force(loaded(ragged_box, Traction(top, (1.0, -2.0, 3.0))))
+    np.testing.assert_allclose(traction.sum(axis=0), np.array([1.0, -2.0, 3.0]) * 1.6, rtol=1e-13)
+    body = external_force(loaded(ragged_box, BodyForce((0.0, 5.0, -9.0))))
+    np.testing.assert_allclose(
+        body.sum(axis=0), np.array([0.0, 5.0, -9.0]) * 1.6 * 1.2, rtol=0.0, atol=1e-12
+    )
+    twice = np.array([3, 3], dtype=np.int32)
+    point = external_force(
+        loaded(ragged_box, PointForce(twice, np.array([[1.0, 0, 0], [2, 0, 1]])))
+    )
+    np.testing.assert_array_equal(point[3], [3.0, 0.0, 1.0])
+    assert np.count_nonzero(point) == 2
+
+
+def test_pressure_pushes_inwards_and_follows_the_body(ragged_box: TetMesh) -> None:
+    top = ragged_box.boundary_facets[
+        (ragged_box.points[ragged_box.boundary_facets][:, :, 2] > 1.2 - 1e-9).all(axis=1)
+    ]
+    problem = loaded(ragged_box, Pressure(top, 7.0))
+    # 7 Pa on 1.6 m2, downwards.
+    rest = external_force(problem).sum(axis=0)
+    np.testing.assert_allclose(rest, [0.0, 0.0, -11.2], rtol=0.0, atol=1e-12)
+    R = rotation(0.9)
+    turned = external_force(problem, ragged_box.points @ (R - np.eye(3)).T).sum(axis=0)
+    np.testing.assert_allclose(turned, R @ rest, rtol=0.0, atol=1e-12)
+    everywhere = loaded(ragged_box, Pressure(ragged_box.boundary_facets, 7.0))
+    closed = external_force(everywhere, random_displacement(ragged_box)).sum(axis=0)
+    np.testing.assert_allclose(closed, 0.0, rtol=0.0, atol=1e-12)
+
+
+def test_lumped_mass_sums_to_the_mass(ragged_box: TetMesh) -> None:
+    mass = lumped_mass(ragged_box, 1000.0)
+    assert mass.min() > 0.0
+    assert mass.sum() == pytest.approx(1000.0 * 1.6 * 1.2, rel=1e-13)
+
+
+@pytest.mark.parametrize("bad", [np.zeros((4, 3)), np.zeros(12)])
+def test_wrong_shape_is_refused(ragged_box: TetMesh, bad: np.ndarray) -> None:
+    with pytest.raises(InputError, match="displacement has shape"):
+        assemble_internal_force(ragged_box, bad, material=TISSUE)
+
+
+def test_nan_is_refused_with_its_point(ragged_box: TetMesh) -> None:
+    u = np.zeros_like(ragged_box.points)
+    u[5, 1] = np.nan
+    with pytest.raises(InputError, match="point 5"):
+        assemble_internal_force(ragged_box, u, material=TISSUE)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int64])
+def test_the_core_takes_no_other_type_silently(ragged_box: TetMesh, kind: type) -> None:
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    u = np.zeros(ragged_box.points.shape, dtype=kind)
+    with pytest.raises(TypeError):
+        solid.internal_force(u, 1.0, 1.0, _core.StrainMeasure.green, np.zeros_like(u))
+    with pytest.raises(TypeError):
+        _core.Solid.make(ragged_box.points, ragged_box.cells.astype(np.int64))
