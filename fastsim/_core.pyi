@@ -34,6 +34,12 @@ class Solid:
     def assemble_tangent(
         self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
     ) -> None: ...
+    def add_pressure_tangent(
+        self,
+        displaced_points: NDArray[np.float64],
+        facets: NDArray[np.int32],
+        pressure: float,
+    ) -> None: ...
     def multiply_tangent(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None: ...
     def solve_tangent(
         self,

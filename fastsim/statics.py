@@ -170,7 +170,7 @@ class _Newton:
         residual, internal = self._residual(displacement, factor)
         outcome = _Outcome(None, history=history)
         for _ in range(self.max_iterations):
-            self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
+            self._assemble_tangent(displacement, factor)
             right_side = residual
             if np.any(jump):
                 through = np.empty_like(jump)
@@ -216,6 +216,16 @@ class _Newton:
         self._solid.internal_force(displacement, self._lmbda, self._mu, self._measure, internal)
         load = external_force(self.problem, displacement) if self._follows else self._load
         return factor * load - internal, internal
+
+    def _assemble_tangent(self, displacement: Points, factor: float) -> None:
+        self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
+        if not self._follows:
+            return
+        displaced = self.problem.mesh.points + displacement
+        for load in self.problem.loads:
+            if isinstance(load, Pressure):
+                facets = np.ascontiguousarray(load.facets, dtype=np.int32)
+                self._solid.add_pressure_tangent(displaced, facets, factor * load.pressure)
 
     def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
         """Solve K x = b; early Newton steps need few digits, the last ones many."""

@@ -21,6 +21,7 @@ template <typename T>
 using Table3 = nb::ndarray<T, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using Vector = nb::ndarray<T, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
 
 template <typename Array> auto as_span(Array &array) {
@@ -59,7 +60,8 @@ void bind_mechanics(nb::module_ &module) {
         .value("iteration_limit", SolveStatus::iteration_limit);
 
     nb::class_<Solid>(module, "Solid")
-        .def_static("make", &make_solid, nb::arg("points").noconvert(), nb::arg("cells").noconvert())
+        .def_static("make", &make_solid, nb::arg("points").noconvert(),
+                    nb::arg("cells").noconvert())
         .def(
             "internal_force",
             [](const Solid &solid, Table3<const double> displacement, double lmbda, double mu,
@@ -93,10 +95,20 @@ void bind_mechanics(nb::module_ &module) {
                 nb::gil_scoped_release release;
                 if (solid.matrix.num_points == 0)
                     solid.matrix = make_block_matrix(solid.num_points, solid.cells);
-                assemble_tangent(solid.rest, solid.cells, as_span(displacement), {lmbda, mu}, strain,
-                                 solid.matrix);
+                assemble_tangent(solid.rest, solid.cells, as_span(displacement), {lmbda, mu},
+                                 strain, solid.matrix);
             },
             nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"))
+        .def(
+            "add_pressure_tangent",
+            [](Solid &solid, Table3<const double> displaced_points, Facets facets,
+               double pressure) {
+                nb::gil_scoped_release release;
+                add_pressure_tangent(as_span(displaced_points), as_span(facets), pressure,
+                                     solid.matrix);
+            },
+            nb::arg("displaced_points").noconvert(), nb::arg("facets").noconvert(),
+            nb::arg("pressure"))
         .def(
             "multiply_tangent",
             [](const Solid &solid, Table3<const double> x, Table3<double> y) {
@@ -127,8 +139,8 @@ void bind_mechanics(nb::module_ &module) {
                 const StepOutcome outcome = central_difference(
                     solid.rest, solid.cells, {lmbda, mu}, strain, as_span(lumped_mass),
                     as_span(external_force), as_span(is_free),
-                    {time_step, mass_damping, displacement_limit}, num_steps,
-                    as_span(displacement), as_span(previous));
+                    {time_step, mass_damping, displacement_limit}, num_steps, as_span(displacement),
+                    as_span(previous));
                 return std::make_tuple(outcome.steps_done, outcome.is_blown_up);
             },
             nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"), nb::arg("lumped_mass").noconvert(),

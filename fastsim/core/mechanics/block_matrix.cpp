@@ -59,13 +59,48 @@ void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
     for (std::size_t c = 0; c < rest.volumes.size(); ++c) {
         const Matrix3 h =
             displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]);
-        const auto local =
-            tangent_blocks(h, rest.gradients[c], rest.volumes[c], lame, strain);
+        const auto local = tangent_blocks(h, rest.gradients[c], rest.volumes[c], lame, strain);
         for (std::size_t k = 0; k < 16; ++k) {
             Matrix3 &block = matrix.blocks[matrix.cell_position[16 * c + k]];
             for (std::size_t e = 0; e < 9; ++e)
                 block[e] += local[k][e];
         }
+    }
+}
+
+void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
+                          double pressure, BlockMatrix &matrix) {
+    for (std::size_t t = 0; t < facets.size() / 3; ++t) {
+        std::array<std::size_t, 3> corner{};
+        std::array<const double *, 3> x{};
+        for (std::size_t k = 0; k < 3; ++k) {
+            corner[k] = static_cast<std::size_t>(facets[3 * t + k]);
+            x[k] = displaced_points.data() + 3 * corner[k];
+        }
+        for (std::size_t k = 0; k < 3; ++k)
+            for (std::size_t l = 0; l < 3; ++l) {
+                if (k == l)
+                    continue;
+                // e_l - e_k, with e_l = x_{l+2} - x_{l+1}.
+                std::array<double, 3> v{};
+                for (std::size_t j = 0; j < 3; ++j)
+                    v[j] = pressure / 12.0 *
+                           ((x[(l + 2) % 3][j] - x[(l + 1) % 3][j]) -
+                            (x[(k + 2) % 3][j] - x[(k + 1) % 3][j]));
+                const auto first = matrix.columns.begin() +
+                                   static_cast<std::ptrdiff_t>(matrix.row_start[corner[k]]);
+                const auto last = matrix.columns.begin() +
+                                  static_cast<std::ptrdiff_t>(matrix.row_start[corner[k] + 1]);
+                const auto place = std::lower_bound(first, last, facets[3 * t + l]);
+                Matrix3 &m =
+                    matrix.blocks[static_cast<std::size_t>(place - matrix.columns.begin())];
+                m[1] -= v[2];
+                m[2] += v[1];
+                m[3] += v[2];
+                m[5] -= v[0];
+                m[6] -= v[1];
+                m[7] += v[0];
+            }
     }
 }
 

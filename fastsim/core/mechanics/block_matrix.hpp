@@ -26,6 +26,13 @@ void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
                       std::span<const double> displacement, Lame lame, StrainMeasure strain,
                       BlockMatrix &matrix);
 
+/// Adds the symmetric part of the tangent of a follower pressure on `facets` (3 points each), at
+/// points as displaced. With f_k = -p/3 N on each corner and dN/dx_l = [e_l]_x / 2, e_l the edge
+/// opposite corner l, the block is p/12 [e_l - e_k]_x. What is left out lives on the rim of the
+/// loaded patch only; inside, and on a rim that is held, pressure has a potential.
+void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
+                          double pressure, BlockMatrix &matrix);
+
 /// y = A x.
 void multiply(const BlockMatrix &matrix, std::span<const double> x, std::span<double> y);
 

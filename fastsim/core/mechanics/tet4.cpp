@@ -134,8 +134,8 @@ std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradient
     Matrix3 fft{};
     for (std::size_t i = 0; i < 3; ++i)
         for (std::size_t j = 0; j < 3; ++j)
-            fft[3 * i + j] = f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] +
-                             f[3 * i + 2] * f[3 * j + 2];
+            fft[3 * i + j] =
+                f[3 * i] * f[3 * j] + f[3 * i + 1] * f[3 * j + 1] + f[3 * i + 2] * f[3 * j + 2];
     const auto g = all_gradients(gradients);
     std::array<std::array<double, 3>, 4> fg{}, sg{};
     for (std::size_t a = 0; a < 4; ++a)
@@ -151,9 +151,9 @@ std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradient
             Matrix3 &k = blocks[4 * a + b];
             for (std::size_t i = 0; i < 3; ++i)
                 for (std::size_t j = 0; j < 3; ++j)
-                    k[3 * i + j] =
-                        volume * (geometric * identity[3 * i + j] + lame.lmbda * fg[a][i] * fg[b][j] +
-                                  lame.mu * (gg * fft[3 * i + j] + fg[b][i] * fg[a][j]));
+                    k[3 * i + j] = volume * (geometric * identity[3 * i + j] +
+                                             lame.lmbda * fg[a][i] * fg[b][j] +
+                                             lame.mu * (gg * fft[3 * i + j] + fg[b][i] * fg[a][j]));
         }
     return blocks;
 }
@@ -170,8 +170,9 @@ void add_internal_force(const RestCells &rest, std::span<const Index> cells,
         for (std::size_t a = 0; a < 3; ++a) {
             double *fa = force.data() + 3 * at(cell[a + 1]);
             for (std::size_t i = 0; i < 3; ++i) {
-                const double f = rest.volumes[c] * (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] +
-                                                    p[3 * i + 2] * g[3 * a + 2]);
+                const double f =
+                    rest.volumes[c] * (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] +
+                                       p[3 * i + 2] * g[3 * a + 2]);
                 fa[i] += f;
                 f0[i] -= f;
             }
@@ -184,17 +185,17 @@ double strain_energy(const RestCells &rest, std::span<const Index> cells,
     double energy = 0.0;
     for (std::size_t c = 0; c < rest.volumes.size(); ++c)
         energy += rest.volumes[c] *
-                  strain_energy_density(displacement_gradient(rest.gradients[c],
-                                                              displacement.data(), &cells[4 * c]),
-                                        lame, strain);
+                  strain_energy_density(
+                      displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]),
+                      lame, strain);
     return energy;
 }
 
 void cell_det_f(const RestCells &rest, std::span<const Index> cells,
                 std::span<const double> displacement, std::span<double> out) {
     for (std::size_t c = 0; c < rest.volumes.size(); ++c)
-        out[c] = det_f(
-            displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]));
+        out[c] =
+            det_f(displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]));
 }
 
 } // namespace fastsim
