@@ -109,7 +109,7 @@ class Newton:
         target = load_factor * eq.held.values
         u = start.copy()
         det_f = self._sampler.smallest(u)
-        rounding, first, relative = 0.0, 0.0, math.inf
+        rounding, first, last_norm, relative = 0.0, 0.0, 0.0, math.inf
         for iteration in range(self._max_iterations + 1):
             internal = eq.internal_force(u)
             external = load_factor * eq.external_force(u)
@@ -122,7 +122,9 @@ class Newton:
             if report:
                 report(iteration, relative, det_f)
             is_at_supports = bool(np.all(u[held] == target))
-            if is_at_supports and norm <= max(self._tolerance * scale, rounding):
+            is_stalled = norm > 0.5 * last_norm and norm <= rounding
+            last_norm = norm
+            if is_at_supports and (norm <= self._tolerance * scale or is_stalled):
                 return NewtonOutcome(u, True, "", iteration, relative)
             if iteration > 0 and not norm <= _LARGEST_GROWTH * first:
                 return NewtonOutcome(u, False, "the iteration diverges", iteration, relative)
