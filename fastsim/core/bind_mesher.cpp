@@ -1,8 +1,99 @@
-// Bindings of the mesher part of the core: no logic, no defaults.
+// Bindings of the mesher: no logic, no defaults. Python has checked every array.
+#include "mesher/mesh_surface.hpp"
+#include "mesher/predicates.hpp"
+
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstdint>
+#include <cstring>
+#include <tuple>
 
 namespace nb = nanobind;
+using namespace fastsim;
+
+namespace {
+
+using Points = nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+
+template <typename T, std::size_t width>
+nb::ndarray<nb::numpy, T> as_table(const std::vector<std::array<T, width>> &rows) {
+    T *copy = new T[rows.size() * width];
+    std::memcpy(copy, rows.data(), rows.size() * width * sizeof(T));
+    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
+    return nb::ndarray<nb::numpy, T>(copy, {rows.size(), width}, owner);
+}
+
+template <typename Row, typename Array> std::vector<Row> as_rows(const Array &array) {
+    std::vector<Row> rows(array.shape(0));
+    if (!rows.empty())
+        std::memcpy(rows.data(), array.data(), rows.size() * sizeof(Row));
+    return rows;
+}
+
+} // namespace
 
 void bind_mesher(nb::module_ &module);
 
-void bind_mesher(nb::module_ &) {}
+void bind_mesher(nb::module_ &module) {
+    nb::enum_<Lattice>(module, "Lattice")
+        .value("cubic", Lattice::cubic)
+        .value("body_centred", Lattice::body_centred);
+
+    module.def("orient3d", &orient3d, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("d"));
+    module.def("in_sphere", &in_sphere, nb::arg("a"), nb::arg("b"), nb::arg("c"), nb::arg("d"),
+               nb::arg("e"));
+
+    module.def(
+        "delaunay",
+        [](Points points) {
+            const auto rows = as_rows<Point>(points);
+            std::vector<Cell> cells;
+            std::vector<Index> twins;
+            {
+                nb::gil_scoped_release release;
+                TetComplex complex = start_in_cube(rows, 3.0);
+                for (const Point &p : rows)
+                    complex.add_point(p);
+                Index hint = 0;
+                for (const Index i : spatial_order(rows)) {
+                    Index twin = none;
+                    if (!insert_point(complex, i + 8, hint, {}, twin) && twin != none)
+                        twins.push_back(i);
+                }
+                for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
+                    if (complex.is_alive(static_cast<Index>(slot)))
+                        cells.push_back(complex.cell(static_cast<Index>(slot)));
+            }
+            return std::make_tuple(as_table<Index, 4>(cells), twins);
+        },
+        nb::arg("points").noconvert());
+
+    module.def(
+        "mesh_surface",
+        [](Points points, Facets facets, Lattice lattice, double edge_length, double jitter,
+           double clearance, std::uint64_t seed, double sliver_target, int sliver_passes) {
+            const auto point_rows = as_rows<Point>(points);
+            const auto facet_rows = as_rows<Triple>(facets);
+            SurfaceMesh mesh;
+            {
+                nb::gil_scoped_release release;
+                mesh = mesh_surface(point_rows, facet_rows,
+                                    {{lattice, edge_length, jitter, clearance, seed},
+                                     sliver_target,
+                                     sliver_passes});
+            }
+            return std::make_tuple(as_table<double, 3>(mesh.points), as_table<Index, 4>(mesh.cells),
+                                   as_table<Index, 2>(mesh.recovery.missing_edges),
+                                   mesh.recovery.missing_facets, mesh.recovery.recovered_edges,
+                                   mesh.recovery.recovered_facets, mesh.twins, mesh.slivers.flips,
+                                   mesh.slivers.moves);
+        },
+        nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
+        nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),
+        nb::arg("sliver_target"), nb::arg("sliver_passes"));
+}

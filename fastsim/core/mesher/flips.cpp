@@ -1,0 +1,169 @@
+#include "mesher/flips.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace fastsim {
+
+namespace {
+
+constexpr double impossible = -std::numeric_limits<double>::infinity();
+
+Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+Point cross(const Point &a, const Point &b) {
+    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/// Quality of a cell, or impossible when it is not positive by the exact predicate.
+double safe_quality(const TetComplex &complex, const Cell &cell) {
+    return complex.orientation(cell) > 0 ? cell_quality(complex, cell) : impossible;
+}
+
+} // namespace
+
+double cell_quality(const TetComplex &complex, const Cell &cell) {
+    Point x[4];
+    for (std::size_t k = 0; k < 4; ++k)
+        x[k] = complex.points[TetComplex::at(cell[k])];
+    Point normal[4];
+    double area[4];
+    for (std::size_t k = 0; k < 4; ++k) {
+        const auto &f = cell_facets[k];
+        const Point &o = x[f[0]];
+        normal[k] = cross(minus(x[f[1]], o), minus(x[f[2]], o));
+        area[k] = std::sqrt(dot(normal[k], normal[k]));
+    }
+    const double six_volumes = dot(cross(minus(x[1], x[0]), minus(x[2], x[0])), minus(x[3], x[0]));
+    // sin(dihedral at the edge of facets i, j) = 6 V |edge| / (2 A_i 2 A_j); edge (m, n) is the
+    // one that has the corners not numbered i, j.
+    double worst = std::numeric_limits<double>::infinity();
+    for (std::size_t i = 0; i < 4; ++i)
+        for (std::size_t j = i + 1; j < 4; ++j) {
+            std::size_t m = 0;
+            while (m == i || m == j)
+                ++m;
+            const std::size_t n = 6 - i - j - m;
+            const Point edge = minus(x[m], x[n]);
+            const double denominator = area[i] * area[j];
+            const double sine =
+                denominator > 0.0 ? six_volumes * std::sqrt(dot(edge, edge)) / denominator : 0.0;
+            worst = std::min(worst, sine);
+        }
+    return worst;
+}
+
+bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protection,
+                 std::size_t max_ring, double quality_to_beat, Index wanted_a, Index wanted_b) {
+    if (protection.edges.contains(edge_key(a, b)))
+        return false;
+    std::vector<Index> cells, ring;
+    bool is_closed = false;
+    complex.edge_ring(a, b, cells, ring, is_closed);
+    const std::size_t n = ring.size();
+    if (!is_closed || n < 3 || n > max_ring)
+        return false;
+    // Make the ring run so that (ring[i], ring[i+1], a, b) is positive: then triangle (i, j, k)
+    // with i < j < k gives cells (i, j, k, b) and (j, i, k, a).
+    const Cell first{ring[0], ring[1], a, b};
+    if (complex.orientation(first) < 0) {
+        std::reverse(ring.begin(), ring.end());
+    }
+    // Two ring corners that already share an edge elsewhere may not get a second one.
+    const auto triangle_quality = [&](std::size_t i, std::size_t j, std::size_t k) {
+        const double above = safe_quality(complex, {ring[i], ring[j], ring[k], b});
+        if (above == impossible)
+            return impossible;
+        return std::min(above, safe_quality(complex, {ring[j], ring[i], ring[k], a}));
+    };
+    std::size_t wanted_i = n, wanted_j = n;
+    if (wanted_a >= 0) {
+        wanted_i = static_cast<std::size_t>(std::find(ring.begin(), ring.end(), wanted_a) -
+                                            ring.begin());
+        wanted_j = static_cast<std::size_t>(std::find(ring.begin(), ring.end(), wanted_b) -
+                                            ring.begin());
+        if (wanted_i == n || wanted_j == n)
+            return false;
+        if (wanted_i > wanted_j)
+            std::swap(wanted_i, wanted_j);
+    }
+    const auto crosses_wanted = [&](std::size_t i, std::size_t j) {
+        if (wanted_i == n)
+            return false;
+        const bool i_between = i > wanted_i && i < wanted_j;
+        const bool j_between = j > wanted_i && j < wanted_j;
+        const bool touches = i == wanted_i || i == wanted_j || j == wanted_i || j == wanted_j;
+        return !touches && i_between != j_between;
+    };
+    // best[i][j]: best worst quality of the polygon i, i+1, ..., j.
+    std::vector<double> best(n * n, std::numeric_limits<double>::infinity());
+    std::vector<std::size_t> split(n * n, 0);
+    for (std::size_t width = 2; width < n; ++width)
+        for (std::size_t i = 0; i + width < n; ++i) {
+            const std::size_t j = i + width;
+            double &here = best[i * n + j];
+            here = impossible;
+            const bool is_whole = i == 0 && j == n - 1;
+            if (!is_whole && crosses_wanted(i, j))
+                continue;
+            for (std::size_t k = i + 1; k < j; ++k) {
+                if (crosses_wanted(i, k) || crosses_wanted(k, j))
+                    continue;
+                const double parts = std::min(best[i * n + k], best[k * n + j]);
+                if (parts <= here)
+                    continue;
+                const double quality = std::min(parts, triangle_quality(i, k, j));
+                if (quality > here) {
+                    here = quality;
+                    split[i * n + j] = k;
+                }
+            }
+        }
+    if (!(best[n - 1] > quality_to_beat))
+        return false;
+    std::vector<Cell> fresh;
+    std::vector<std::pair<std::size_t, std::size_t>> open{{0, n - 1}};
+    while (!open.empty()) {
+        const auto [i, j] = open.back();
+        open.pop_back();
+        if (j < i + 2)
+            continue;
+        const std::size_t k = split[i * n + j];
+        fresh.push_back({ring[i], ring[k], ring[j], b});
+        fresh.push_back({ring[k], ring[i], ring[j], a});
+        open.emplace_back(i, k);
+        open.emplace_back(k, j);
+    }
+    complex.replace(cells, fresh);
+    return true;
+}
+
+bool flip_facet(TetComplex &complex, Side side, const Protection &protection,
+                double quality_to_beat) {
+    const Index other = complex.neighbour(side.cell, side.facet);
+    if (other == none)
+        return false;
+    const Triple f = complex.facet(side.cell, side.facet);
+    if (protection.facets.contains(sorted_triple(f[0], f[1], f[2])))
+        return false;
+    const Index inner = complex.cell(side.cell)[static_cast<std::size_t>(side.facet)];
+    Index outer = none;
+    for (const Index v : complex.cell(other))
+        if (v != f[0] && v != f[1] && v != f[2])
+            outer = v;
+    // (f1, f0, f2, inner) is positive; turning around the new edge (inner, outer):
+    std::vector<Cell> fresh;
+    for (std::size_t k = 0; k < 3; ++k) {
+        const Cell c{f[k], f[(k + 1) % 3], inner, outer};
+        const double quality = safe_quality(complex, c);
+        if (!(quality > quality_to_beat))
+            return false;
+        fresh.push_back(c);
+    }
+    const std::array<Index, 2> dead{side.cell, other};
+    complex.replace(dead, fresh);
+    return true;
+}
+
+} // namespace fastsim

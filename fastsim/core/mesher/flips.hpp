@@ -1,0 +1,32 @@
+#pragma once
+// Local changes of a tetrahedralisation that keep its points: 2-3 flips and the removal of an
+// edge (3-2, 4-4 and larger), each only when every new cell is positive by the exact predicate.
+
+#include "mesher/delaunay.hpp"
+#include "mesher/tet_complex.hpp"
+
+#include <unordered_set>
+
+namespace fastsim {
+
+/// What flips must leave alone.
+struct Protection {
+    std::unordered_set<std::uint64_t> edges; // by edge_key
+    FacetSet facets;                         // by sorted_triple
+};
+
+/// Smallest sine of a dihedral angle of a cell, negative when inverted; the quality here.
+double cell_quality(const TetComplex &complex, const Cell &cell);
+
+/// Removes edge (a, b), re-triangulating its ring of at most `max_ring` cells.
+/// Of all triangulations with positive cells the one with the best worst cell is taken (Klincsek's
+/// dynamic programme). With (wanted_a, wanted_b) >= 0 only those that contain that edge count.
+/// Refuses when the worst new cell is not better than `quality_to_beat`.
+bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protection,
+                 std::size_t max_ring, double quality_to_beat, Index wanted_a, Index wanted_b);
+
+/// Replaces the two cells at a facet by three around the edge of their far corners.
+bool flip_facet(TetComplex &complex, Side side, const Protection &protection,
+                double quality_to_beat);
+
+} // namespace fastsim

@@ -1,0 +1,28 @@
+#pragma once
+// Candidate points inside the body: steps 2 to 4 of the paper's section II. A lattice over the
+// bounding box, disarranged a little, of which the points well inside are kept.
+
+#include "mesher/tet_complex.hpp"
+
+#include <span>
+#include <vector>
+
+namespace fastsim {
+
+enum class Lattice {
+    cubic,         // the paper's small cubes
+    body_centred,  // cubes and their centres: its Delaunay cells are all alike and far from flat
+};
+
+struct LatticeSettings {
+    Lattice lattice;
+    double edge_length;  // wanted edge length of the cells
+    double jitter;       // largest shift along each axis, in parts of the edge length
+    double clearance;    // smallest distance from surface points, in parts of the edge length
+    std::uint64_t seed;
+};
+
+std::vector<Point> interior_points(std::span<const Point> surface_points,
+                                   std::span<const Triple> facets, LatticeSettings settings);
+
+} // namespace fastsim

@@ -1,0 +1,89 @@
+#include "mesher/mesh_surface.hpp"
+
+namespace fastsim {
+
+namespace {
+
+constexpr Index cube_corners = 8;
+// Far enough that the cube's corners hardly spoil the cells at the surface.
+constexpr double cube_margin = 3.0;
+
+} // namespace
+
+SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
+                         const MeshSettings &settings) {
+    SurfaceMesh result;
+    const auto num_surface = static_cast<Index>(points.size());
+
+    // 1. The circum-cube, cut into five.
+    TetComplex complex = start_in_cube(points, cube_margin);
+
+    // 2 to 4. Lattice, disarranged, those well inside.
+    std::vector<Point> all(points.begin(), points.end());
+    const std::vector<Point> inner = interior_points(points, facets, settings.lattice);
+    all.insert(all.end(), inner.begin(), inner.end());
+
+    // 5. Insert by Delaunay's criterion.
+    for (const Point &p : all)
+        complex.add_point(p);
+    Index hint = 0;
+    const FacetSet no_walls;
+    for (const Index i : spatial_order(all)) {
+        Index twin = none;
+        if (!insert_point(complex, i + cube_corners, hint, no_walls, twin) && twin != none) {
+            result.twins = {twin - cube_corners, i};
+            return result;
+        }
+    }
+
+    // Boundary points and topology.
+    std::vector<Triple> shifted(facets.begin(), facets.end());
+    for (Triple &f : shifted)
+        for (Index &v : f)
+            v += cube_corners;
+    Protection protection;
+    result.recovery = recover_boundary(complex, shifted, protection);
+    if (!result.recovery.missing_edges.empty() || !result.recovery.missing_facets.empty()) {
+        for (auto &e : result.recovery.missing_edges)
+            for (Index &v : e)
+                v -= cube_corners;
+        return result;
+    }
+    std::vector<Cell> cells = carve(complex, shifted);
+
+    // Slivers, on the inside alone: the boundary has no neighbours there, so no flip touches it.
+    TetComplex inside;
+    for (const Point &p : all)
+        inside.add_point(p);
+    for (Cell &c : cells)
+        for (Index &v : c)
+            v -= cube_corners;
+    inside.set_cells(cells);
+    if (settings.sliver_passes > 0)
+        result.slivers = remove_slivers(inside, num_surface, settings.sliver_target,
+                                        settings.sliver_passes);
+
+    // Surface points keep their numbers; inner points that no cell uses are dropped.
+    std::vector<Index> number(all.size(), none);
+    for (Index v = 0; v < num_surface; ++v)
+        number[TetComplex::at(v)] = v;
+    result.points.assign(points.begin(), points.end());
+    for (std::size_t slot = 0; slot < inside.num_slots(); ++slot) {
+        const auto c = static_cast<Index>(slot);
+        if (!inside.is_alive(c))
+            continue;
+        Cell cell = inside.cell(c);
+        for (Index &v : cell) {
+            Index &n = number[TetComplex::at(v)];
+            if (n == none) {
+                n = static_cast<Index>(result.points.size());
+                result.points.push_back(inside.points[TetComplex::at(v)]);
+            }
+            v = n;
+        }
+        result.cells.push_back(cell);
+    }
+    return result;
+}
+
+} // namespace fastsim

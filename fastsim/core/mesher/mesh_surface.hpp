@@ -1,0 +1,29 @@
+#pragma once
+// The paper's section II, steps 1 to 5, in order.
+
+#include "mesher/boundary_recovery.hpp"
+#include "mesher/interior_points.hpp"
+#include "mesher/sliver_removal.hpp"
+
+namespace fastsim {
+
+struct MeshSettings {
+    LatticeSettings lattice;
+    double sliver_target; // smallest sine of a dihedral angle below which cells are improved
+    int sliver_passes;    // 0 leaves the slivers
+};
+
+struct SurfaceMesh {
+    std::vector<Point> points; // the surface's first, in their order
+    std::vector<Cell> cells;
+    RecoveryReport recovery;
+    SliverReport slivers;
+    std::array<Index, 2> twins{none, none}; // two equal points, when there are any
+};
+
+/// Meshes the inside of a closed, outward surface. When `recovery` lists missing edges or facets,
+/// or `twins` is set, there are no cells.
+SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
+                         const MeshSettings &settings);
+
+} // namespace fastsim

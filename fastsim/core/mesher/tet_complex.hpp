@@ -1,0 +1,90 @@
+#pragma once
+// A tetrahedralisation under change: cells, their neighbours, and one operation that replaces a
+// set of cells by another with the same outer facets. Every flip and insertion is that operation.
+
+#include "mesher/predicates.hpp"
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <unordered_map>
+#include <vector>
+
+namespace fastsim {
+
+using Index = std::int32_t;
+using Cell = std::array<Index, 4>;
+using Triple = std::array<Index, 3>;
+
+constexpr Index none = -1;
+
+/// Facet k lies opposite corner k; counter-clockwise seen from outside a positive cell.
+constexpr std::array<std::array<int, 3>, 4> cell_facets{
+    {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
+/// The same facet whatever its orientation.
+Triple sorted_triple(Index a, Index b, Index c);
+/// The same edge whatever its direction.
+std::uint64_t edge_key(Index a, Index b);
+
+struct TripleHash {
+    std::size_t operator()(const Triple &t) const;
+};
+
+/// A cell's facet.
+struct Side {
+    Index cell;
+    int facet;
+};
+
+class TetComplex {
+  public:
+    std::vector<Point> points;
+
+    std::size_t num_slots() const { return _cells.size(); }
+    bool is_alive(Index cell) const { return _cells[at(cell)][0] != none; }
+    const Cell &cell(Index c) const { return _cells[at(c)]; }
+    Index neighbour(Index c, int facet) const { return _neighbours[at(c)][slot(facet)]; }
+    /// A living cell at a point, or none.
+    Index cell_at(Index point) const { return _cell_of_point[at(point)]; }
+
+    void add_point(const Point &point);
+    /// Start: cells without neighbours known; links them.
+    void set_cells(std::span<const Cell> cells);
+
+    Triple facet(Index c, int k) const;
+    int corner_of(Index c, Index point) const; // -1 when it is not a corner
+    int orientation(const Cell &c) const;
+
+    /// Replaces `dead` by `fresh`. Pre-condition: both have the same outer facets.
+    /// The new cells' numbers are left in `fresh_cells`.
+    void replace(std::span<const Index> dead, std::span<const Cell> fresh);
+    const std::vector<Index> &fresh_cells() const { return _fresh_cells; }
+
+    /// All living cells at a point.
+    void cells_around(Index point, std::vector<Index> &out) const;
+    /// Cells around edge (a, b) in turn, with the ring of other corners: cell i holds ring[i] and
+    /// ring[i + 1]. Empty when there is no such edge; `is_closed` false at the outer boundary.
+    void edge_ring(Index a, Index b, std::vector<Index> &cells, std::vector<Index> &ring,
+                   bool &is_closed) const;
+    bool has_edge(Index a, Index b) const;
+    /// A cell with facet (a, b, c) in either orientation; cell none when there is none.
+    Side find_facet(Index a, Index b, Index c) const;
+
+    static std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+  private:
+    static std::size_t slot(int k) { return static_cast<std::size_t>(k); }
+    Index new_slot();
+    void link(std::span<const Index> cells, std::unordered_map<Triple, Side, TripleHash> &open);
+
+    std::vector<Cell> _cells;
+    std::vector<Cell> _neighbours;
+    std::vector<Index> _cell_of_point;
+    std::vector<Index> _free_slots;
+    std::vector<Index> _fresh_cells;
+    mutable std::vector<std::uint32_t> _visit;
+    mutable std::uint32_t _visit_stamp = 0;
+};
+
+} // namespace fastsim
