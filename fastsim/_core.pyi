@@ -64,3 +64,34 @@ class Solid:
         displacement: NDArray[np.float64],
         previous: NDArray[np.float64],
     ) -> tuple[int, bool]: ...
+
+class Lattice(Enum):
+    cubic = 0
+    body_centred = 1
+
+def orient3d(a: list[float], b: list[float], c: list[float], d: list[float]) -> int: ...
+def in_sphere(
+    a: list[float], b: list[float], c: list[float], d: list[float], e: list[float]
+) -> int: ...
+def delaunay(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], list[int]]: ...
+def mesh_surface(
+    points: NDArray[np.float64],
+    facets: NDArray[np.int32],
+    lattice: Lattice,
+    edge_length: float,
+    jitter: float,
+    clearance: float,
+    seed: int,
+    sliver_target: float,
+    sliver_passes: int,
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int32],
+    list[int],
+    int,
+    int,
+    list[int],
+    int,
+    int,
+]: ...
