@@ -11,6 +11,7 @@ namespace {
 constexpr std::size_t most_flips_for_an_edge = 400;
 constexpr std::size_t most_flips_for_a_facet = 200;
 constexpr std::size_t largest_ring = 14;
+constexpr std::size_t longest_walk = 200;
 // Any positive cell will do while recovering; shape is mended afterwards.
 constexpr double any_quality = -0.5;
 
@@ -62,77 +63,157 @@ class Recovery {
         return orient3d(place(a), place(b), place(c), place(d));
     }
 
-    /// Walks from a towards b and lists what is crossed, up to the first edge.
-    void find_obstacles(Index a, Index b, std::vector<Obstacle> &out) const {
+    /// What the segment from a to b crosses next: a facet of a cell that it leaves, or an edge.
+    struct Crossing {
+        Index cell = none; // the cell left through the facet; none for an edge
+        Triple facet{};
+        Index p = none, q = none; // the edge
+    };
+
+    /// Whether the line a-b passes through facet g; edges it touches count.
+    bool passes(Index a, Index b, const Triple &g, int (&sign)[3]) const {
+        for (std::size_t k = 0; k < 3; ++k)
+            sign[k] = side(a, b, g[k], g[(k + 1) % 3]);
+        return (sign[0] >= 0 && sign[1] >= 0 && sign[2] >= 0) ||
+               (sign[0] <= 0 && sign[1] <= 0 && sign[2] <= 0);
+    }
+
+    /// Turns a facet the line passes through into a crossing; false when it meets a corner.
+    static bool make_crossing(Index cell, const Triple &g, const int (&sign)[3], Crossing &out) {
+        int zeros = 0;
+        std::size_t zero = 0;
+        for (std::size_t k = 0; k < 3; ++k)
+            if (sign[k] == 0) {
+                ++zeros;
+                zero = k;
+            }
+        if (zeros > 1)
+            return false;
+        out = zeros == 0 ? Crossing{cell, g, none, none}
+                         : Crossing{none, {}, g[zero], g[(zero + 1) % 3]};
+        return true;
+    }
+
+    bool first_crossing(Index a, Index b, Crossing &out) const {
         std::vector<Index> around;
         _complex.cells_around(a, around);
-        Index current = none;
-        Triple entry{};
         for (const Index c : around) {
             const Triple f = _complex.facet(c, _complex.corner_of(c, a));
-            // Outward facet: (f1, f0, f2, a) is positive, so (a, f0, f1, f2) is positive too.
-            const int s0 = side(a, f[0], f[1], b), s1 = side(a, f[1], f[2], b),
-                      s2 = side(a, f[2], f[0], b);
-            if (s0 < 0 || s1 < 0 || s2 < 0)
-                continue;
-            if (s0 == 0 || s1 == 0 || s2 == 0) {
-                if (s0 == 0 && s1 != 0 && s2 != 0)
-                    out.push_back({f[0], f[1], none});
-                else if (s1 == 0 && s0 != 0 && s2 != 0)
-                    out.push_back({f[1], f[2], none});
-                else if (s2 == 0 && s0 != 0 && s1 != 0)
-                    out.push_back({f[2], f[0], none});
-                return;
-            }
-            current = c;
-            entry = f;
-            break;
+            // Outward facet: (a, f0, f1, f2) is positive, and b lies in the cone of a over it.
+            const int sign[3]{side(a, f[0], f[1], b), side(a, f[1], f[2], b),
+                              side(a, f[2], f[0], b)};
+            if (sign[0] >= 0 && sign[1] >= 0 && sign[2] >= 0)
+                return make_crossing(c, f, sign, out);
         }
-        for (std::size_t step = 0; current != none && step < 200; ++step) {
-            out.push_back({entry[0], entry[1], entry[2]});
-            int across = -1;
-            for (int k = 0; k < 4; ++k) {
-                const Triple g = _complex.facet(current, k);
-                if (sorted_triple(g[0], g[1], g[2]) == sorted_triple(entry[0], entry[1], entry[2]))
-                    across = k;
+        return false;
+    }
+
+    /// Where the segment goes on after a facet.
+    bool after_facet(Index a, Index b, const Crossing &last, Crossing &out) const {
+        const Triple entry = sorted_triple(last.facet[0], last.facet[1], last.facet[2]);
+        Index next = none;
+        for (int k = 0; k < 4; ++k) {
+            const Triple g = _complex.facet(last.cell, k);
+            if (sorted_triple(g[0], g[1], g[2]) == entry)
+                next = _complex.neighbour(last.cell, k);
+        }
+        if (next == none || _complex.corner_of(next, b) >= 0)
+            return false;
+        for (int k = 0; k < 4; ++k) {
+            const Triple g = _complex.facet(next, k);
+            int sign[3];
+            if (sorted_triple(g[0], g[1], g[2]) != entry && passes(a, b, g, sign))
+                return make_crossing(next, g, sign, out);
+        }
+        return false;
+    }
+
+    /// Where the segment goes on after an edge: along a facet at it, or through a cell at it.
+    bool after_edge(Index a, Index b, const Crossing &last, Crossing &out) const {
+        std::vector<Index> cells, ring;
+        bool is_closed = false;
+        _complex.edge_ring(last.p, last.q, cells, ring, is_closed);
+        if (!is_closed || std::find(ring.begin(), ring.end(), b) != ring.end())
+            return false;
+        const std::size_t n = ring.size();
+        for (std::size_t i = 0; i < n; ++i) {
+            const Index u = ring[i], v = ring[(i + 1) % n];
+            // b in the wedge of planes (p, q, u) and (p, q, v), on the far side from a.
+            const int turn = side(last.p, last.q, u, v);
+            const int from_u = turn * side(last.p, last.q, u, b);
+            const int from_v = -turn * side(last.p, last.q, v, b);
+            if (from_u == 0 && from_v > 0) {
+                // In the plane of facet (p, q, u): out through the side whose ends the line
+                // separates, seen from v off that plane.
+                const int of_p = side(a, b, v, last.p), of_u = side(a, b, v, u);
+                if (of_u == 0)
+                    return false;
+                out = Crossing{none, {}, u, of_u == of_p ? last.q : last.p};
+                return true;
             }
-            const Index next = _complex.neighbour(current, across);
-            if (next == none || _complex.corner_of(next, b) >= 0)
-                return;
-            Index exit_cell = none;
-            for (int k = 0; k < 4; ++k) {
-                const Triple g = _complex.facet(next, k);
-                if (sorted_triple(g[0], g[1], g[2]) == sorted_triple(entry[0], entry[1], entry[2]))
-                    continue;
-                const int s0 = side(a, b, g[0], g[1]), s1 = side(a, b, g[1], g[2]),
-                          s2 = side(a, b, g[2], g[0]);
-                // Leaving through an outward facet: it is seen clockwise along a to b.
-                if (!((s0 >= 0 && s1 >= 0 && s2 >= 0) || (s0 <= 0 && s1 <= 0 && s2 <= 0)))
-                    continue;
-                if (s0 == 0 || s1 == 0 || s2 == 0) {
-                    if (s0 == 0)
-                        out.push_back({g[0], g[1], none});
-                    else if (s1 == 0)
-                        out.push_back({g[1], g[2], none});
-                    else
-                        out.push_back({g[2], g[0], none});
-                    return;
+            if (from_u > 0 && from_v > 0) {
+                for (const Index end : {last.p, last.q}) {
+                    const Triple g = _complex.facet(cells[i], _complex.corner_of(cells[i], end));
+                    int sign[3];
+                    if (passes(a, b, g, sign))
+                        return make_crossing(cells[i], g, sign, out);
                 }
-                exit_cell = next;
-                entry = g;
-                break;
+                return false;
             }
-            current = exit_cell;
+        }
+        return false;
+    }
+
+    /// Walks from a towards b and lists what is crossed.
+    void find_obstacles(Index a, Index b, std::vector<Obstacle> &out) const {
+        Crossing here;
+        bool goes_on = first_crossing(a, b, here);
+        for (std::size_t step = 0; goes_on && step < longest_walk; ++step) {
+            Crossing next;
+            if (here.cell == none) {
+                out.push_back({here.p, here.q, none});
+                goes_on = after_edge(a, b, here, next);
+            } else {
+                out.push_back({here.facet[0], here.facet[1], here.facet[2]});
+                goes_on = after_facet(a, b, here, next);
+            }
+            here = next;
         }
     }
 
     bool flip_away(const Obstacle &o, Index a, Index b) {
         if (o.c == none)
-            return remove(o.a, o.b, a, b);
+            return remove(o.a, o.b, a, b) || loosen(o.a, o.b);
         const Side s = _complex.find_facet(o.a, o.b, o.c);
         if (s.cell != none && flip_facet(_complex, s, _protection, any_quality))
             return true;
-        return remove(o.a, o.b, a, b) || remove(o.b, o.c, a, b) || remove(o.c, o.a, a, b);
+        return remove(o.a, o.b, a, b) || remove(o.b, o.c, a, b) || remove(o.c, o.a, a, b) ||
+               loosen(o.a, o.b) || loosen(o.b, o.c) || loosen(o.c, o.a);
+    }
+
+    /// Changes the ring of an edge that cannot be removed as it stands: flips one of its facets,
+    /// or removes another edge of its cells. Starts elsewhere each time.
+    bool loosen(Index p, Index q) {
+        std::vector<Index> cells, ring;
+        bool is_closed = false;
+        _complex.edge_ring(p, q, cells, ring, is_closed);
+        const std::size_t n = ring.size();
+        if (!is_closed)
+            return false;
+        const auto try_edge = [&](Index u, Index v) {
+            return remove_edge(_complex, u, v, _protection, largest_ring, any_quality, none, none);
+        };
+        _turn = _turn * 1664525u + 1013904223u;
+        const std::size_t first = (_turn >> 8) % n;
+        for (std::size_t i = 0; i < n; ++i) {
+            const Index r = ring[(first + i) % n], next = ring[(first + i + 1) % n];
+            const Side s = _complex.find_facet(p, q, r);
+            if (s.cell != none && flip_facet(_complex, s, _protection, any_quality))
+                return true;
+            if (try_edge(p, r) || try_edge(q, r) || try_edge(r, next))
+                return true;
+        }
+        return false;
     }
 
     /// Removes an edge, with (a, b) among the new ones where they are both on its ring.
@@ -154,7 +235,8 @@ class Recovery {
             const int s0 = side(u, v, a, b), s1 = side(u, v, b, c), s2 = side(u, v, c, a);
             const bool pierces = (s0 > 0 && s1 > 0 && s2 > 0) || (s0 < 0 && s1 < 0 && s2 < 0);
             if (pierces &&
-                remove_edge(_complex, u, v, _protection, largest_ring, any_quality, none, none))
+                (remove_edge(_complex, u, v, _protection, largest_ring, any_quality, none, none) ||
+                 loosen(u, v)))
                 return true;
         }
         return false;

@@ -69,7 +69,8 @@ TetComplex start_in_cube(std::span<const Point> points, double margin) {
         complex.add_point(p);
     }
     // One cell in the middle on alternate corners, one on each other corner.
-    std::array<Cell, 5> cells{{{0, 3, 5, 6}, {1, 0, 3, 5}, {2, 0, 6, 3}, {4, 0, 5, 6}, {7, 3, 6, 5}}};
+    std::array<Cell, 5> cells{
+        {{0, 3, 5, 6}, {1, 0, 3, 5}, {2, 0, 6, 3}, {4, 0, 5, 6}, {7, 3, 6, 5}}};
     for (Cell &c : cells)
         if (complex.orientation(c) < 0)
             std::swap(c[0], c[1]);

@@ -79,10 +79,10 @@ bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protec
     };
     std::size_t wanted_i = n, wanted_j = n;
     if (wanted_a >= 0) {
-        wanted_i = static_cast<std::size_t>(std::find(ring.begin(), ring.end(), wanted_a) -
-                                            ring.begin());
-        wanted_j = static_cast<std::size_t>(std::find(ring.begin(), ring.end(), wanted_b) -
-                                            ring.begin());
+        wanted_i =
+            static_cast<std::size_t>(std::find(ring.begin(), ring.end(), wanted_a) - ring.begin());
+        wanted_j =
+            static_cast<std::size_t>(std::find(ring.begin(), ring.end(), wanted_b) - ring.begin());
         if (wanted_i == n || wanted_j == n)
             return false;
         if (wanted_i > wanted_j)

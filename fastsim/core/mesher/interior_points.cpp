@@ -39,8 +39,7 @@ class Bins {
         for (Index i = -1; i <= 1; ++i)
             for (Index j = -1; j <= 1; ++j)
                 for (Index k = -1; k <= 1; ++k) {
-                    const auto found =
-                        _bins.find({middle[0] + i, middle[1] + j, middle[2] + k});
+                    const auto found = _bins.find({middle[0] + i, middle[1] + j, middle[2] + k});
                     if (found == _bins.end())
                         continue;
                     for (const std::size_t q : found->second) {
@@ -161,8 +160,8 @@ std::vector<Point> interior_points(std::span<const Point> surface_points,
                     Point p;
                     for (std::size_t axis = 0; axis < 3; ++axis) {
                         // The lattice is centred on the box.
-                        const double slack = static_cast<double>(count[axis]) * cube -
-                                             (high[axis] - low[axis]);
+                        const double slack =
+                            static_cast<double>(count[axis]) * cube - (high[axis] - low[axis]);
                         p[axis] = low[axis] - 0.5 * slack + (step[axis] + 0.5 * centre) * cube +
                                   settings.jitter * h * random.next();
                     }

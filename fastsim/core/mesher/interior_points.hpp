@@ -10,15 +10,15 @@
 namespace fastsim {
 
 enum class Lattice {
-    cubic,         // the paper's small cubes
-    body_centred,  // cubes and their centres: its Delaunay cells are all alike and far from flat
+    cubic,        // the paper's small cubes
+    body_centred, // cubes and their centres: its Delaunay cells are all alike and far from flat
 };
 
 struct LatticeSettings {
     Lattice lattice;
-    double edge_length;  // wanted edge length of the cells
-    double jitter;       // largest shift along each axis, in parts of the edge length
-    double clearance;    // smallest distance from surface points, in parts of the edge length
+    double edge_length; // wanted edge length of the cells
+    double jitter;      // largest shift along each axis, in parts of the edge length
+    double clearance;   // smallest distance from surface points, in parts of the edge length
     std::uint64_t seed;
 };
 

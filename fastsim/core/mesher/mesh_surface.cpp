@@ -60,8 +60,8 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
             v -= cube_corners;
     inside.set_cells(cells);
     if (settings.sliver_passes > 0)
-        result.slivers = remove_slivers(inside, num_surface, settings.sliver_target,
-                                        settings.sliver_passes);
+        result.slivers =
+            remove_slivers(inside, num_surface, settings.sliver_target, settings.sliver_passes);
 
     // Surface points keep their numbers; inner points that no cell uses are dropped.
     std::vector<Index> number(all.size(), none);

@@ -30,8 +30,8 @@ int common_exponent(std::initializer_list<const Point *> points) {
 Vector exact_difference(const Point &a, const Point &b, int exponent) {
     Vector difference;
     for (std::size_t i = 0; i < 3; ++i)
-        difference[i] = ExactInteger::from_double(a[i], exponent) -
-                        ExactInteger::from_double(b[i], exponent);
+        difference[i] =
+            ExactInteger::from_double(a[i], exponent) - ExactInteger::from_double(b[i], exponent);
     return difference;
 }
 
@@ -100,10 +100,9 @@ int in_sphere(const Point &a, const Point &b, const Point &c, const Point &d, co
     const double nab = std::abs(axby) + std::abs(bxay), nbc = std::abs(bxcy) + std::abs(cxby);
     const double ncd = std::abs(cxdy) + std::abs(dxcy), nda = std::abs(dxay) + std::abs(axdy);
     const double nac = std::abs(axcy) + std::abs(cxay), nbd = std::abs(bxdy) + std::abs(dxby);
-    const double permanent = (ncd * zb + nbd * zc + nbc * zd) * a2 +
-                             (nda * zc + nac * zd + ncd * za) * b2 +
-                             (nab * zd + nbd * za + nda * zb) * c2 +
-                             (nbc * za + nac * zb + nab * zc) * d2;
+    const double permanent =
+        (ncd * zb + nbd * zc + nbc * zd) * a2 + (nda * zc + nac * zd + ncd * za) * b2 +
+        (nab * zd + nbd * za + nda * zb) * c2 + (nbc * za + nac * zb + nab * zc) * d2;
     const double bound = sphere_bound * permanent;
     if (permanent > smallest_safe && (det > bound || -det > bound))
         return det > 0.0 ? 1 : -1;

@@ -62,9 +62,8 @@ bool move_point(TetComplex &complex, Index point, std::vector<Index> &around) {
         worst = worst_of(complex, around);
         if (worst > best)
             // Quality is rounded; positivity is asked of the exact predicate.
-            if (std::all_of(around.begin(), around.end(), [&](Index c) {
-                    return complex.orientation(complex.cell(c)) > 0;
-                })) {
+            if (std::all_of(around.begin(), around.end(),
+                            [&](Index c) { return complex.orientation(complex.cell(c)) > 0; })) {
                 best = worst;
                 best_place = candidate;
                 place = candidate;

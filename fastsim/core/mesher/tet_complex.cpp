@@ -160,8 +160,7 @@ void TetComplex::cells_around(Index point, std::vector<Index> &out) const {
 bool TetComplex::has_edge(Index a, Index b) const {
     std::vector<Index> around;
     cells_around(a, around);
-    return std::any_of(around.begin(), around.end(),
-                       [&](Index c) { return corner_of(c, b) >= 0; });
+    return std::any_of(around.begin(), around.end(), [&](Index c) { return corner_of(c, b) >= 0; });
 }
 
 Side TetComplex::find_facet(Index a, Index b, Index c) const {
@@ -186,8 +185,8 @@ void TetComplex::edge_ring(Index a, Index b, std::vector<Index> &cells, std::vec
     is_closed = false;
     std::vector<Index> around;
     cells_around(a, around);
-    const auto found = std::find_if(around.begin(), around.end(),
-                                    [&](Index c) { return corner_of(c, b) >= 0; });
+    const auto found =
+        std::find_if(around.begin(), around.end(), [&](Index c) { return corner_of(c, b) >= 0; });
     if (found == around.end())
         return;
     const Index start = *found;
