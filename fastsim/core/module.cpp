@@ -7,10 +7,12 @@ namespace nb = nanobind;
 
 void bind_mesher(nb::module_ &module);
 void bind_mechanics(nb::module_ &module);
+void bind_explicit_run(nb::module_ &module);
 
 NB_MODULE(_core, module) {
     module.doc() = "Compiled core of palpate.fastsim.";
     module.attr("__version__") = fastsim::version();
     bind_mesher(module);
     bind_mechanics(module);
+    bind_explicit_run(module);
 }

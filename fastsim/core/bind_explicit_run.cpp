@@ -1,0 +1,105 @@
+// Bindings of the fast explicit run: no logic, no defaults. Python has checked every array.
+#include "mechanics/explicit_run.hpp"
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/tuple.h>
+
+#include <cstdint>
+#include <span>
+#include <tuple>
+
+namespace nb = nanobind;
+using namespace fastsim;
+
+namespace {
+
+template <typename T>
+using Table3 = nb::ndarray<T, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using Vector = nb::ndarray<T, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
+
+template <typename Array> auto as_span(Array &array) {
+    return std::span(array.data(), array.size());
+}
+
+template <typename Real> void bind_run(nb::module_ &module, const char *name) {
+    using Run = ExplicitRun<Real>;
+    nb::class_<Run>(module, name)
+        .def_static(
+            "make",
+            [](Table3<const double> points, Cells cells, Vector<const double> lumped_mass,
+               Table3<const std::uint8_t> is_free, double lmbda, double mu, StrainMeasure strain,
+               double time_step, double mass_damping, double displacement_limit,
+               std::size_t num_threads, InstructionSet at_most) {
+                nb::gil_scoped_release release;
+                return Run(as_span(points), as_span(cells), as_span(lumped_mass), as_span(is_free),
+                           {{lmbda, mu},
+                            strain,
+                            time_step,
+                            mass_damping,
+                            displacement_limit,
+                            num_threads,
+                            at_most});
+            },
+            nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
+            nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(), nb::arg("lmbda"),
+            nb::arg("mu"), nb::arg("strain"), nb::arg("time_step"), nb::arg("mass_damping"),
+            nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"))
+        .def(
+            "set_state",
+            [](Run &run, Table3<const double> displacement, Table3<const double> increment) {
+                nb::gil_scoped_release release;
+                run.set_state(as_span(displacement), as_span(increment));
+            },
+            nb::arg("displacement").noconvert(), nb::arg("increment").noconvert())
+        .def(
+            "get_state",
+            [](const Run &run, Table3<double> displacement, Table3<double> increment) {
+                nb::gil_scoped_release release;
+                run.get_state(as_span(displacement), as_span(increment));
+            },
+            nb::arg("displacement").noconvert(), nb::arg("increment").noconvert())
+        .def(
+            "set_external_force",
+            [](Run &run, Table3<const double> force) {
+                nb::gil_scoped_release release;
+                run.set_external_force(as_span(force));
+            },
+            nb::arg("force").noconvert())
+        .def(
+            "advance",
+            [](Run &run, Vector<const double> amplitudes) {
+                nb::gil_scoped_release release;
+                const ExplicitOutcome outcome = run.advance(as_span(amplitudes));
+                return std::make_tuple(outcome.steps_done, outcome.reason);
+            },
+            nb::arg("amplitudes").noconvert())
+        .def(
+            "internal_force",
+            [](Run &run, Table3<double> force) {
+                nb::gil_scoped_release release;
+                run.internal_force(as_span(force));
+            },
+            nb::arg("force").noconvert())
+        .def_prop_ro("instruction_set", [](const Run &run) { return run.instruction_set(); });
+}
+
+} // namespace
+
+void bind_explicit_run(nb::module_ &module);
+
+void bind_explicit_run(nb::module_ &module) {
+    nb::enum_<InstructionSet>(module, "InstructionSet")
+        .value("baseline", InstructionSet::baseline)
+        .value("avx2", InstructionSet::avx2)
+        .value("avx512", InstructionSet::avx512);
+    nb::enum_<StopReason>(module, "StopReason")
+        .value("none", StopReason::none)
+        .value("inverted_cell", StopReason::inverted_cell)
+        .value("out_of_bounds", StopReason::out_of_bounds);
+    module.def("widest_instruction_set", &widest_instruction_set);
+    bind_run<float>(module, "ExplicitRun32");
+    bind_run<double>(module, "ExplicitRun64");
+}

@@ -1,0 +1,80 @@
+// The kernel, over a Pack of `width` numbers of type Real. See step_kernel.hpp.
+// Included by one translation unit for each instruction set, inside an unnamed namespace.
+
+template <typename Pack, bool is_green>
+typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
+    using Real = typename Pack::Real;
+    using V = typename Pack::V;
+    constexpr std::size_t width = Pack::width;
+    V smallest = V{} + Real(1);
+    for (std::size_t batch = job.first_batch; batch < job.last_batch; ++batch) {
+        const std::int32_t *records = job.records + 4 * width * batch;
+        const Real *rest = job.rest + 10 * width * batch;
+        V g[9];
+        for (std::size_t k = 0; k < 9; ++k)
+            g[k] = Pack::load(rest + k * width);
+        V x0, y0, z0;
+        Pack::gather(job.displacement, records, x0, y0, z0);
+        V h[9] = {};
+        for (std::size_t a = 0; a < 3; ++a) {
+            V x, y, z;
+            Pack::gather(job.displacement, records + (a + 1) * width, x, y, z);
+            x -= x0;
+            y -= y0;
+            z -= z0;
+            for (std::size_t j = 0; j < 3; ++j) {
+                h[j] += x * g[3 * a + j];
+                h[3 + j] += y * g[3 * a + j];
+                h[6 + j] += z * g[3 * a + j];
+            }
+        }
+        // Twice the strain, from H and not from F^T F - I: no cancellation.
+        V e00 = h[0] + h[0], e11 = h[4] + h[4], e22 = h[8] + h[8];
+        V e01 = h[1] + h[3], e02 = h[2] + h[6], e12 = h[5] + h[7];
+        if constexpr (is_green) {
+            e00 += h[0] * h[0] + h[3] * h[3] + h[6] * h[6];
+            e11 += h[1] * h[1] + h[4] * h[4] + h[7] * h[7];
+            e22 += h[2] * h[2] + h[5] * h[5] + h[8] * h[8];
+            e01 += h[0] * h[1] + h[3] * h[4] + h[6] * h[7];
+            e02 += h[0] * h[2] + h[3] * h[5] + h[6] * h[8];
+            e12 += h[1] * h[2] + h[4] * h[5] + h[7] * h[8];
+        }
+        const V volume = Pack::load(rest + 9 * width);
+        const V mu = volume * job.mu;
+        const V trace = (Real(0.5) * job.lmbda) * volume * (e00 + e11 + e22);
+        const V s00 = mu * e00 + trace, s11 = mu * e11 + trace, s22 = mu * e22 + trace;
+        const V s01 = mu * e01, s02 = mu * e02, s12 = mu * e12;
+        V p[9] = {s00, s01, s02, s01, s11, s12, s02, s12, s22};
+        if constexpr (is_green) {
+            for (std::size_t i = 0; i < 9; i += 3) {
+                p[i] += h[i] * s00 + h[i + 1] * s01 + h[i + 2] * s02;
+                p[i + 1] += h[i] * s01 + h[i + 1] * s11 + h[i + 2] * s12;
+                p[i + 2] += h[i] * s02 + h[i + 1] * s12 + h[i + 2] * s22;
+            }
+            const V f0 = h[0] + Real(1), f4 = h[4] + Real(1), f8 = h[8] + Real(1);
+            const V det = f0 * (f4 * f8 - h[5] * h[7]) - h[1] * (h[3] * f8 - h[5] * h[6]) +
+                          h[2] * (h[3] * h[7] - f4 * h[6]);
+            // NaN counts as inverted: the comparison is false for it.
+            smallest = det > smallest ? smallest : det;
+        }
+        V fx0 = {}, fy0 = {}, fz0 = {};
+        for (std::size_t a = 0; a < 3; ++a) {
+            const V fx = p[0] * g[3 * a] + p[1] * g[3 * a + 1] + p[2] * g[3 * a + 2];
+            const V fy = p[3] * g[3 * a] + p[4] * g[3 * a + 1] + p[5] * g[3 * a + 2];
+            const V fz = p[6] * g[3 * a] + p[7] * g[3 * a + 1] + p[8] * g[3 * a + 2];
+            fx0 -= fx;
+            fy0 -= fy;
+            fz0 -= fz;
+            Pack::scatter_add(job.force, records + (a + 1) * width, fx, fy, fz);
+        }
+        Pack::scatter_add(job.force, records, fx0, fy0, fz0);
+    }
+    Real least = smallest[0];
+    for (std::size_t i = 1; i < width; ++i)
+        least = smallest[i] > least ? least : smallest[i];
+    return least;
+}
+
+template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename Pack::Real> &job) {
+    return job.is_green ? add_batches<Pack, true>(job) : add_batches<Pack, false>(job);
+}

@@ -1,0 +1,49 @@
+// The portable kernel: 16-byte vectors, which every target has or the compiler takes apart.
+#include "mechanics/step_kernel.hpp"
+
+namespace fastsim {
+
+namespace {
+
+template <typename Number> struct Plain {
+    using Real = Number;
+    static constexpr std::size_t width = 16 / sizeof(Real);
+    using V [[gnu::vector_size(16)]] = Real;
+
+    static V load(const Real *p) {
+        V v;
+        for (std::size_t i = 0; i < width; ++i)
+            v[i] = p[i];
+        return v;
+    }
+    static void gather(const Real *base, const std::int32_t *records, V &x, V &y, V &z) {
+        for (std::size_t i = 0; i < width; ++i) {
+            const Real *record = base + records[i];
+            x[i] = record[0];
+            y[i] = record[1];
+            z[i] = record[2];
+        }
+    }
+    static void scatter_add(Real *base, const std::int32_t *records, V x, V y, V z) {
+        for (std::size_t i = 0; i < width; ++i) {
+            Real *record = base + records[i];
+            record[0] += x[i];
+            record[1] += y[i];
+            record[2] += z[i];
+        }
+    }
+};
+
+#include "mechanics/step_kernel.inl"
+
+} // namespace
+
+KernelChoice<float> baseline_kernel_f32() {
+    return {&add_forces<Plain<float>>, Plain<float>::width, "baseline"};
+}
+
+KernelChoice<double> baseline_kernel_f64() {
+    return {&add_forces<Plain<double>>, Plain<double>::width, "baseline"};
+}
+
+} // namespace fastsim
