@@ -95,3 +95,87 @@ def mesh_surface(
     int,
     int,
 ]: ...
+
+class InstructionSet(Enum):
+    baseline = 0
+    avx2 = 1
+    avx512 = 2
+
+class StopReason(Enum):
+    none = 0
+    inverted_cell = 1
+    out_of_bounds = 2
+
+def widest_instruction_set() -> InstructionSet: ...
+
+class ExplicitRun32:
+    @staticmethod
+    def make(
+        points: NDArray[np.float64],
+        cells: NDArray[np.int32],
+        lumped_mass: NDArray[np.float64],
+        is_free: NDArray[np.uint8],
+        lmbda: float,
+        mu: float,
+        strain: StrainMeasure,
+        time_step: float,
+        mass_damping: float,
+        displacement_limit: float,
+        num_threads: int,
+        at_most: InstructionSet,
+        tracks_energy: bool,
+    ) -> ExplicitRun32: ...
+    @property
+    def instruction_set(self) -> str: ...
+    @property
+    def external_work(self) -> float: ...
+    @property
+    def damping_loss(self) -> float: ...
+    def set_state(
+        self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
+    ) -> None: ...
+    def get_state(
+        self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
+    ) -> None: ...
+    def set_external_force(self, force: NDArray[np.float64]) -> None: ...
+    def set_pressure(
+        self, facets: NDArray[np.int32], pressures: NDArray[np.float64]
+    ) -> None: ...
+    def advance(self, amplitudes: NDArray[np.float64]) -> tuple[int, StopReason]: ...
+    def internal_force(self, force: NDArray[np.float64]) -> None: ...
+
+class ExplicitRun64:
+    @staticmethod
+    def make(
+        points: NDArray[np.float64],
+        cells: NDArray[np.int32],
+        lumped_mass: NDArray[np.float64],
+        is_free: NDArray[np.uint8],
+        lmbda: float,
+        mu: float,
+        strain: StrainMeasure,
+        time_step: float,
+        mass_damping: float,
+        displacement_limit: float,
+        num_threads: int,
+        at_most: InstructionSet,
+        tracks_energy: bool,
+    ) -> ExplicitRun64: ...
+    @property
+    def instruction_set(self) -> str: ...
+    @property
+    def external_work(self) -> float: ...
+    @property
+    def damping_loss(self) -> float: ...
+    def set_state(
+        self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
+    ) -> None: ...
+    def get_state(
+        self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
+    ) -> None: ...
+    def set_external_force(self, force: NDArray[np.float64]) -> None: ...
+    def set_pressure(
+        self, facets: NDArray[np.int32], pressures: NDArray[np.float64]
+    ) -> None: ...
+    def advance(self, amplitudes: NDArray[np.float64]) -> tuple[int, StopReason]: ...
+    def internal_force(self, force: NDArray[np.float64]) -> None: ...

@@ -70,14 +70,22 @@ class BlowUpError(FastsimError):
     """
 
     def __init__(
-        self, *, step: int, time: float, cell: int, smallest_det_f: float, displacement: Points
+        self,
+        reason: str,
+        *,
+        step: int,
+        time: float,
+        cell: int,
+        smallest_det_f: float,
+        displacement: Points,
     ) -> None:
+        self.reason = reason
         self.step = step
         self.time = time
         self.cell = cell
         self.smallest_det_f = smallest_det_f
         self.displacement = displacement
         super().__init__(
-            f"blew up after step {step} (t = {time:.4g} s); smallest det F {smallest_det_f:.3g} "
-            f"in cell {cell}; halve the time step, or lower the load"
+            f"blew up after step {step} (t = {time:.4g} s): {reason}; smallest "
+            f"det F {smallest_det_f:.3g} in cell {cell}; halve the time step, or lower the load"
         )

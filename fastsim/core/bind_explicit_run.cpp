@@ -18,6 +18,7 @@ template <typename T>
 using Table3 = nb::ndarray<T, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 template <typename T>
 using Vector = nb::ndarray<T, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
 
 template <typename Array> auto as_span(Array &array) {
@@ -32,7 +33,7 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
             [](Table3<const double> points, Cells cells, Vector<const double> lumped_mass,
                Table3<const std::uint8_t> is_free, double lmbda, double mu, StrainMeasure strain,
                double time_step, double mass_damping, double displacement_limit,
-               std::size_t num_threads, InstructionSet at_most) {
+               std::size_t num_threads, InstructionSet at_most, bool tracks_energy) {
                 nb::gil_scoped_release release;
                 return Run(as_span(points), as_span(cells), as_span(lumped_mass), as_span(is_free),
                            {{lmbda, mu},
@@ -41,12 +42,14 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
                             mass_damping,
                             displacement_limit,
                             num_threads,
-                            at_most});
+                            at_most,
+                            tracks_energy});
             },
             nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
             nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(), nb::arg("lmbda"),
             nb::arg("mu"), nb::arg("strain"), nb::arg("time_step"), nb::arg("mass_damping"),
-            nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"))
+            nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"),
+            nb::arg("tracks_energy"))
         .def(
             "set_state",
             [](Run &run, Table3<const double> displacement, Table3<const double> increment) {
@@ -68,6 +71,15 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
                 run.set_external_force(as_span(force));
             },
             nb::arg("force").noconvert())
+        .def(
+            "set_pressure",
+            [](Run &run, Facets facets, Vector<const double> pressures) {
+                nb::gil_scoped_release release;
+                run.set_pressure(as_span(facets), as_span(pressures));
+            },
+            nb::arg("facets").noconvert(), nb::arg("pressures").noconvert())
+        .def_prop_ro("external_work", &Run::external_work)
+        .def_prop_ro("damping_loss", &Run::damping_loss)
         .def(
             "advance",
             [](Run &run, Vector<const double> amplitudes) {

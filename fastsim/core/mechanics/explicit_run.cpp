@@ -53,6 +53,13 @@ ExplicitRun<Real>::ExplicitRun(std::span<const double> points, std::span<const I
     // One more record than points: the corners of the cells that fill up the last batch.
     for (auto *array : {&_displacement, &_increment, &_external, &_mobility})
         array->assign(4 * (_num_points + 1), Real(0));
+    _mass.assign(_num_points, 0.0);
+    for (std::size_t i = 0; i < _num_points; ++i)
+        _mass[_record_of[i]] = lumped_mass[i];
+    _points.assign(4 * _num_points, Real(0));
+    for (std::size_t i = 0; i < _num_points; ++i)
+        for (std::size_t j = 0; j < 3; ++j)
+            _points[4 * _record_of[i] + j] = static_cast<Real>(points[3 * i + j]);
     const double half_damping = 0.5 * settings.mass_damping * settings.time_step;
     _keep = static_cast<Real>((1.0 - half_damping) / (1.0 + half_damping));
     _limit = static_cast<Real>(settings.displacement_limit);
@@ -154,6 +161,69 @@ template <typename Real> void ExplicitRun<Real>::set_external_force(std::span<co
             _external[4 * _record_of[i] + j] = static_cast<Real>(force[3 * i + j]);
 }
 
+template <typename Real>
+void ExplicitRun<Real>::set_pressure(std::span<const Index> facets,
+                                     std::span<const double> pressures) {
+    _pressed.clear();
+    _pressures.clear();
+    for (const Index i : facets)
+        _pressed.push_back(4 * _record_of[static_cast<std::size_t>(i)]);
+    for (const double p : pressures)
+        _pressures.push_back(static_cast<Real>(p));
+}
+
+template <typename Real> void ExplicitRun<Real>::add_pressure(Real amplitude) {
+    Real *const total = _shares[0].force.data();
+    for (std::size_t t = 0; t < _pressures.size(); ++t) {
+        const std::size_t *corner = &_pressed[3 * t];
+        std::array<Real, 3> p{}, q{};
+        for (std::size_t j = 0; j < 3; ++j) {
+            // Rest edges and displacement differences apart: a small motion keeps its digits.
+            p[j] = (_points[corner[1] + j] - _points[corner[0] + j]) +
+                   (_displacement[corner[1] + j] - _displacement[corner[0] + j]);
+            q[j] = (_points[corner[2] + j] - _points[corner[0] + j]) +
+                   (_displacement[corner[2] + j] - _displacement[corner[0] + j]);
+        }
+        const Real share = amplitude * _pressures[t] / Real(6);
+        const std::array<Real, 3> outward{p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2],
+                                          p[0] * q[1] - p[1] * q[0]};
+        for (std::size_t k = 0; k < 3; ++k)
+            for (std::size_t j = 0; j < 3; ++j)
+                total[corner[k] + j] += share * outward[j];
+    }
+}
+
+template <typename Real> void ExplicitRun<Real>::track(std::size_t thread, Real amplitude) {
+    Share &share = _shares[thread];
+    const auto sum_of = [&](std::size_t i) {
+        // d + d_next, before the update: d_next from eq. 12.
+        const Real next =
+            _keep * _increment[i] + _mobility[i] * (amplitude * _external[i] - _shares[0].force[i]);
+        return static_cast<double>(_increment[i]) + static_cast<double>(next);
+    };
+    const double rate = _settings.mass_damping / (4.0 * _settings.time_step);
+    for (std::size_t point = share.first_owned; point < share.last_owned; ++point)
+        for (std::size_t i = 4 * point; i < 4 * point + 3; ++i) {
+            const double sum = sum_of(i);
+            share.work += 0.5 * static_cast<double>(amplitude * _external[i]) * sum;
+            share.loss += rate * _mass[point] * sum * sum;
+        }
+}
+
+template <typename Real> double ExplicitRun<Real>::external_work() const {
+    double sum = 0.0;
+    for (const Share &share : _shares)
+        sum += share.work;
+    return sum;
+}
+
+template <typename Real> double ExplicitRun<Real>::damping_loss() const {
+    double sum = 0.0;
+    for (const Share &share : _shares)
+        sum += share.loss;
+    return sum;
+}
+
 template <typename Real> ForceJob<Real> ExplicitRun<Real>::job_of(Share &share) const {
     return {_displacement.data(),
             share.force.data(),
@@ -178,6 +248,8 @@ template <typename Real> bool ExplicitRun<Real>::update(std::size_t thread, Real
             part[i] = Real(0);
         }
     }
+    if (_settings.tracks_energy)
+        track(thread, amplitude);
     Real *const u = _displacement.data();
     Real *const d = _increment.data();
     const Real *const external = _external.data();
@@ -219,6 +291,8 @@ ExplicitOutcome ExplicitRun<Real>::advance(std::span<const double> amplitudes) {
             const Real smallest = _kernel.add_forces(job);
             flags[thread].reason[slot] =
                 smallest > Real(0) ? StopReason::none : StopReason::inverted_cell;
+            if (thread == 0)
+                add_pressure(static_cast<Real>(amplitudes[step]));
             barrier.wait();
             StopReason reason = any(flags, slot);
             if (reason == StopReason::none) {

@@ -51,6 +51,7 @@ struct ExplicitSettings {
     double displacement_limit;
     std::size_t num_threads;
     InstructionSet at_most;
+    bool tracks_energy; // sums external work and damping loss, step by step, in double
 };
 
 /// A body in motion. Arrays in and out are in the caller's numbering, three numbers a point.
@@ -66,6 +67,15 @@ template <typename Real> class ExplicitRun {
     /// Dead load F, scaled at each step by an amplitude.
     void set_external_force(std::span<const double> force);
 
+    /// Follower pressures on facets (3 points each), scaled by the same amplitude; energy
+    /// tracking does not count their work.
+    void set_pressure(std::span<const Index> facets, std::span<const double> pressures);
+
+    /// Work of the dead load and loss by damping since the start [J], if tracked:
+    /// sum of s F . (d + d_next) / 2, and of dt damping m |(d + d_next) / (2 dt)|^2.
+    double external_work() const;
+    double damping_loss() const;
+
     /// One step for each amplitude, or fewer if the run leaves its bounds.
     ExplicitOutcome advance(std::span<const double> amplitudes);
 
@@ -80,12 +90,15 @@ template <typename Real> class ExplicitRun {
         std::size_t first_touched, last_touched; // points its cells touch
         std::size_t first_owned, last_owned;     // points it updates
         AlignedVector<Real> force;
+        double work = 0.0, loss = 0.0;
     };
 
     void lay_out_cells(std::span<const double> points, std::span<const Index> cells);
     void share_out();
     ForceJob<Real> job_of(Share &share) const;
     bool update(std::size_t thread, Real amplitude);
+    void track(std::size_t thread, Real amplitude);
+    void add_pressure(Real amplitude);
 
     ExplicitSettings _settings;
     KernelChoice<Real> _kernel;
@@ -94,6 +107,10 @@ template <typename Real> class ExplicitRun {
     AlignedVector<Real> _displacement, _increment, _external, _mobility; // records of 4
     AlignedVector<std::int32_t> _records;
     AlignedVector<Real> _rest;
+    std::vector<double> _mass; // by record
+    AlignedVector<Real> _points;
+    std::vector<std::size_t> _pressed; // first entry of the records of each facet's corners
+    std::vector<Real> _pressures;
     std::size_t _num_batches = 0;
     std::vector<Share> _shares;
     Real _keep, _limit;

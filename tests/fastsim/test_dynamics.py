@@ -1,0 +1,317 @@
+"""Explicit dynamics: the plain loop as oracle, time-step order, balances, and loud failure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.fastsim import _core
+from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.errors import BlowUpError, UnstableStepError
+from palpate.fastsim.forces import (
+    STRAIN_MEASURE,
+    assemble_internal_force,
+    constraints,
+    external_force,
+    lame_parameters,
+    lumped_mass,
+)
+from palpate.fastsim.statics import solve_static
+from palpate.fastsim.time_steps import critical_time_step, sharp_critical_time_step
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
+
+MakeBox = Callable[..., TetMesh]
+SOFT = Material(1e4, 0.3, 1000.0)
+BOTH = pytest.mark.parametrize("strain", list(Strain))
+RUNS = {Precision.SINGLE: _core.ExplicitRun32, Precision.DOUBLE: _core.ExplicitRun64}
+EPS = {Precision.SINGLE: 2.0**-23, Precision.DOUBLE: 2.0**-52}
+
+
+def beam(mesh: TetMesh, span: TimeSpan, weight: float = 2000.0) -> Problem:
+    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    load = BodyForce((0.0, 0.2 * weight, -weight))
+    return Problem(mesh, SOFT, (Support(held),), (load,), span)
+
+
+def free_body(mesh: TetMesh, span: TimeSpan) -> Problem:
+    return Problem(mesh, SOFT, (), (), span)
+
+
+@pytest.mark.parametrize("num_threads", [1, 2, 3])
+@pytest.mark.parametrize("precision", list(Precision))
+@pytest.mark.parametrize("instruction_set", list(_core.InstructionSet))
+@BOTH
+def test_every_kernel_gives_the_plain_loops_force(
+    ragged_box: TetMesh,
+    strain: Strain,
+    instruction_set: _core.InstructionSet,
+    precision: Precision,
+    num_threads: int,
+) -> None:
+    mesh = ragged_box
+    u = 0.03 * np.random.default_rng(1).standard_normal(mesh.points.shape)
+    run = RUNS[precision].make(
+        mesh.points,
+        mesh.cells,
+        lumped_mass(mesh, 1000.0),
+        np.ones(mesh.points.shape, np.uint8),
+        *lame_parameters(SOFT),
+        STRAIN_MEASURE[strain],
+        1e-3,
+        0.0,
+        1e3,
+        num_threads,
+        instruction_set,
+        False,
+    )
+    run.set_state(u, np.zeros_like(u))
+    force = np.empty_like(u)
+    run.internal_force(force)
+    plain = assemble_internal_force(mesh, u, material=SOFT, strain=strain)
+    # Displacements of 3 % of the size are rounded first: some tens of roundings of each force.
+    assert np.abs(force - plain).max() < 50 * EPS[precision] * np.abs(plain).max()
+
+
+@BOTH
+def test_a_run_follows_the_plain_loop(ragged_box: TetMesh, strain: Strain) -> None:
+    """200 steps with damping, load and support, against eq. 12 step by step in C++'s plain loop."""
+    problem = beam(ragged_box, TimeSpan(0.5, mass_damping=3.0, num_outputs=4))
+    result = simulate(problem, strain=strain)
+    dt = result.time_step
+    is_free, held = constraints(problem)
+    mass, load = lumped_mass(ragged_box, 1000.0), external_force(problem)
+    now = held.copy()
+    previous = 0.5 * dt**2 * load / mass[:, None]  # eq. 13 from rest: a(-dt) = dt^2 a'' / 2
+    previous[is_free == 0] = 0.0
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    for output in range(1, 5):
+        steps, is_blown_up = solid.central_difference(
+            *lame_parameters(SOFT),
+            STRAIN_MEASURE[strain],
+            mass,
+            load,
+            is_free,
+            dt,
+            3.0,
+            1e3,
+            result.num_steps // 4,
+            now,
+            previous,
+        )
+        assert (steps, is_blown_up) == (result.num_steps // 4, False)
+        error = np.abs(result.displacements[output] - now).max()
+        assert error < 1e-12 * np.abs(now).max()
+    assert np.abs(now).max() > 0.05
+
+
+@pytest.mark.parametrize("precision", list(Precision))
+@pytest.mark.parametrize("num_threads", [1, 2])
+def test_a_run_repeats_bit_for_bit(
+    ragged_box: TetMesh, precision: Precision, num_threads: int
+) -> None:
+    problem = beam(ragged_box, TimeSpan(0.3, num_outputs=2))
+    first, second = (
+        simulate(problem, precision=precision, num_threads=num_threads).displacements
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(first, second)
+
+
+def test_the_number_of_threads_changes_rounding_only(ragged_box: TetMesh) -> None:
+    problem = beam(ragged_box, TimeSpan(0.3, num_outputs=2))
+    one, three = (simulate(problem, num_threads=n).displacements for n in (1, 3))
+    assert np.abs(one - three).max() < 1e-12 * np.abs(one).max()
+
+
+def test_error_falls_with_the_square_of_the_time_step(make_box: MakeBox) -> None:
+    mesh = make_box((3, 1, 1), (3.0, 1.0, 1.0))
+    coarse = 0.5 * critical_time_step(mesh, SOFT)
+    end = 64 * coarse
+
+    def last(step: float) -> np.ndarray:
+        problem = beam(mesh, TimeSpan(end, time_step=step, mass_damping=1.0, num_outputs=1))
+        return simulate(problem).displacements[-1]
+
+    exact = last(coarse / 32)
+    steps = coarse / np.array([1.0, 2.0, 4.0])
+    errors = [np.linalg.norm(last(step) - exact) for step in steps]
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.1)
+
+
+def test_element_bound_lies_below_the_sharp_step_and_that_is_the_dense_one(
+    ragged_box: TetMesh,
+) -> None:
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    solid.assemble_tangent(
+        np.zeros_like(ragged_box.points), *lame_parameters(SOFT), _core.StrainMeasure.linear
+    )
+    columns = []
+    for unit in np.eye(ragged_box.points.size):
+        column = np.empty_like(ragged_box.points)
+        solid.multiply_tangent(unit.reshape(-1, 3), column)
+        columns.append(column.ravel())
+    root = np.repeat(1.0 / np.sqrt(lumped_mass(ragged_box, 1000.0)), 3)
+    dense = 2.0 / np.sqrt(np.linalg.eigvalsh(root[:, None] * np.array(columns) * root)[-1])
+    sharp = sharp_critical_time_step(ragged_box, SOFT)
+    bound = critical_time_step(ragged_box, SOFT)
+    assert sharp == pytest.approx(dense, rel=2e-4)
+    assert 0.4 * dense < bound <= dense
+
+
+def test_a_step_just_below_the_critical_stays_bounded_and_above_is_refused(
+    make_box: MakeBox,
+) -> None:
+    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0))
+    sharp = sharp_critical_time_step(mesh, SOFT, relative_tolerance=1e-10)
+    good = TimeSpan(2000 * 0.99 * sharp, time_step=0.99 * sharp, num_outputs=1)
+    result = simulate(beam(mesh, good, weight=20.0), strain=Strain.LINEAR)
+    assert np.abs(result.displacements[-1]).max() < 0.1
+    with pytest.raises(UnstableStepError) as caught:
+        simulate(beam(mesh, TimeSpan(1.0, time_step=1.01 * sharp), weight=20.0))
+    assert caught.value.critical_time_step == pytest.approx(sharp, rel=1e-3)
+
+
+def test_damped_motion_comes_to_rest_at_the_static_solution(make_box: MakeBox) -> None:
+    mesh = make_box((6, 2, 2), (3.0, 1.0, 1.0), ragged=0.1)
+    span = TimeSpan(90.0, mass_damping=0.7, num_outputs=1)  # near critical: 2 omega_1
+    problem = beam(mesh, span, weight=30.0)
+    static = solve_static(problem).displacement
+    for precision, limit in ((Precision.DOUBLE, 1e-9), (Precision.SINGLE, 1e-5)):
+        moved = simulate(problem, precision=precision).displacements[-1]
+        assert np.linalg.norm(moved - static) < limit * np.linalg.norm(static)
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_energy_is_balanced_for_a_ramped_load(make_box: MakeBox, damping: float) -> None:
+    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
+    step = 0.5 * critical_time_step(mesh, SOFT)
+    span = TimeSpan(10_000 * step, time_step=step, mass_damping=damping, num_outputs=20)
+    end = span.end_time
+    result = simulate(
+        beam(mesh, span, weight=500.0),
+        amplitude=lambda t: 0.5 - 0.5 * np.cos(np.pi * min(1.0, 2.0 * t / end)),
+        tracks_energy=True,
+    )
+    assert result.energies is not None
+    total = np.abs(result.energies.external_work).max()
+    assert total > 0.1
+    assert np.abs(result.energies.balance).max() < 1e-5 * total
+
+
+def test_energy_is_balanced_for_a_sudden_load(make_box: MakeBox) -> None:
+    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
+    step = 0.5 * critical_time_step(mesh, SOFT)
+    span = TimeSpan(10_000 * step, time_step=step, num_outputs=50)
+    result = simulate(beam(mesh, span, weight=100.0), tracks_energy=True)
+    assert result.energies is not None
+    total = np.abs(result.energies.external_work).max()
+    assert np.abs(result.energies.balance).max() < 3e-3 * total
+    # The balance sees a wrong force: 2 % less strain energy breaks it.
+    wrong = result.energies.balance - 0.02 * result.energies.strain
+    assert np.abs(wrong).max() > 3e-3 * total
+
+
+def test_a_free_body_keeps_its_momentum(ragged_box: TetMesh) -> None:
+    mass = lumped_mass(ragged_box, 1000.0)[:, None]
+    velocity = np.random.default_rng(3).standard_normal(ragged_box.points.shape) * 0.2
+    result = simulate(free_body(ragged_box, TimeSpan(0.5, num_outputs=1)), velocity=velocity)
+    before, after = (mass * velocity).sum(axis=0), (mass * result.velocity).sum(axis=0)
+    assert np.abs(after - before).max() < 1e-11 * np.abs(mass * velocity).sum()
+    turning = np.cross(ragged_box.points, mass * velocity).sum(axis=0)
+    now = ragged_box.points + result.displacements[-1]
+    turned = np.cross(now, mass * result.velocity).sum(axis=0)
+    # Central differences keep the moment of (x(t-dt), v): x differs from it by order dt.
+    assert np.abs(turned - turning).max() < 1e-3 * np.abs(turning).max()
+
+
+def test_mass_damping_slows_a_rigid_motion_exponentially(ragged_box: TetMesh) -> None:
+    velocity = np.tile([1.0, -2.0, 0.5], (ragged_box.num_points, 1))
+    span = TimeSpan(1.0, time_step=1e-3, mass_damping=2.0, num_outputs=1)
+    result = simulate(free_body(ragged_box, span), velocity=velocity)
+    # v = v0 exp(-2 t), a = v0 (1 - exp(-2 t)) / 2; the scheme's error is about (2 dt)^2 / 12.
+    expected = velocity * (1.0 - np.exp(-2.0)) / 2.0
+    np.testing.assert_allclose(result.displacements[-1], expected, rtol=1e-6)
+    np.testing.assert_allclose(result.velocity, velocity * np.exp(-2.0), rtol=1e-5)
+
+
+def test_confined_wave_keeps_its_period(make_box: MakeBox) -> None:
+    """P-wave of TARGETS.md: u = A sin(pi x / 2L) at rest comes back after 4 L / c."""
+    material = Material(1.0, 0.3, 1.0)
+    mesh = make_box((40, 2, 2), (1.0, 0.1, 0.1))
+    sides = [
+        np.flatnonzero((mesh.points[:, k] < 1e-9) | (mesh.points[:, k] > 0.1 - 1e-9))
+        for k in (1, 2)
+    ]
+    supports = (
+        Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)),
+        Support(sides[0].astype(np.int32), components=(False, True, False)),
+        Support(sides[1].astype(np.int32), components=(False, False, True)),
+    )
+    speed = 1.16023870  # sqrt((lmbda + 2 mu) / rho)
+    span = TimeSpan(4.0 / speed, num_outputs=16)
+    start = np.zeros_like(mesh.points)
+    start[:, 0] = 1e-3 * np.sin(0.5 * np.pi * mesh.points[:, 0])
+    result = simulate(
+        Problem(mesh, material, supports, (), span), strain=Strain.LINEAR, displacement=start
+    )
+    exact = start * np.cos(0.5 * np.pi * speed * result.times)[:, None, None]
+    errors = np.sqrt(((result.displacements - exact) ** 2).sum(axis=(1, 2)))
+    assert errors.max() < 1e-3 * np.linalg.norm(start)
+
+
+def test_pressure_agrees_with_the_static_solution_after_damping(make_box: MakeBox) -> None:
+    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
+    corners = mesh.points[mesh.boundary_facets]
+    top = mesh.boundary_facets[(corners[:, :, 2] > 1.0 - 1e-9).all(axis=1)]
+    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    problem = Problem(
+        mesh, SOFT, (Support(held),), (Pressure(top, 150.0),), TimeSpan(50.0, None, 1.6, 1)
+    )
+    static = solve_static(problem).displacement
+    moved = simulate(problem).displacements[-1]
+    assert np.linalg.norm(moved - static) < 1e-8 * np.linalg.norm(static)
+
+
+def test_a_crushing_load_stops_the_run_with_the_last_good_state(ragged_box: TetMesh) -> None:
+    corners = ragged_box.points[ragged_box.boundary_facets]
+    end = ragged_box.boundary_facets[(corners[:, :, 0] > 1.6 - 1e-9).all(axis=1)]
+    held = np.flatnonzero(ragged_box.points[:, 0] < 1e-9).astype(np.int32)
+    push = Traction(end, (-2e4, 0.0, 0.0))
+    problem = Problem(ragged_box, SOFT, (Support(held),), (push,), TimeSpan(10.0))
+    with pytest.raises(BlowUpError, match="inverted") as caught:
+        simulate(problem)
+    error = caught.value
+    assert np.isfinite(error.displacement).all()
+    assert error.step > 0
+    assert 0.0 < error.smallest_det_f < 0.9
+    assert error.time == pytest.approx(
+        error.step * 0.8 * critical_time_step(ragged_box, SOFT), rel=0.1
+    )
+
+
+@pytest.mark.parametrize("precision", list(Precision))
+@pytest.mark.parametrize("num_threads", [1, 2])
+def test_an_exploding_load_never_returns_a_number_that_is_not_finite(
+    ragged_box: TetMesh, precision: Precision, num_threads: int
+) -> None:
+    problem = beam(ragged_box, TimeSpan(10.0, num_outputs=5), weight=1e30)
+    with pytest.raises(BlowUpError) as caught:
+        simulate(problem, strain=Strain.LINEAR, precision=precision, num_threads=num_threads)
+    assert np.isfinite(caught.value.displacement).all()
+
+
+def test_no_time_span_is_refused(ragged_box: TetMesh) -> None:
+    with pytest.raises(InputError, match="time span"):
+        simulate(Problem(ragged_box, SOFT, (), ()))
+
+
+def test_an_amplitude_that_is_not_finite_is_refused(ragged_box: TetMesh) -> None:
+    problem = beam(ragged_box, TimeSpan(0.1))
+    with pytest.raises(InputError, match="amplitude at t"):
+        simulate(problem, amplitude=lambda t: float("nan"))  # noqa: ARG005
