@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.meshes.arrays import Points, checked_points
+from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
@@ -29,6 +29,13 @@ _SLIVER_TARGET = 0.5
 
 class MeshingError(InputError):
     """This mesher does not manage a surface."""
+
+
+class FlatPointsError(MeshingError):
+    """Points that span no volume."""
+
+    def __init__(self, num_points: int) -> None:
+        super().__init__(f"the {num_points} points lie in one plane; there is nothing to mesh")
 
 
 class DuplicatePointError(MeshingError):
@@ -170,18 +177,47 @@ def mesh_surface_with_report(
     raise failure
 
 
-def delaunay(points: Points) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.int32]], list[int]]:
-    """Delaunay cells of points inside a cube three times their size: the traditional method.
+def delaunay(points: Points) -> tuple[Indices, list[int]]:
+    """Delaunay tetrahedra of points: their convex hull, cut into cells of empty circumspheres.
+
+    Exact for any input; points on one sphere are told apart by a symbolic perturbation, so that
+    no cell is flat and the same points always give the same cells.
 
     Args:
         points: [m], shape (num_points, 3), finite.
 
     Returns:
-        Cells, shape (n, 4), where 0 to 7 are the cube's corners and point i is number 8 + i;
-        and the points left out because an equal one came first.
+        Cells, shape (num_cells, 4), positive by the exact predicate; and the points left out
+        because an equal one is in the mesh, in ascending order.
+
+    Raises:
+        FlatPointsError: All points lie in one plane.
     """
-    cells, twins = _core.delaunay(np.array(checked_points(points)))
-    return cells, twins
+    cells, duplicates, is_flat = _core.delaunay(np.array(checked_points(points)))
+    if is_flat:
+        raise FlatPointsError(len(points))
+    return cells, duplicates
+
+
+def check_delaunay(points: Points, cells: Indices) -> tuple[int, int, int] | None:
+    """Prove that cells are Delaunay: exact orientation, and in-sphere test across every facet.
+
+    Facets shared by two cells are judged; that the whole is the convex hull is for the caller to
+    see from its volume.
+
+    Args:
+        points: [m], shape (num_points, 3).
+        cells: Shape (num_cells, 4).
+
+    Returns:
+        None when they are, else the first fault: the cell, its facet (-1 when the cell is not
+        positive) and the point that lies inside its circumsphere (-1 when the facet has more
+        than two cells).
+    """
+    points = np.array(checked_points(points))
+    cells = np.array(checked_indices(cells, 4, len(points), "cells"))
+    cell, facet, point = _core.find_delaunay_fault(points, cells)
+    return None if cell < 0 else (cell, facet, point)
 
 
 def _require_boundary(

@@ -1,4 +1,5 @@
 // Bindings of the mesher: no logic, no defaults. Python has checked every array.
+#include "delaunay/triangulation.hpp"
 #include "mesher/mesh_surface.hpp"
 #include "mesher/predicates.hpp"
 
@@ -19,6 +20,7 @@ namespace {
 
 using Points =
     nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
 using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 
 template <typename T, std::size_t width>
@@ -53,26 +55,26 @@ void bind_mesher(nb::module_ &module) {
         "delaunay",
         [](Points points) {
             const auto rows = as_rows<Point>(points);
-            std::vector<Cell> cells;
-            std::vector<Index> twins;
+            DelaunayCells result;
             {
                 nb::gil_scoped_release release;
-                TetComplex complex = start_in_cube(rows, 3.0);
-                for (const Point &p : rows)
-                    complex.add_point(p);
-                Index hint = 0;
-                for (const Index i : spatial_order(rows)) {
-                    Index twin = none;
-                    if (!insert_point(complex, i + 8, hint, {}, twin) && twin != none)
-                        twins.push_back(i);
-                }
-                for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
-                    if (complex.is_alive(static_cast<Index>(slot)))
-                        cells.push_back(complex.cell(static_cast<Index>(slot)));
+                result = Triangulation(rows).build();
             }
-            return std::make_tuple(as_table<Index, 4>(cells), twins);
+            return std::make_tuple(as_table<Index, 4>(result.cells), result.duplicates,
+                                   result.is_flat);
         },
         nb::arg("points").noconvert());
+
+    module.def(
+        "find_delaunay_fault",
+        [](Points points, Cells cells) {
+            const auto rows = as_rows<Point>(points);
+            const auto cell_rows = as_rows<Cell>(cells);
+            nb::gil_scoped_release release;
+            const DelaunayFault fault = find_delaunay_fault(rows, cell_rows);
+            return std::make_tuple(fault.cell, fault.facet, fault.point);
+        },
+        nb::arg("points").noconvert(), nb::arg("cells").noconvert());
 
     module.def(
         "mesh_surface",

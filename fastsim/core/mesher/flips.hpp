@@ -2,12 +2,14 @@
 // Local changes of a tetrahedralisation that keep its points: 2-3 flips and the removal of an
 // edge (3-2, 4-4 and larger), each only when every new cell is positive by the exact predicate.
 
-#include "mesher/delaunay.hpp"
 #include "mesher/tet_complex.hpp"
 
 #include <unordered_set>
 
 namespace fastsim {
+
+/// Facets by sorted_triple.
+using FacetSet = std::unordered_set<Triple, TripleHash>;
 
 /// What flips must leave alone.
 struct Protection {

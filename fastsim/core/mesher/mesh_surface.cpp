@@ -1,5 +1,9 @@
 #include "mesher/mesh_surface.hpp"
 
+#include "delaunay/triangulation.hpp"
+
+#include <algorithm>
+
 namespace fastsim {
 
 namespace {
@@ -8,6 +12,27 @@ constexpr Index cube_corners = 8;
 // Far enough that the cube's corners hardly spoil the cells at the surface.
 constexpr double cube_margin = 3.0;
 
+/// Corners of a cube around all points, `margin` box sizes away.
+std::array<Point, 8> cube_corners_around(std::span<const Point> points, double margin) {
+    Point low = points.front(), high = points.front();
+    double size = 0.0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        for (const Point &p : points) {
+            low[i] = std::min(low[i], p[i]);
+            high[i] = std::max(high[i], p[i]);
+        }
+        size = std::max(size, high[i] - low[i]);
+    }
+    const double reach = (0.5 + margin) * size;
+    std::array<Point, 8> corners;
+    for (std::size_t corner = 0; corner < 8; ++corner)
+        for (std::size_t i = 0; i < 3; ++i) {
+            const double centre = 0.5 * (low[i] + high[i]);
+            corners[corner][i] = (corner >> i) & 1 ? centre + reach : centre - reach;
+        }
+    return corners;
+}
+
 } // namespace
 
 SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
@@ -15,26 +40,30 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
     SurfaceMesh result;
     const auto num_surface = static_cast<Index>(points.size());
 
-    // 1. The circum-cube, cut into five.
-    TetComplex complex = start_in_cube(points, cube_margin);
+    // 1. The circum-cube. The paper cuts it into five cells and inserts into them; here its
+    // corners are points like the others, which gives the same cells.
+    TetComplex complex;
+    for (const Point &corner : cube_corners_around(points, cube_margin))
+        complex.add_point(corner);
 
     // 2 to 4. Lattice, disarranged, those well inside.
     std::vector<Point> all(points.begin(), points.end());
     const std::vector<Point> inner = interior_points(points, facets, settings.lattice);
     all.insert(all.end(), inner.begin(), inner.end());
 
-    // 5. Insert by Delaunay's criterion.
+    // 5. Insert by Delaunay's criterion, the cube's corners among the points.
     for (const Point &p : all)
         complex.add_point(p);
-    Index hint = 0;
-    const FacetSet no_walls;
-    for (const Index i : spatial_order(all)) {
-        Index twin = none;
-        if (!insert_point(complex, i + cube_corners, hint, no_walls, twin) && twin != none) {
-            result.twins = {twin - cube_corners, i};
-            return result;
-        }
+    const DelaunayCells delaunay = Triangulation(complex.points).build();
+    if (!delaunay.duplicates.empty()) {
+        const Index late = delaunay.duplicates.front();
+        for (Index v = 0; v < static_cast<Index>(complex.points.size()); ++v)
+            if (v != late &&
+                complex.points[TetComplex::at(v)] == complex.points[TetComplex::at(late)])
+                result.twins = {std::min(v, late) - cube_corners, std::max(v, late) - cube_corners};
+        return result;
     }
+    complex.set_cells(delaunay.cells);
 
     // Boundary points and topology.
     std::vector<Triple> shifted(facets.begin(), facets.end());
