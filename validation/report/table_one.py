@@ -1,0 +1,79 @@
+"""Table I of the paper beside the reference and the candidate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate.meshes.problem import Strain
+from palpate.validation.results import CaseResult
+
+MM3, MM2 = 1e9, 1e6
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity in one state: a value and its change against the original, per column."""
+
+    quantity: str
+    state: str
+    cells: tuple[tuple[float | None, float | None], ...]
+
+
+@dataclass(frozen=True)
+class StateTable:
+    """Volume and surface area of the original, linear and Green states, by column."""
+
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+    has_paper: bool
+
+
+def state_table(result: CaseResult) -> StateTable:
+    """Columns: the paper where the case has its numbers, then every simulator; mm3 and mm2."""
+    labels = list(dict.fromkeys(s.label for s in result.states if s.simulator == "reference"))
+    labels.sort(reverse=True)
+    labels += [s.label for s in result.states if s.simulator != "reference"][:1]
+    published = result.published
+    has_paper = "original_volume" in published
+    rows = []
+    for quantity, key, rest, scale in (
+        ("volume", "volume", result.rest_volume, MM3),
+        ("surface area", "area", result.rest_surface_area, MM2),
+    ):
+        for state, strain in (
+            ("original", None),
+            ("linear strain", Strain.LINEAR),
+            ("Green strain", Strain.GREEN),
+        ):
+            cells: list[tuple[float | None, float | None]] = []
+            if has_paper:
+                original = float(published[f"original_{key}"])
+                value = float(published[f"{strain or 'original'}_{key}"])
+                cells.append((value, None if strain is None else (value / original - 1) * 100))
+            for label in labels:
+                if strain is None:
+                    cells.append((rest * scale, None))
+                    continue
+                found = result.state(label, strain)
+                if found is None:
+                    cells.append((None, None))
+                    continue
+                amount = found.volume if key == "volume" else found.surface_area
+                cells.append((amount * scale, (amount / rest - 1) * 100))
+            rows.append(Row(quantity, state, tuple(cells)))
+    columns = (["paper"] if has_paper else []) + labels
+    return StateTable(tuple(columns), tuple(rows), has_paper)
+
+
+def state_table_csv(result: CaseResult) -> str:
+    """The same table for a spreadsheet."""
+    table = state_table(result)
+    lines = ["quantity,state," + ",".join(f'"{c}","{c} change %"' for c in table.columns)]
+    for row in table.rows:
+        unit = "mm3" if row.quantity == "volume" else "mm2"
+        cells = ",".join(
+            ("" if value is None else f"{value:.4f}") + "," + ("" if c is None else f"{c:.4f}")
+            for value, c in row.cells
+        )
+        lines.append(f"{row.quantity} [{unit}],{row.state},{cells}")
+    return "\n".join(lines) + "\n"
