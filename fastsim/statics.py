@@ -26,6 +26,8 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 
 SMALLEST_LOAD_STEP = 1.0 / 1024.0
+# Below this, diagonal blocks alone are as quick as multigrid.
+MULTIGRID_FROM_POINTS = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +148,9 @@ class _Newton:
         self._lmbda, self._mu = lame_parameters(problem.material)
         self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
         self._is_free, self._held = constraints(problem)
+        self._uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
+        self._is_stale = True
+        self._fresh_cost: float | None = None
         self._load = external_force(problem)
         # Pressure follows the body only where the strain measure knows finite rotations.
         self._follows = strain is Strain.GREEN and any(
@@ -166,7 +171,6 @@ class _Newton:
         # The held components' change goes through the tangent first: no cell is crushed by it.
         jump = np.where(free, 0.0, factor * self._held - displacement)
         history: list[float] = []
-        self._residual_scale = 0.0
         residual, internal = self._residual(displacement, factor)
         outcome = _Outcome(None, history=history)
         for _ in range(self.max_iterations):
@@ -205,11 +209,11 @@ class _Newton:
         return max(history[-3:]) < 1e-7
 
     def _scale(self, internal: Points, factor: float) -> float:
-        """Norm of the load and of the reactions: whichever drives the problem."""
-        held = self._is_free == 0
-        loads = factor * float(np.linalg.norm(self._load))
-        reactions = float(np.linalg.norm(internal[held]))
-        return max(loads, reactions, float(np.finfo(float).tiny))
+        """Norm of what drives the problem: the load, and the reactions to moved supports."""
+        scale = factor * float(np.linalg.norm(self._load))
+        if np.any(self._held) or scale == 0.0:
+            scale = max(scale, float(np.linalg.norm(internal[self._is_free == 0])))
+        return max(scale, float(np.finfo(float).tiny))
 
     def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
         internal = np.zeros_like(displacement)
@@ -230,16 +234,27 @@ class _Newton:
     def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
         """Solve K x = b; early Newton steps need few digits, the last ones many."""
         norm = float(np.linalg.norm(right_side))
-        relative = 1e-12
+        relative = 0.1 * self.tolerance
         if self.strain is Strain.GREEN:
+            # Inexact Newton (Eisenstat and Walker 1996): as many digits as the last step gained,
+            # but none beyond the tolerance.
             last = history[-1] if history else 1.0
-            relative = float(np.clip(0.1 * last, 1e-8, 1e-4))
+            enough = 0.3 * self.tolerance / max(last, self.tolerance)
+            relative = max(min(1e-2, 0.1 * last), enough)
+        if self._uses_multigrid and self._is_stale:
+            self._solid.build_multigrid(self._is_free)
+            self._fresh_cost = None
         x = np.zeros_like(right_side)
         limit = 20 * self.problem.mesh.num_points + 1000
         status, iterations, _ = self._solid.solve_tangent(
-            right_side, self._is_free, relative * norm, limit, x
+            right_side, self._is_free, relative * norm, limit, self._uses_multigrid, x
         )
         self.linear_iterations += iterations
+        # Iterations for each digit tell when the multigrid of an earlier tangent has aged.
+        cost = iterations / -np.log10(relative)
+        if self._fresh_cost is None:
+            self._fresh_cost = cost
+        self._is_stale = cost > 1.5 * self._fresh_cost + 2.0
         if status == _core.SolveStatus.negative_curvature:
             return None, "the tangent stiffness is not positive definite: a limit point"
         if status == _core.SolveStatus.iteration_limit:

@@ -9,6 +9,7 @@
 #include <nanobind/stl/tuple.h>
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <tuple>
 
@@ -32,16 +33,20 @@ template <typename Array> auto as_span(Array &array) {
 struct Solid {
     std::vector<Index> cells;
     std::size_t num_points;
+    std::vector<double> points;
     RestCells rest;
     BlockMatrix matrix;
+    std::optional<Multigrid> multigrid;
 };
 
 Solid make_solid(Table3<const double> points, Cells cells) {
     const std::span<const Index> view = as_span(cells);
+    const std::span<const double> positions = as_span(points);
     nb::gil_scoped_release release;
     Solid solid;
     solid.cells.assign(view.begin(), view.end());
     solid.num_points = points.shape(0);
+    solid.points.assign(positions.begin(), positions.end());
     solid.rest = make_rest_cells(as_span(points), solid.cells);
     return solid;
 }
@@ -117,17 +122,33 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("x").noconvert(), nb::arg("y").noconvert())
         .def(
+            "build_multigrid",
+            [](Solid &solid, Table3<const std::uint8_t> is_free) {
+                nb::gil_scoped_release release;
+                solid.multigrid.emplace(solid.matrix, solid.points, as_span(is_free));
+                return solid.multigrid->num_levels();
+            },
+            nb::arg("is_free").noconvert())
+        .def(
+            "apply_multigrid",
+            [](const Solid &solid, Table3<const double> b, Table3<double> x) {
+                nb::gil_scoped_release release;
+                solid.multigrid.value().apply(as_span(b), as_span(x));
+            },
+            nb::arg("b").noconvert(), nb::arg("x").noconvert())
+        .def(
             "solve_tangent",
             [](const Solid &solid, Table3<const double> b, Table3<const std::uint8_t> is_free,
-               double absolute_tolerance, std::int64_t max_iterations, Table3<double> x) {
+               double absolute_tolerance, std::int64_t max_iterations, bool uses_multigrid,
+               Table3<double> x) {
                 nb::gil_scoped_release release;
-                const SolveResult result =
-                    conjugate_gradient(solid.matrix, as_span(b), as_span(is_free),
-                                       absolute_tolerance, max_iterations, as_span(x));
+                const SolveResult result = conjugate_gradient(
+                    solid.matrix, as_span(b), as_span(is_free), absolute_tolerance, max_iterations,
+                    uses_multigrid ? &solid.multigrid.value() : nullptr, as_span(x));
                 return std::make_tuple(result.status, result.iterations, result.residual_norm);
             },
             nb::arg("b").noconvert(), nb::arg("is_free").noconvert(), nb::arg("absolute_tolerance"),
-            nb::arg("max_iterations"), nb::arg("x").noconvert())
+            nb::arg("max_iterations"), nb::arg("uses_multigrid"), nb::arg("x").noconvert())
         .def(
             "central_difference",
             [](const Solid &solid, double lmbda, double mu, StrainMeasure strain,

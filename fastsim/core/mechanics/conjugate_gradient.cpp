@@ -46,13 +46,19 @@ std::vector<Matrix3> inverse_diagonal(const BlockMatrix &matrix,
 
 SolveResult conjugate_gradient(const BlockMatrix &matrix, std::span<const double> b,
                                std::span<const std::uint8_t> is_free, double absolute_tolerance,
-                               std::int64_t max_iterations, std::span<double> x) {
+                               std::int64_t max_iterations, const Multigrid *multigrid,
+                               std::span<double> x) {
     const std::size_t n = b.size();
-    const std::vector<Matrix3> inverse = inverse_diagonal(matrix, is_free);
+    const std::vector<Matrix3> inverse =
+        multigrid == nullptr ? inverse_diagonal(matrix, is_free) : std::vector<Matrix3>{};
     std::vector<double> r(n), z(n), p(n), q(n);
     for (std::size_t i = 0; i < n; ++i)
         r[i] = is_free[i] ? b[i] : 0.0;
     const auto precondition = [&]() {
+        if (multigrid != nullptr) {
+            multigrid->apply(r, z);
+            return;
+        }
         for (std::size_t i = 0; i < matrix.num_points; ++i) {
             const Matrix3 &m = inverse[i];
             const double *v = &r[3 * i];

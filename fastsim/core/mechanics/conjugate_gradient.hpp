@@ -1,9 +1,11 @@
 #pragma once
-// Conjugate gradients for K x = b on the free components, preconditioned by the inverse
-// diagonal blocks (Shewchuk 1994, section B3). Stops at a direction of negative curvature, which
+// Conjugate gradients for K x = b on the free components (Shewchuk 1994, section B3),
+// preconditioned by multigrid where one is given, by the inverse diagonal blocks otherwise.
+// Stops at a direction of negative curvature, which
 // a tangent stiffness has beyond a limit point.
 
 #include "mechanics/block_matrix.hpp"
+#include "mechanics/multigrid.hpp"
 
 #include <cstdint>
 #include <span>
@@ -19,9 +21,11 @@ struct SolveResult {
 };
 
 /// Solves on components where `is_free` is not 0; x is 0 on the others.
+/// `multigrid` may be null, or made for another, similar matrix with the same free components.
 /// Pre-conditions: all spans hold 3 num_points entries; x comes in as 0.
 SolveResult conjugate_gradient(const BlockMatrix &matrix, std::span<const double> b,
                                std::span<const std::uint8_t> is_free, double absolute_tolerance,
-                               std::int64_t max_iterations, std::span<double> x);
+                               std::int64_t max_iterations, const Multigrid *multigrid,
+                               std::span<double> x);
 
 } // namespace fastsim
