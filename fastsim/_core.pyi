@@ -80,6 +80,9 @@ def delaunay(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], list[int],
 def find_delaunay_fault(
     points: NDArray[np.float64], cells: NDArray[np.int32]
 ) -> tuple[int, int, int]: ...
+def find_self_intersections(
+    points: NDArray[np.float64], facets: NDArray[np.int32], most: int
+) -> NDArray[np.int32]: ...
 def mesh_surface(
     points: NDArray[np.float64],
     facets: NDArray[np.int32],

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
-from palpate.meshes.errors import InputError
+from palpate.meshes.errors import InputError, SelfIntersectionError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
@@ -25,6 +25,8 @@ from palpate.meshes.tri_surface import TriSurface
 _ATTEMPTS = ((0, 0.80), (1, 0.75), (2, 0.70), (3, 0.65), (4, 0.60))
 # Cells with a dihedral angle below about 30 degrees are worked on: sin 30 = 0.5.
 _SLIVER_TARGET = 0.5
+# Pairs of facets that an error names at most: a surface on itself has millions.
+_MOST_PAIRS = 1000
 
 
 class MeshingError(InputError):
@@ -111,7 +113,7 @@ def mesh_surface(
         predicate, and the volume is the surface's.
 
     Raises:
-        SurfaceError: The surface does not bound a solid.
+        SurfaceError: The surface does not bound a solid, or intersects itself.
         MeshingError: This mesher does not manage it; the message says what is in the way.
     """
     return mesh_surface_with_report(
@@ -145,6 +147,7 @@ def mesh_surface_with_report(
     mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
     size = mean_edge if edge_length is None else edge_length
     require_positive(edge_length=size)
+    _require_no_self_intersection(points, facets)
     kind = _core.Lattice.cubic if lattice is Lattice.PAPER else _core.Lattice.body_centred
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
@@ -218,6 +221,12 @@ def check_delaunay(points: Points, cells: Indices) -> tuple[int, int, int] | Non
     cells = np.array(checked_indices(cells, 4, len(points), "cells"))
     cell, facet, point = _core.find_delaunay_fault(points, cells)
     return None if cell < 0 else (cell, facet, point)
+
+
+def _require_no_self_intersection(points: Points, facets: Indices) -> None:
+    pairs = _core.find_self_intersections(points, facets, _MOST_PAIRS)
+    if len(pairs):
+        raise SelfIntersectionError([(a, b) for a, b in pairs.tolist()])
 
 
 def _require_boundary(

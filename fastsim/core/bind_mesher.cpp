@@ -2,6 +2,7 @@
 #include "delaunay/triangulation.hpp"
 #include "mesher/mesh_surface.hpp"
 #include "mesher/predicates.hpp"
+#include "surface/self_intersection.hpp"
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
@@ -75,6 +76,20 @@ void bind_mesher(nb::module_ &module) {
             return std::make_tuple(fault.cell, fault.facet, fault.point);
         },
         nb::arg("points").noconvert(), nb::arg("cells").noconvert());
+
+    module.def(
+        "find_self_intersections",
+        [](Points points, Facets facets, std::size_t most) {
+            const auto point_rows = as_rows<Point>(points);
+            const auto facet_rows = as_rows<Triple>(facets);
+            std::vector<std::array<Index, 2>> pairs;
+            {
+                nb::gil_scoped_release release;
+                pairs = find_self_intersections(point_rows, facet_rows, most);
+            }
+            return as_table<Index, 2>(pairs);
+        },
+        nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("most"));
 
     module.def(
         "mesh_surface",

@@ -46,7 +46,7 @@ def test_grid_where_everything_is_cospherical(seed: int) -> None:
 def test_points_on_a_sphere_use_every_point() -> None:
     points = np.random.default_rng(2).normal(size=(800, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
-    cells, left_out = _require_delaunay(points)
+    _, left_out = _require_delaunay(points)
     assert left_out == []
 
 

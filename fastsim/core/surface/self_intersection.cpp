@@ -1,0 +1,229 @@
+#include "surface/self_intersection.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace fastsim {
+namespace {
+
+using Index = std::int32_t;
+using Facet = std::array<Index, 3>;
+
+class PairTest {
+  public:
+    explicit PairTest(std::span<const Point> points) : _points(points) {}
+
+    // Segment (p, q) and closed facet (a, b, c), no corner in common.
+    [[nodiscard]] bool segment_meets(Index p, Index q, const Facet &f) const {
+        const Point &a = at(f[0]), &b = at(f[1]), &c = at(f[2]);
+        const int of_p = orient3d(a, b, c, at(p)), of_q = orient3d(a, b, c, at(q));
+        if (of_p * of_q > 0) {
+            return false;
+        }
+        if (of_p == 0 && of_q == 0) {
+            return meets_in_plane(p, q, f);
+        }
+        return is_one_sided(orient3d(at(p), at(q), a, b), orient3d(at(p), at(q), b, c),
+                            orient3d(at(p), at(q), c, a));
+    }
+
+    // Facets (u, v, a) and (u, v, b): folded onto each other.
+    [[nodiscard]] bool is_folded(Index u, Index v, Index a, Index b) const {
+        if (orient3d(at(u), at(v), at(a), at(b)) != 0) {
+            return false;
+        }
+        const Point off = off_plane(at(u), at(v), at(a));
+        return orient3d(at(u), at(v), off, at(a)) == orient3d(at(u), at(v), off, at(b));
+    }
+
+  private:
+    [[nodiscard]] const Point &at(Index i) const { return _points[static_cast<std::size_t>(i)]; }
+
+    static bool is_one_sided(int a, int b, int c) {
+        return (a >= 0 && b >= 0 && c >= 0) || (a <= 0 && b <= 0 && c <= 0);
+    }
+
+    // Any point surely off the plane: in-plane turns become exact orientations about it.
+    static Point off_plane(const Point &a, const Point &b, const Point &c) {
+        Point best = a;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            Point off = a;
+            off[axis] += std::abs(b[0] - a[0]) + std::abs(b[1] - a[1]) + std::abs(b[2] - a[2]);
+            if (orient3d(a, b, c, off) != 0) {
+                return off;
+            }
+            best = off;
+        }
+        return best;
+    }
+
+    [[nodiscard]] bool meets_in_plane(Index p, Index q, const Facet &f) const {
+        const Point off = off_plane(at(f[0]), at(f[1]), at(f[2]));
+        const auto turn = [&](Index a, Index b, Index c) {
+            return orient3d(at(a), at(b), at(c), off);
+        };
+        if (is_one_sided(turn(f[0], f[1], p), turn(f[1], f[2], p), turn(f[2], f[0], p)) ||
+            is_one_sided(turn(f[0], f[1], q), turn(f[1], f[2], q), turn(f[2], f[0], q))) {
+            return true;
+        }
+        // Neither end is inside: the segment has to cross a side. Touching at an end is seen above.
+        for (std::size_t k = 0; k < 3; ++k) {
+            const Index a = f[k], b = f[(k + 1) % 3];
+            const int ends = turn(a, b, p) * turn(a, b, q);
+            const int sides = turn(p, q, a) * turn(p, q, b);
+            if (ends < 0 && sides <= 0) {
+                return true;
+            }
+        }
+        return false;
+    }
+
+    std::span<const Point> _points;
+};
+
+struct Box {
+    Point low, high;
+};
+
+bool overlap(const Box &a, const Box &b) {
+    for (std::size_t i = 0; i < 3; ++i) {
+        if (a.low[i] > b.high[i] || b.low[i] > a.high[i]) {
+            return false;
+        }
+    }
+    return true;
+}
+
+} // namespace
+
+bool facets_intersect(std::span<const Point> points, const Facet &first, const Facet &second) {
+    const PairTest test(points);
+    Facet f = first, g = second;
+    // Shared corners first, in the same order in both.
+    std::size_t shared = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        const auto found =
+            std::find(g.begin() + static_cast<std::ptrdiff_t>(shared), g.end(), f[i]);
+        if (found != g.end()) {
+            std::iter_swap(g.begin() + static_cast<std::ptrdiff_t>(shared), found);
+            std::swap(f[shared], f[i]);
+            ++shared;
+        }
+    }
+    switch (shared) {
+    case 3:
+        return true;
+    case 2:
+        return test.is_folded(f[0], f[1], f[2], g[2]);
+    case 1:
+        return test.segment_meets(f[1], f[2], g) || test.segment_meets(g[1], g[2], f);
+    default:
+        for (std::size_t k = 0; k < 3; ++k) {
+            if (test.segment_meets(f[k], f[(k + 1) % 3], g) ||
+                test.segment_meets(g[k], g[(k + 1) % 3], f)) {
+                return true;
+            }
+        }
+        return false;
+    }
+}
+
+std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point> points,
+                                                          std::span<const Facet> facets,
+                                                          std::size_t most) {
+    std::vector<Box> boxes(facets.size());
+    for (std::size_t f = 0; f < facets.size(); ++f) {
+        Box &box = boxes[f];
+        box.low.fill(std::numeric_limits<double>::infinity());
+        box.high.fill(-std::numeric_limits<double>::infinity());
+        for (const Index v : facets[f]) {
+            for (std::size_t i = 0; i < 3; ++i) {
+                const double x = points[static_cast<std::size_t>(v)][i];
+                box.low[i] = std::min(box.low[i], x);
+                box.high[i] = std::max(box.high[i], x);
+            }
+        }
+    }
+    // A tree of boxes, halved at the median of the longest axis; leaves are single facets.
+    struct Node {
+        Box box;
+        Index left, right; // right < 0: leaf of facet `left`
+    };
+    std::vector<Node> nodes;
+    nodes.reserve(2 * facets.size());
+    std::vector<Index> order(facets.size());
+    for (std::size_t f = 0; f < facets.size(); ++f) {
+        order[f] = static_cast<Index>(f);
+    }
+    const auto build = [&](auto &&self, std::size_t begin, std::size_t end) -> Index {
+        Box box = boxes[static_cast<std::size_t>(order[begin])];
+        for (std::size_t k = begin; k < end; ++k) {
+            const Box &other = boxes[static_cast<std::size_t>(order[k])];
+            for (std::size_t i = 0; i < 3; ++i) {
+                box.low[i] = std::min(box.low[i], other.low[i]);
+                box.high[i] = std::max(box.high[i], other.high[i]);
+            }
+        }
+        const auto number = static_cast<Index>(nodes.size());
+        nodes.push_back({box, order[begin], -1});
+        if (end - begin == 1) {
+            return number;
+        }
+        std::size_t axis = 0;
+        for (std::size_t i = 1; i < 3; ++i) {
+            if (box.high[i] - box.low[i] > box.high[axis] - box.low[axis]) {
+                axis = i;
+            }
+        }
+        const std::size_t middle = (begin + end) / 2;
+        const auto start = order.begin();
+        std::nth_element(start + static_cast<std::ptrdiff_t>(begin),
+                         start + static_cast<std::ptrdiff_t>(middle),
+                         start + static_cast<std::ptrdiff_t>(end), [&](Index a, Index b) {
+                             const Box &p = boxes[static_cast<std::size_t>(a)];
+                             const Box &q = boxes[static_cast<std::size_t>(b)];
+                             return std::pair(p.low[axis] + p.high[axis], a) <
+                                    std::pair(q.low[axis] + q.high[axis], b);
+                         });
+        const Index left = self(self, begin, middle);
+        const Index right = self(self, middle, end);
+        nodes[static_cast<std::size_t>(number)].left = left;
+        nodes[static_cast<std::size_t>(number)].right = right;
+        return number;
+    };
+    std::vector<std::array<Index, 2>> pairs;
+    if (facets.empty()) {
+        return pairs;
+    }
+    const Index root = build(build, 0, facets.size());
+    std::vector<Index> open;
+    for (std::size_t f = 0; f < facets.size() && pairs.size() < most; ++f) {
+        open.assign(1, root);
+        const std::size_t before = pairs.size();
+        while (!open.empty()) {
+            const Node &node = nodes[static_cast<std::size_t>(open.back())];
+            open.pop_back();
+            if (!overlap(node.box, boxes[f])) {
+                continue;
+            }
+            if (node.right >= 0) {
+                open.push_back(node.right);
+                open.push_back(node.left);
+                continue;
+            }
+            const auto g = static_cast<std::size_t>(node.left);
+            if (g > f && facets_intersect(points, facets[f], facets[g])) {
+                pairs.push_back({static_cast<Index>(f), static_cast<Index>(g)});
+            }
+        }
+        std::sort(pairs.begin() + static_cast<std::ptrdiff_t>(before), pairs.end());
+    }
+    if (pairs.size() > most) {
+        pairs.resize(most);
+    }
+    return pairs;
+}
+
+} // namespace fastsim
