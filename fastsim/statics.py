@@ -234,7 +234,7 @@ class _Newton:
     def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
         """Solve K x = b; early Newton steps need few digits, the last ones many."""
         norm = float(np.linalg.norm(right_side))
-        relative = 0.1 * self.tolerance
+        relative = 0.3 * self.tolerance
         if self.strain is Strain.GREEN:
             # Inexact Newton (Eisenstat and Walker 1996): as many digits as the last step gained,
             # but none beyond the tolerance.
