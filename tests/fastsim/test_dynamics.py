@@ -291,7 +291,7 @@ def test_a_crushing_load_stops_the_run_with_the_last_good_state(ragged_box: TetM
     assert error.step > 0
     assert 0.0 < error.smallest_det_f < 0.9
     assert error.time == pytest.approx(
-        error.step * 0.8 * critical_time_step(ragged_box, SOFT), rel=0.1
+        error.step * 0.8 * sharp_critical_time_step(ragged_box, SOFT), rel=0.1
     )
 
 
@@ -304,6 +304,34 @@ def test_an_exploding_load_never_returns_a_number_that_is_not_finite(
     with pytest.raises(BlowUpError) as caught:
         simulate(problem, strain=Strain.LINEAR, precision=precision, num_threads=num_threads)
     assert np.isfinite(caught.value.displacement).all()
+
+
+def test_a_body_that_stiffens_beyond_its_step_is_stopped(ragged_box: TetMesh) -> None:
+    """A step just stable at rest is too long for a body stretched to twice its length."""
+    corners = ragged_box.points[ragged_box.boundary_facets]
+    end = ragged_box.boundary_facets[(corners[:, :, 0] > 1.6 - 1e-9).all(axis=1)]
+    held = np.flatnonzero(ragged_box.points[:, 0] < 1e-9).astype(np.int32)
+    pull = Traction(end, (3e4, 0.0, 0.0))
+    step = 0.99 * sharp_critical_time_step(ragged_box, SOFT)
+    span = TimeSpan(20.0, time_step=step, mass_damping=1.0, num_outputs=100)
+    with pytest.raises(BlowUpError) as caught:
+        simulate(Problem(ragged_box, SOFT, (Support(held),), (pull,), span))
+    assert np.isfinite(caught.value.displacement).all()
+    assert caught.value.step > 0
+
+
+def test_energy_from_nothing_stops_a_linear_run_that_a_wrong_step_lets_grow(
+    make_box: MakeBox, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from palpate.fastsim import dynamics
+
+    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0))
+    sharp = sharp_critical_time_step(mesh, SOFT)
+    monkeypatch.setattr(dynamics, "sharp_critical_time_step", lambda *_, **__: 10.0)
+    span = TimeSpan(420 * sharp, time_step=1.05 * sharp, num_outputs=40)
+    with pytest.raises(BlowUpError, match="energy grew") as caught:
+        simulate(beam(mesh, span, weight=20.0), strain=Strain.LINEAR)
+    assert np.abs(caught.value.displacement).max() < 2.0
 
 
 def test_no_time_span_is_refused(ragged_box: TetMesh) -> None:
