@@ -6,6 +6,7 @@ import dataclasses
 import json
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,8 @@ def load_problem(path: str | Path) -> Problem:
         FileFormatError: Missing, damaged, or of another schema.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # Our own stream: numpy leaves a damaged file open.
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         header = json.loads(str(arrays["header"]))
         if header["schema"] != 1:
@@ -112,7 +114,7 @@ def load_problem(path: str | Path) -> Problem:
         )
     except FileFormatError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise FileFormatError(path, f"not a problem file ({error})") from error
 
 

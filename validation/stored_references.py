@@ -12,6 +12,7 @@ import json
 import os
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -93,11 +94,12 @@ def load_stored(name: str, problem: Problem) -> ReferenceSet:
     if not path.is_file():
         raise MissingReferenceError(f"no stored reference for {name!r}; {remedy}")
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # Our own stream: numpy leaves a damaged file open.
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             header = json.loads(str(stored["header"]))
             fields = [stored[f"displacement_{k}"] for k in range(len(header["states"]))]
         schema, key = header["schema"], header["key"]
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise MissingReferenceError(
             f"the stored reference of {name!r} is damaged ({type(error).__name__}); {remedy}"
         ) from error

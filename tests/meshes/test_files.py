@@ -1,0 +1,141 @@
+"""Round trips through every format, and refusals of what the readers let through."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from palpate.meshes.errors import FileFormatError, InputError, InvertedCellError
+from palpate.meshes.files import (
+    MESH_SUFFIXES,
+    SURFACE_SUFFIXES,
+    read_mesh,
+    read_point_data,
+    read_surface,
+    write_mesh,
+    write_surface,
+)
+from palpate.meshes.refinement import refine_uniformly
+from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+
+ONE_CELL = TetMesh(np.vstack([np.zeros(3), np.eye(3)]) / 3.0, [[0, 1, 2, 3]])
+BANK = {"one cell": ONE_CELL, "eight cells": refine_uniformly(ONE_CELL)}
+
+
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("name", BANK)
+def test_meshes_come_back_exactly(tmp_path: Path, suffix: str, name: str) -> None:
+    mesh = BANK[name]
+    path = tmp_path / f"mesh{suffix}"
+    write_mesh(path, mesh)
+    back = read_mesh(path)
+    assert np.array_equal(back.points, mesh.points)
+    assert np.array_equal(back.cells, mesh.cells)
+
+
+@pytest.mark.parametrize("suffix", SURFACE_SUFFIXES)
+def test_surfaces_come_back(tmp_path: Path, suffix: str) -> None:
+    surface = shape_sphere(1.0, edge_length=0.5)
+    path = tmp_path / f"surface{suffix}"
+    write_surface(path, surface)
+    back = read_surface(path)
+    assert len(back.points) == len(surface.points)
+    # STL keeps single precision: 24 bits.
+    digits = 2.0**-23 if suffix == ".stl" else 0.0
+    np.testing.assert_allclose(
+        back.points[back.facets], surface.points[surface.facets], rtol=0, atol=digits
+    )
+
+
+def test_fields_come_back(tmp_path: Path) -> None:
+    field = np.arange(12.0).reshape(4, 3)
+    write_mesh(tmp_path / "m.vtu", ONE_CELL, point_data={"displacement": field})
+    _, fields = read_point_data(tmp_path / "m.vtu")
+    assert np.array_equal(fields["displacement"], field)
+
+
+def test_scale_turns_file_units_into_metres(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "m.vtu", ONE_CELL)
+    assert read_mesh(tmp_path / "m.vtu", scale=1e-3).volume == pytest.approx(
+        1e-9 * ONE_CELL.volume, rel=1e-14
+    )
+
+
+@pytest.mark.parametrize("suffix", SURFACE_SUFFIXES)
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.8])
+def test_a_cut_off_file_is_refused_or_read_whole(tmp_path: Path, suffix: str, keep: float) -> None:
+    surface = shape_sphere(1.0, edge_length=0.5)
+    path = tmp_path / f"cut{suffix}"
+    write_surface(path, surface)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(keep * len(whole))])
+    with pytest.raises(InputError) as caught:
+        read_surface(path)
+    assert "cut" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("huge.msh", b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1000000000000\n1 0 0 0\n"),
+        ("bomb.vtu", b"<?xml version='1.0'?><!DOCTYPE a [<!ENTITY b 'c'>]><VTKFile>&b;</VTKFile>"),
+        ("text.stl", b"this is no surface"),
+        ("far.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
+        ("nan.off", b"OFF\n3 1 0\n0 0 0\n1 0 nan\n0 1 0\n3 0 1 2\n"),
+        ("quads.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 2 3 4\n"),
+        ("unknown.xyz", b"1 2 3"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(tmp_path: Path, name: str, content: bytes) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_surface(path)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_and_a_surface_given_as_a_mesh(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_mesh(tmp_path / "nothing.vtu")
+    write_surface(tmp_path / "s.vtu", shape_sphere(1.0, edge_length=0.5))
+    with pytest.raises(FileFormatError, match="mesh it first"):
+        read_mesh(tmp_path / "s.vtu")
+
+
+def test_an_inverted_cell_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bad.vtu"
+    cells = BANK["eight cells"].cells.copy()
+    cells[3] = cells[3][[1, 0, 2, 3]]
+    meshio.write(path, meshio.Mesh(BANK["eight cells"].points, [("tetra", cells)]))
+    with pytest.raises(InvertedCellError, match=r"bad\.vtu") as caught:
+        read_mesh(path)
+    assert caught.value.cells == [3]
+
+
+def test_a_failed_write_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "m.vtu"
+    write_mesh(path, ONE_CELL)
+    before = path.read_bytes()
+
+    def full(*_args: object, **_kwargs: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("meshio.write", full)
+    with pytest.raises(OSError, match="No space"):
+        write_mesh(path, BANK["eight cells"])
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["m.vtu"]
+
+
+def test_a_surface_object_needs_three_columns() -> None:
+    with pytest.raises(InputError, match="shape"):
+        TriSurface(np.zeros((3, 2)), np.array([[0, 1, 2]]))

@@ -1,0 +1,46 @@
+"""The independent mesher keeps the boundary, or says why not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.meshes.errors import MeshError, OpenSurfaceError
+from palpate.meshes.gmsh_mesher import MesherFailedError, mesh_with_gmsh
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.quality import measure_quality
+from palpate.meshes.shapes import shape_box
+from palpate.meshes.tri_surface import TriSurface
+
+gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
+
+
+def test_the_kidneys_facets_and_volume_are_kept() -> None:
+    surface = shape_kidney(edge_length=12e-3)
+    mesh = mesh_with_gmsh(surface)
+    wanted = {tuple(row) for row in np.sort(surface.facets, axis=1).tolist()}
+    assert {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()} == wanted
+    assert np.array_equal(mesh.points[: len(surface.points)], surface.points)
+    assert mesh.volume == pytest.approx(surface.volume, rel=1e-12)
+    assert measure_quality(mesh).smallest_dihedral_deg > 10.0
+
+
+def test_an_open_surface_is_refused_before_gmsh_sees_it() -> None:
+    box = shape_box(edge_length=0.5)
+    with pytest.raises(OpenSurfaceError):
+        mesh_with_gmsh(TriSurface(box.points, box.facets[1:]))
+
+
+def test_gmsh_out_of_time_is_said() -> None:
+    with pytest.raises(MesherFailedError, match="did not end"):
+        mesh_with_gmsh(shape_box(edge_length=0.5), time_limit=0.01)
+
+
+def test_a_self_intersecting_surface_is_refused() -> None:
+    box = shape_box(edge_length=0.5)
+    both = TriSurface(
+        np.vstack([box.points, box.points + 0.3]),
+        np.vstack([box.facets, box.facets + len(box.points)]),
+    )
+    with pytest.raises(MeshError):
+        mesh_with_gmsh(both)

@@ -1,0 +1,124 @@
+"""Problems travel between processes unchanged; floating bodies are recognised."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.atomic_write import atomic_path, write_text_atomically
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.problem_files import load_problem, problem_arrays, save_problem
+from palpate.meshes.rigid_modes import (
+    UnsupportedBodyError,
+    connected_parts,
+    free_rigid_modes,
+    require_supported,
+)
+from palpate.meshes.tet_mesh import TetMesh
+
+POINTS = np.vstack([np.zeros(3), np.eye(3)])
+MESH = TetMesh(POINTS, [[0, 1, 2, 3]], {"base": [[0, 2, 1]]}, {"tip": [3]})
+BASE = np.array([[0, 2, 1]], dtype=np.int32)
+PROBLEM = Problem(
+    MESH,
+    Material(1e4, 0.3, 1050.0),
+    (Support(np.array([0, 1, 2], dtype=np.int32), BASE, (True, False, True), (0.0, 0.0, 1e-3)),),
+    (
+        Traction(BASE, (1.0, 2.0, 1.0 / 3.0)),
+        Pressure(BASE, 4.0),
+        PointForce(np.array([3], dtype=np.int32), np.array([[0.1, 0.2, 0.3]])),
+        BodyForce((0.0, 0.0, -9810.0)),
+    ),
+    TimeSpan(1.0, None, 2.0, 7),
+)
+
+
+def test_a_problem_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    save_problem(tmp_path / "p.npz", PROBLEM)
+    back = load_problem(tmp_path / "p.npz")
+    ours, theirs = problem_arrays(PROBLEM), problem_arrays(back)
+    assert ours.keys() == theirs.keys()
+    for name, array in ours.items():
+        assert array.dtype == theirs[name].dtype
+        assert array.tobytes() == theirs[name].tobytes()
+    assert back.material == PROBLEM.material
+    assert back.time == PROBLEM.time
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut", b"no zip at all"])
+def test_a_damaged_problem_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "p.npz"
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError):
+        load_problem(path)
+
+
+def _hold(points: list[int], components: tuple[bool, bool, bool] = (True, True, True)) -> Support:
+    return Support(np.array(points, dtype=np.int32), components=components)
+
+
+@pytest.mark.parametrize(
+    ("supports", "free"),
+    [
+        ([], 6),
+        ([_hold([0])], 3),  # turns about a point
+        ([_hold([0, 1])], 1),  # turns about a line
+        ([_hold([0, 1, 2])], 0),
+        ([_hold([0, 1, 2], (True, True, False))], 3),  # up, and two tilts
+        ([_hold([0]), _hold([1], (False, True, True)), _hold([2], (False, False, True))], 0),
+    ],
+)
+def test_free_rigid_motions_are_counted(supports: list[Support], free: int) -> None:
+    for scale in (1e-6, 1.0, 1e6):
+        mesh = TetMesh(POINTS * scale + 1e3 * scale, MESH.cells)
+        assert free_rigid_modes(mesh, supports) == [free]
+
+
+def test_a_floating_part_is_found_beside_a_held_one() -> None:
+    mesh = TetMesh(np.vstack([POINTS, POINTS + 5.0]), [[0, 1, 2, 3], [4, 5, 6, 7]])
+    assert connected_parts(mesh).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
+    with pytest.raises(UnsupportedBodyError, match="part 1 of 2") as caught:
+        require_supported(Problem(mesh, PROBLEM.material, (_hold([0, 1, 2]),), ()))
+    assert caught.value.num_free_modes == 6
+    assert caught.value.part == 1
+
+
+@pytest.mark.parametrize(
+    ("E", "nu", "rho", "word"),
+    [
+        (0.0, 0.3, 1.0, "youngs_modulus"),
+        (float("nan"), 0.3, 1.0, "youngs_modulus"),
+        (1.0, 0.5, 1.0, "poissons_ratio"),
+        (1.0, -1.0, 1.0, "poissons_ratio"),
+        (1.0, float("nan"), 1.0, "poissons_ratio"),
+        (1.0, 0.3, -5.0, "density"),
+    ],
+)
+def test_senseless_materials_are_refused(E: float, nu: float, rho: float, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        Material(E, nu, rho)
+
+
+def test_an_interrupted_write_leaves_the_old_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_text_atomically(path, "old")
+
+    def interrupted() -> None:
+        with atomic_path(path) as temporary:
+            temporary.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]

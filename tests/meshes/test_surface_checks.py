@@ -1,0 +1,119 @@
+"""Each way in which a surface can fail to bound a solid is named, with the guilty facets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.meshes.errors import (
+    DegenerateFacetError,
+    DuplicateFacetError,
+    EmptySurfaceError,
+    IndexRangeError,
+    NonFiniteError,
+    NonManifoldError,
+    OpenSurfaceError,
+    OrientationError,
+)
+from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.surface_checks import merge_equal_points, require_closed
+from palpate.meshes.tri_surface import TriSurface
+
+BOX = shape_box(edge_length=0.5)
+
+
+def with_facets(facets: np.ndarray) -> TriSurface:  # type: ignore[type-arg]
+    return TriSurface(BOX.points, facets)
+
+
+def test_a_closed_box_is_accepted_and_changes_with_order_do_not_matter() -> None:
+    require_closed(BOX)
+    rng = np.random.default_rng(1)
+    rows = rng.permutation(len(BOX.facets))
+    require_closed(with_facets(np.roll(BOX.facets[rows], 1, axis=1)))
+
+
+def test_empty() -> None:
+    with pytest.raises(EmptySurfaceError):
+        require_closed(with_facets(np.zeros((0, 3), dtype=int)))
+
+
+def test_a_hole_lists_its_edges_and_facets() -> None:
+    with pytest.raises(OpenSurfaceError) as caught:
+        require_closed(with_facets(np.delete(BOX.facets, 5, axis=0)))
+    assert {frozenset(e) for e in caught.value.edges} == {
+        frozenset(map(int, BOX.facets[5, [i, j]])) for i, j in ((0, 1), (1, 2), (2, 0))
+    }
+    assert len(caught.value.facets) == 3
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, len(BOX.facets) - 1))
+def test_a_flipped_facet_is_found_with_its_neighbours(which: int) -> None:
+    facets = BOX.facets.copy()
+    facets[which] = facets[which][::-1]
+    with pytest.raises(OrientationError) as caught:
+        require_closed(with_facets(facets))
+    assert which in caught.value.facets
+    assert len(caught.value.facets) == 4
+
+
+def test_a_surface_turned_inside_out() -> None:
+    with pytest.raises(OrientationError, match="inwards"):
+        require_closed(with_facets(BOX.facets[:, ::-1]))
+
+
+def test_a_facet_given_twice() -> None:
+    with pytest.raises(DuplicateFacetError) as caught:
+        require_closed(with_facets(np.vstack([BOX.facets, BOX.facets[3]])))
+    assert caught.value.facets == [3, len(BOX.facets)]
+
+
+def test_a_flat_facet() -> None:
+    points = np.vstack([BOX.points, BOX.points[BOX.facets[0, :2]].mean(axis=0)])
+    facets = np.vstack([BOX.facets, [*BOX.facets[0, :2], len(BOX.points)]])
+    with pytest.raises(DegenerateFacetError) as caught:
+        require_closed(TriSurface(points, facets))
+    assert caught.value.facets == [len(BOX.facets)]
+
+
+def test_two_boxes_that_share_an_edge_and_two_that_share_a_point() -> None:
+    cube = shape_box(edge_length=1.0)
+    for shift, kind in (([1.0, 1.0, 0.0], "edges"), ([1.0, 1.0, 1.0], "vertices")):
+        both = TriSurface(
+            np.vstack([cube.points, cube.points + shift]),
+            np.vstack([cube.facets, cube.facets + len(cube.points)]),
+        )
+        with pytest.raises(NonManifoldError) as caught:
+            require_closed(merge_equal_points(both))
+        assert len(getattr(caught.value, kind)) == 1
+        assert caught.value.facets
+
+
+def test_nan_and_index_out_of_range_name_the_rows() -> None:
+    points = BOX.points.copy()
+    points[7, 1] = np.nan
+    with pytest.raises(NonFiniteError) as caught:
+        TriSurface(points, BOX.facets)
+    assert caught.value.points == [7]
+    facets = BOX.facets.copy()
+    facets[2, 0] = len(BOX.points)
+    with pytest.raises(IndexRangeError) as out:
+        with_facets(facets)
+    assert out.value.rows == [2]
+
+
+def test_soup_is_merged_and_unused_points_are_dropped() -> None:
+    sphere = shape_sphere(edge_length=0.5)
+    soup = TriSurface(
+        np.vstack([sphere.points[sphere.facets].reshape(-1, 3), [[9.0, 9.0, 9.0]]]),
+        np.arange(3 * len(sphere.facets)).reshape(-1, 3),
+    )
+    with pytest.raises(OpenSurfaceError):
+        require_closed(soup)
+    merged = merge_equal_points(soup)
+    require_closed(merged)
+    assert len(merged.points) == len(sphere.points)
+    assert merged.volume == pytest.approx(sphere.volume, rel=1e-14)

@@ -1,0 +1,104 @@
+"""The rooms keep to their place: who may import whom, and how long a file may be."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROOMS = ("meshes", "fastsim", "reference", "validation")
+# What each room may not import: other rooms, and libraries that belong elsewhere.
+FORBIDDEN = {
+    "meshes": {
+        "palpate.fastsim", "palpate.reference", "palpate.validation",
+        "dolfinx", "ufl", "petsc4py", "pyvista", "scipy",
+    },
+    "fastsim": {
+        "palpate.reference", "palpate.validation",
+        "dolfinx", "ufl", "petsc4py", "gmsh", "scipy", "tetgen", "pyvista", "meshio",
+    },
+    "reference": {"palpate.fastsim", "palpate.validation", "gmsh", "scipy.spatial"},
+    "validation": set(),
+}  # fmt: skip
+MOST_LINES = 400
+
+
+def imported_names(source: str) -> list[str]:
+    """Every module a source text imports, wherever in it."""
+    names = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names.append(node.module)
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level > 0:
+            names.append("(relative)")
+    return names
+
+
+def violations(room: str, source: str) -> list[str]:
+    """Imports of a source text that its room may not make."""
+    bad = []
+    for name in imported_names(source):
+        parts = [".".join(name.split(".")[: k + 1]) for k in range(name.count(".") + 1)]
+        if FORBIDDEN[room] & set(parts) or name.split(".")[0] in ROOMS or name == "(relative)":
+            bad.append(name)
+    return bad
+
+
+def eager_imports(source: str) -> set[str]:
+    """Modules imported when the file itself is imported."""
+    names: set[str] = set()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+    return names
+
+
+def python_files(room: str) -> list[Path]:
+    return sorted((ROOT / room).rglob("*.py"))
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_imports_run_one_way(room: str) -> None:
+    files = python_files(room)
+    assert files
+    bad = {str(f.relative_to(ROOT)): violations(room, f.read_text("utf-8")) for f in files}
+    assert {name: names for name, names in bad.items() if names} == {}
+
+
+@pytest.mark.parametrize(
+    ("room", "source"),
+    [
+        ("fastsim", "import palpate.reference.statics"),
+        ("fastsim", "def f():\n    from palpate import validation"),
+        ("fastsim", "import gmsh"),
+        ("reference", "from palpate.fastsim import forces"),
+        ("meshes", "from palpate.fastsim.forces import det_f"),
+        ("validation", "import fastsim"),
+        ("validation", "from . import case"),
+    ],
+)
+def test_a_forbidden_import_is_seen(room: str, source: str) -> None:
+    assert violations(room, source)
+
+
+def test_the_judge_imports_the_solver_side_of_the_reference_only_when_it_needs_it() -> None:
+    light = {"palpate.reference.availability", "palpate.reference.errors"}
+    for file in python_files("validation"):
+        names = {n for n in eager_imports(file.read_text("utf-8")) if "reference." in n}
+        names = {n for n in names if n.startswith("palpate.reference")}
+        assert names <= light, file
+
+
+@pytest.mark.parametrize("room", [*ROOMS, "tests"])
+def test_no_file_is_too_long(room: str) -> None:
+    files = [f for s in ("*.py", "*.cpp", "*.hpp") for f in (ROOT / room).rglob(s)]
+    assert files
+    lengths = {str(f.relative_to(ROOT)): len(f.read_text("utf-8").splitlines()) for f in files}
+    assert {name: n for name, n in lengths.items() if n > MOST_LINES} == {}
