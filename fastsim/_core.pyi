@@ -103,6 +103,7 @@ def mesh_surface(
     list[int],
     int,
     int,
+    int,
 ]: ...
 
 class InstructionSet(Enum):

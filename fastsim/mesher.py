@@ -79,6 +79,7 @@ class MeshingReport:
         recovered_facets: Likewise facets.
         sliver_flips: Flips that made the worst cell better.
         sliver_moves: Inner points moved for the same end.
+        sliver_insertions: Inner points added for the same end.
         attempts: Lattices tried.
     """
 
@@ -86,6 +87,7 @@ class MeshingReport:
     recovered_facets: int
     sliver_flips: int
     sliver_moves: int
+    sliver_insertions: int
     attempts: int
 
 
@@ -155,7 +157,7 @@ def mesh_surface_with_report(
     for attempt, (shift, clearance) in enumerate(_ATTEMPTS, start=1):
         if progress:
             progress(f"meshing {len(facets)} facets, edge length {size:.3g} m, try {attempt}")
-        out_points, cells, edges, lost, back_edges, back_facets, twins, flips, moves = (
+        out_points, cells, edges, lost, back_edges, back_facets, twins, flips, moves, new = (
             _core.mesh_surface(
                 points,
                 facets,
@@ -175,7 +177,7 @@ def mesh_surface_with_report(
             continue
         mesh = TetMesh(out_points, cells)
         _require_boundary(facets, mesh)
-        return mesh, MeshingReport(back_edges, back_facets, flips, moves, attempt)
+        return mesh, MeshingReport(back_edges, back_facets, flips, moves, new, attempt)
     assert failure is not None
     raise failure
 

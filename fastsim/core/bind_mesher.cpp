@@ -109,7 +109,7 @@ void bind_mesher(nb::module_ &module) {
                                    as_table<Index, 2>(mesh.recovery.missing_edges),
                                    mesh.recovery.missing_facets, mesh.recovery.recovered_edges,
                                    mesh.recovery.recovered_facets, mesh.twins, mesh.slivers.flips,
-                                   mesh.slivers.moves);
+                                   mesh.slivers.moves, mesh.slivers.insertions);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),

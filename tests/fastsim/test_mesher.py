@@ -94,7 +94,7 @@ def test_same_seed_same_mesh_other_seed_another() -> None:
 
 def test_shells_that_cross_are_refused() -> None:
     ball = shape_sphere(0.05, edge_length=0.02)
-    moved = TriSurface(ball.points + [0.03, 0.001, 0.002], ball.facets)
+    moved = TriSurface(ball.points + np.array([0.03, 0.001, 0.002]), ball.facets)
     with pytest.raises(SelfIntersectionError) as caught:
         mesh_surface(_joined(ball, moved))
     first, second = np.array(caught.value.pairs).T
@@ -105,7 +105,7 @@ def test_shells_that_cross_are_refused() -> None:
 
 def test_faces_that_only_touch_are_refused() -> None:
     box = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
-    beside = TriSurface(box.points + [1.0, 0.25, 0.125], box.facets)
+    beside = TriSurface(box.points + np.array([1.0, 0.25, 0.125]), box.facets)
     with pytest.raises(SelfIntersectionError):
         mesh_surface(_joined(box, beside))
 

@@ -93,7 +93,7 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
             remove_slivers(inside, num_surface, settings.sliver_target, settings.sliver_passes);
 
     // Surface points keep their numbers; inner points that no cell uses are dropped.
-    std::vector<Index> number(all.size(), none);
+    std::vector<Index> number(inside.points.size(), none);
     for (Index v = 0; v < num_surface; ++v)
         number[TetComplex::at(v)] = v;
     result.points.assign(points.begin(), points.end());

@@ -1,5 +1,7 @@
 #include "mesher/sliver_removal.hpp"
 
+#include "mesher/point_insertion.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,6 +13,8 @@ namespace {
 constexpr std::size_t largest_ring = 9;
 // A change must be worth it, or passes never end.
 constexpr double least_gain = 1e-6;
+// Points are inserted for the worst cells only: below about 25 degrees for a target of 30.
+constexpr double insertion_share = 0.84;
 
 double worst_of(const TetComplex &complex, const std::vector<Index> &cells) {
     double worst = std::numeric_limits<double>::infinity();
@@ -108,6 +112,10 @@ SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target,
     SliverReport report;
     const Protection nothing_more; // boundary edges and facets have no ring or neighbour to flip
     std::vector<Index> around;
+    Index spare = none;
+    std::vector<std::pair<Cell, int>> failures; // insertions tried in vain, by slot
+    // Bounds the work and the growth of the mesh.
+    const std::size_t most_insertions = complex.num_slots() / 10;
     for (int pass = 0; pass < max_passes; ++pass) {
         std::size_t changes = 0;
         std::vector<std::pair<double, Index>> bad;
@@ -128,11 +136,32 @@ SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target,
                 ++changes;
                 continue;
             }
+            bool has_moved = false;
             for (const Index v : Cell(complex.cell(c)))
                 if (v >= num_fixed && move_point(complex, v, around)) {
                     ++report.moves;
                     ++changes;
+                    has_moved = true;
                 }
+            if (has_moved || quality > insertion_share * target ||
+                report.insertions >= most_insertions)
+                continue;
+            // What failed once fails again unless something near has changed; twice is enough.
+            if (TetComplex::at(c) >= failures.size())
+                failures.resize(2 * complex.num_slots(), {Cell{}, 0});
+            auto &[failed, times] = failures[TetComplex::at(c)];
+            if (failed != complex.cell(c)) {
+                failed = complex.cell(c);
+                times = 0;
+            }
+            if (times == 2)
+                continue;
+            if (insert_point_at(complex, c, spare)) {
+                ++report.insertions;
+                ++changes;
+            } else {
+                ++times;
+            }
         }
         if (changes == 0)
             break;

@@ -10,6 +10,7 @@ namespace fastsim {
 struct SliverReport {
     std::size_t flips = 0;
     std::size_t moves = 0;
+    std::size_t insertions = 0;
 };
 
 /// Improves cells whose smallest sine of a dihedral angle is below `target`. Points numbered
