@@ -34,6 +34,9 @@ class Solid:
     def assemble_tangent(
         self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
     ) -> None: ...
+    def assemble_secant(
+        self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
+    ) -> None: ...
     def add_pressure_tangent(
         self,
         displaced_points: NDArray[np.float64],

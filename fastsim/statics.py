@@ -1,14 +1,16 @@
 """Static equilibrium: linear strain (eq. 5) and Green strain by Newton-Raphson (eq. 9-10).
 
-The matrix of eq. 10 as printed is the secant matrix K + P(a); here it is the consistent tangent
-dR/da, which converges quadratically. The steps are driven from here, so that progress can be
-shown and Ctrl-C works between them; assembly and conjugate gradients are in the core.
+The matrix of eq. 10 as printed is the secant matrix K + P(a), a fixed-point iteration; the default
+here is the consistent tangent dR/da, which converges quadratically. The steps are driven from
+here, so that progress can be shown and Ctrl-C works between them; assembly and conjugate
+gradients are in the core.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -28,6 +30,16 @@ from palpate.meshes.rigid_modes import require_supported
 SMALLEST_LOAD_STEP = 1.0 / 1024.0
 # Below this, diagonal blocks alone are as quick as multigrid.
 MULTIGRID_FROM_POINTS = 1500
+
+
+class Iteration(StrEnum):
+    """Matrix of each step: the consistent tangent dR/da, or K + P(a) as eq. 10 prints it.
+
+    P(a) is not unique; the symmetric one is used, so that conjugate gradients apply.
+    """
+
+    NEWTON = "newton"
+    SECANT = "secant"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +71,7 @@ def solve_static(
     strain: Strain = Strain.GREEN,
     relative_tolerance: float = 1e-10,
     max_iterations: int = 30,
+    iteration: Iteration = Iteration.NEWTON,
     progress: Callable[[str], None] | None = None,
 ) -> StaticResult:
     """Find R(a) = F (eq. 1) with the supports' displacements held.
@@ -68,6 +81,7 @@ def solve_static(
         strain: Engineering strain (one linear solve) or Green strain (Newton).
         relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
         max_iterations: Newton iterations per load step.
+        iteration: Consistent tangent, or the secant matrix of eq. 10 (slow: give it more).
         progress: Called with one line per load step.
 
     Returns:
@@ -81,7 +95,7 @@ def solve_static(
         Linear tetrahedra are too stiff in bending and lock as Poisson's ratio nears 0.5.
     """
     require_supported(problem)
-    newton = _Newton(problem, strain, relative_tolerance, max_iterations)
+    newton = _Newton(problem, strain, relative_tolerance, max_iterations, iteration)
     factor, step = 0.0, 1.0
     displacement = np.zeros_like(problem.mesh.points)
     accepted: list[float] = []
@@ -136,9 +150,15 @@ class _Newton:
     """Newton-Raphson on one problem; keeps the core's solid and the counts."""
 
     def __init__(
-        self, problem: Problem, strain: Strain, relative_tolerance: float, max_iterations: int
+        self,
+        problem: Problem,
+        strain: Strain,
+        relative_tolerance: float,
+        max_iterations: int,
+        iteration: Iteration,
     ) -> None:
         self.problem = problem
+        self.iteration = iteration
         self.strain = strain
         self.tolerance = relative_tolerance
         self.max_iterations = max_iterations
@@ -222,7 +242,10 @@ class _Newton:
         return factor * load - internal, internal
 
     def _assemble_tangent(self, displacement: Points, factor: float) -> None:
-        self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
+        if self.iteration is Iteration.SECANT:
+            self._solid.assemble_secant(displacement, self._lmbda, self._mu, self._measure)
+        else:
+            self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
         if not self._follows:
             return
         displaced = self.problem.mesh.points + displacement

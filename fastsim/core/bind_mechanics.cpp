@@ -105,6 +105,17 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"))
         .def(
+            "assemble_secant",
+            [](Solid &solid, Table3<const double> displacement, double lmbda, double mu,
+               StrainMeasure strain) {
+                nb::gil_scoped_release release;
+                if (solid.matrix.num_points == 0)
+                    solid.matrix = make_block_matrix(solid.num_points, solid.cells);
+                assemble_secant(solid.rest, solid.cells, as_span(displacement), {lmbda, mu}, strain,
+                                solid.matrix);
+            },
+            nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"))
+        .def(
             "add_pressure_tangent",
             [](Solid &solid, Table3<const double> displaced_points, Facets facets,
                double pressure) {

@@ -7,9 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from palpate.fastsim import _core
 from palpate.fastsim.errors import NotConvergedError
-from palpate.fastsim.forces import assemble_internal_force, external_force
-from palpate.fastsim.statics import solve_static
+from palpate.fastsim.forces import (
+    assemble_internal_force,
+    external_force,
+    lame_parameters,
+)
+from palpate.fastsim.statics import Iteration, solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
@@ -104,6 +109,26 @@ def test_newton_converges_quadratically(make_box: MakeBox) -> None:
     digits = -np.log10([r for r in history if 1e-12 < r < 1e-1])
     assert len(digits) >= 2
     assert (digits[1:] / digits[:-1]).max() > 1.6
+
+
+def test_secant_matrix_times_displacement_is_the_internal_force(ragged_box: TetMesh) -> None:
+    """R(a) = (K + P(a)) a, eq. 8."""
+    u = 0.05 * np.random.default_rng(8).standard_normal(ragged_box.points.shape)
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    solid.assemble_secant(u, *lame_parameters(SOFT), _core.StrainMeasure.green)
+    product = np.empty_like(u)
+    solid.multiply_tangent(u, product)
+    force = assemble_internal_force(ragged_box, u, material=SOFT)
+    assert np.abs(product - force).max() < 1e-13 * np.abs(force).max()
+
+
+def test_secant_iteration_finds_the_same_equilibrium_slower(make_box: MakeBox) -> None:
+    problem = cantilever(make_box((6, 2, 2), (3.0, 1.0, 1.0)), 10.0)
+    newton = solve_static(problem)
+    secant = solve_static(problem, iteration=Iteration.SECANT, max_iterations=300)
+    difference = np.linalg.norm(secant.displacement - newton.displacement)
+    assert difference < 1e-8 * np.linalg.norm(newton.displacement)
+    assert secant.iterations > 2 * newton.iterations
 
 
 def test_small_loads_make_green_and_linear_agree(make_box: MakeBox) -> None:

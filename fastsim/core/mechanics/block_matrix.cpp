@@ -68,6 +68,28 @@ void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
     }
 }
 
+void assemble_secant(const RestCells &rest, std::span<const Index> cells,
+                     std::span<const double> displacement, Lame lame, StrainMeasure strain,
+                     BlockMatrix &matrix) {
+    std::fill(matrix.blocks.begin(), matrix.blocks.end(), Matrix3{});
+    for (std::size_t c = 0; c < rest.volumes.size(); ++c) {
+        const Matrix3 h =
+            displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]);
+        Matrix3 mirrored{};
+        for (std::size_t e = 0; e < 9; ++e)
+            mirrored[e] = -h[e];
+        const auto blocks_at = [&](const Matrix3 &gradient) {
+            return tangent_blocks(gradient, rest.gradients[c], rest.volumes[c], lame, strain);
+        };
+        const auto there = blocks_at(h), opposite = blocks_at(mirrored), rest_state = blocks_at({});
+        for (std::size_t k = 0; k < 16; ++k) {
+            Matrix3 &block = matrix.blocks[matrix.cell_position[16 * c + k]];
+            for (std::size_t e = 0; e < 9; ++e)
+                block[e] += (8.0 * rest_state[k][e] + 5.0 * there[k][e] - opposite[k][e]) / 12.0;
+        }
+    }
+}
+
 void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
                           double pressure, BlockMatrix &matrix) {
     for (std::size_t t = 0; t < facets.size() / 3; ++t) {

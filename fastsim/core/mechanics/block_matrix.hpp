@@ -26,6 +26,13 @@ void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
                       std::span<const double> displacement, Lame lame, StrainMeasure strain,
                       BlockMatrix &matrix);
 
+/// Sets the matrix to the symmetric secant stiffness K + P(a) of eq. 8-10, R(a) = (K + P(a)) a.
+/// R is cubic in a, so with the tangent K_T = K + N1 + N2, N1 linear and N2 quadratic in a,
+/// P = N1/2 + N2/3, and K + P = 2/3 K_T(0) + 5/12 K_T(a) - 1/12 K_T(-a).
+void assemble_secant(const RestCells &rest, std::span<const Index> cells,
+                     std::span<const double> displacement, Lame lame, StrainMeasure strain,
+                     BlockMatrix &matrix);
+
 /// Adds the symmetric part of the tangent of a follower pressure on `facets` (3 points each), at
 /// points as displaced. With f_k = -p/3 N on each corner and dN/dx_l = [e_l]_x / 2, e_l the edge
 /// opposite corner l, the block is p/12 [e_l - e_k]_x. What is left out lives on the rim of the
