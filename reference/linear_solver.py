@@ -37,7 +37,7 @@ class LinearSolver:
     def name(self) -> str:
         """What solves, for the log."""
         if self._is_direct:
-            return "LU (MUMPS)"
+            return f"{'LDL' if self._is_symmetric else 'LU'} (MUMPS)"
         return f"{'CG' if self._is_symmetric else 'FGMRES'} with GAMG"
 
     def solve(
@@ -60,9 +60,7 @@ class LinearSolver:
         x, b = matrix.createVecs()
         b.array[:] = rhs
         x.array[held] = values
-        # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
-        typical = float(np.mean(np.abs(matrix.getDiagonal().array))) or 1.0
-        matrix.zeroRowsColumns(held, diag=typical, x=x, b=b)
+        self._hold(matrix, held, x, b)
         try:
             if not self._is_direct:
                 self._attach_rigid_modes(matrix, held)
@@ -77,6 +75,39 @@ class LinearSolver:
             raise LinearSolveError("the tangent stiffness is singular")
         solution[held] = values
         return solution
+
+    def is_positive_definite(self, matrix: Any, held: Indices) -> bool:
+        """Whether a symmetric matrix is positive definite on its free entries.
+
+        Small: by the signs of the pivots. Large: whether conjugate gradients meet a direction of
+        negative curvature on the way to a random right-hand side.
+        """
+        x, b = matrix.createVecs()
+        b.array[:] = np.random.default_rng(0).standard_normal(self._num_dofs)
+        b.array[held] = 0.0
+        self._hold(matrix, held, x, b)
+        try:
+            if not self._is_direct:
+                self._attach_rigid_modes(matrix, held)
+            self._ksp.setOperators(matrix)
+            self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
+            self._run(b, x)
+            if self._is_direct:
+                negative, zero, _ = self._ksp.getPC().getFactorMatrix().getInertia()
+                return int(negative) == 0 and int(zero) == 0
+            return True
+        except LinearSolveError:
+            return False
+        finally:
+            x.destroy()
+            b.destroy()
+
+    def _hold(self, matrix: Any, held: Indices, x: Any, b: Any) -> None:
+        # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
+        typical = float(np.mean(np.abs(matrix.getDiagonal().array))) or 1.0
+        matrix.zeroRowsColumns(held, diag=typical, x=x, b=b)
+        if self._is_symmetric:
+            matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
     def _run(self, b: Any, x: Any) -> None:
         try:
@@ -98,8 +129,13 @@ class LinearSolver:
     def _direct(self) -> Any:
         ksp = PETSc.KSP().create(PETSc.COMM_SELF)
         ksp.setType("preonly")
-        ksp.getPC().setType("lu")
+        ksp.setOptionsPrefix("palpate_reference_direct_")
+        # MUMPS tells the signs of the pivots only where it also looks for null ones.
+        PETSc.Options("palpate_reference_direct_")["mat_mumps_icntl_24"] = 1
+        # Of a symmetric matrix L D L^T, whose pivots also tell whether it is positive definite.
+        ksp.getPC().setType("cholesky" if self._is_symmetric else "lu")
         ksp.getPC().setFactorSolverType("mumps")
+        ksp.setFromOptions()
         return ksp
 
     def _multigrid(self) -> Any:

@@ -55,7 +55,7 @@ def follow_load(
     path: list[tuple[float, Points]] = [(0.0, rest)]
     reached: list[float] = []
     step, start, iterations = _first_step(newton, sampler, rest)
-    residual, reason = 0.0, ""
+    residual = 0.0
     while path[-1][0] < 1.0:
         last = path[-1][0]
         target = min(1.0, last + step)
@@ -66,7 +66,10 @@ def follow_load(
         )
         start = None
         iterations += outcome.iterations
-        if outcome.converged:
+        reason = outcome.reason
+        if outcome.converged and not newton.is_stable(outcome.displacement, target):
+            reason = "the equilibrium found is not stable"
+        if not reason:
             path = [path[-1], (target, outcome.displacement)]
             reached.append(target)
             residual = outcome.relative_residual
@@ -74,11 +77,10 @@ def follow_load(
                 step *= 2.0
             continue
         step = (target - last) / 2.0
-        progress(f"load {target:.4f}: {outcome.reason}; back to {last:.4f}, step {step:.4f}")
+        progress(f"load {target:.4f}: {reason}; back to {last:.4f}, step {step:.4f}")
         if step < _SMALLEST_STEP:
-            reason = outcome.reason
-            break
-    return LoadPath(path[-1][1], tuple(reached), residual, iterations, reason)
+            return LoadPath(path[-1][1], tuple(reached), residual, iterations, reason)
+    return LoadPath(path[-1][1], tuple(reached), residual, iterations, "")
 
 
 def _first_step(

@@ -22,6 +22,8 @@ from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 
 _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
+# Iterations without a new smallest residual before giving up; the first two do not count.
+_PATIENCE = 6
 # A Newton step may take det F down to this fraction of what it was, not further.
 _SHRINK_PER_STEP = 0.1
 
@@ -94,6 +96,18 @@ class Newton:
         except LinearSolveError:
             return None
 
+    def is_stable(self, displacement: Points, load_factor: float) -> bool:
+        """Whether the tangent stiffness is positive definite at an equilibrium.
+
+        An equilibrium that is not stable is never reached by a body. True without a test under
+        linear strain, and under follower loads, whose tangent is not symmetric.
+        """
+        eq = self._equilibrium
+        if self.is_linear or eq.has_followers or eq.free.size == 0:
+            return True
+        matrix = eq.tangent(displacement, load_factor)
+        return self._linear.is_positive_definite(matrix, eq.held.dofs)
+
     def solve(
         self, start: Points, load_factor: float, *, report: Report | None = None
     ) -> NewtonOutcome:
@@ -110,6 +124,7 @@ class Newton:
         u = start.copy()
         det_f = self._sampler.smallest(u)
         rounding, first, last_norm, relative = 0.0, 0.0, 0.0, math.inf
+        best, since_best = math.inf, 0
         for iteration in range(self._max_iterations + 1):
             internal = eq.internal_force(u)
             external = load_factor * eq.external_force(u)
@@ -126,8 +141,12 @@ class Newton:
             last_norm = norm
             if is_at_supports and (norm <= self._tolerance * scale or is_stalled):
                 return NewtonOutcome(u, True, "", iteration, relative)
-            if iteration > 0 and not norm <= _LARGEST_GROWTH * first:
+            # Under prescribed displacements alone the first residual is zero: judge by the second.
+            if iteration > 1 and not norm <= _LARGEST_GROWTH * first:
                 return NewtonOutcome(u, False, "the iteration diverges", iteration, relative)
+            best, since_best = (norm, 0) if norm < best else (best, since_best + 1)
+            if since_best >= _PATIENCE:
+                return NewtonOutcome(u, False, "the iteration stalls", iteration, relative)
             if iteration == self._max_iterations:
                 break
             matrix = eq.tangent(u, load_factor)
@@ -146,7 +165,9 @@ class Newton:
             u = u + length * du
             if length == 1.0:
                 u[held] = target
-            first = max(first, norm)
+            if iteration <= 1:
+                first = max(first, norm)
+                best = math.inf
         return NewtonOutcome(
             u, False, f"no convergence in {self._max_iterations} iterations", iteration, relative
         )

@@ -85,7 +85,8 @@ def test_free_uniaxial_stretch_is_the_closed_form(box, stretch, stress_over_E, l
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("stretch", [0.7, 0.9, 1.3])
+# Below a^2 = (lmbda + 2 mu) / (lmbda + 4 mu), a = 0.798, the material itself is unstable (shear).
+@pytest.mark.parametrize("stretch", [0.85, 0.95, 1.3])
 def test_confined_stretch_has_the_closed_form_stress(box, stretch, degree):
     mesh = box(jitter=0.2)
     axes = np.eye(3, dtype=bool)
@@ -178,22 +179,47 @@ def test_stretch_after_a_large_rotation_meets_code_aster_ssnv121(box):
 
 
 @pytest.mark.parametrize("degree", [1, 2])
-def test_follower_pressure_on_all_faces_shrinks_a_cube_evenly(box, degree):
+@pytest.mark.parametrize("stretch", [0.93, 1.05])
+def test_follower_pressure_on_all_faces_scales_a_cube_evenly(box, degree, stretch):
     mesh = box(jitter=0.2)
-    stretch = 0.93
     # P = l (3 lmbda + 2 mu) (l^2 - 1) / 2 balances -p l^2 per rest area.
     pressure = -(3 * LMBDA + 2 * MU) * (stretch**2 - 1) / (2 * stretch)
     problem, _ = affine_by_tractions(mesh, (stretch - 1) * np.eye(3), Strain.GREEN)
     loads = (Pressure(mesh.boundary_facets, pressure),)
     result = solve_static(Problem(mesh, MATERIAL, problem.supports, loads), degree=degree)
     assert np.max(np.abs(result.displacement - (stretch - 1) * mesh.points)) <= CLOSED
-    dead = -pressure * np.eye(3)
-    tractions = tuple(
-        Traction(mesh.facet_groups[f], tuple((-1 if f[1] == "0" else 1) * dead["xyz".index(f[0])]))
-        for f in mesh.facet_groups
-    )
-    control = solve_static(Problem(mesh, MATERIAL, problem.supports, tractions), degree=degree)
-    assert np.max(np.abs(control.displacement - result.displacement)) > 1e-3
+
+
+def test_a_dead_load_is_not_a_follower(box):
+    # The same suction by dead tractions: P = l (3 lmbda + 2 mu) (l^2 - 1) / 2 = t, without l^2.
+    mesh = box(jitter=0.2)
+    stretch = 1.05
+    t = stretch * (3 * LMBDA + 2 * MU) * (stretch**2 - 1) / 2
+    held, _ = affine_by_tractions(mesh, (stretch - 1) * np.eye(3), Strain.GREEN)
+    result = solve_static(held)
+    assert np.max(np.abs(result.displacement - (stretch - 1) * mesh.points)) <= CLOSED
+    followed = Problem(mesh, MATERIAL, held.supports, (Pressure(mesh.boundary_facets, -t),))
+    other = solve_static(followed)
+    assert np.max(np.abs(other.displacement - result.displacement)) > 1e-3
+
+
+def test_dead_pressure_on_a_loosely_held_body_is_not_stable(box):
+    # Turning the body about its support lets every dead push do work: no stable equilibrium.
+    problem, _ = affine_by_tractions(box(), -0.07 * np.eye(3), Strain.GREEN)
+    with pytest.raises(ReferenceNotConvergedError, match="not stable"):
+        solve_static(problem)
+
+
+def test_a_straight_column_ends_at_eulers_load(box):
+    # Clamped-free: P = pi^2 E I / (4 L^2); nothing bends it, so only stability tells.
+    mesh = box((10, 1, 1), (1.0, 0.1, 0.1))
+    euler = np.pi**2 * E * 0.1**4 / 12 / 4
+    loads = (Traction(mesh.facet_groups["x1"], (-2.0 * euler / 0.01, 0.0, 0.0)),)
+    problem = Problem(mesh, Material(E, 0.0), (support(mesh, "x0"),), loads)
+    with pytest.raises(ReferenceNotConvergedError, match="not stable") as caught:
+        solve_static(problem, degree=2)
+    # 2 %: shear and shortening, (h / L)^2 each, and the coarse mesh.
+    assert 2.0 * caught.value.load_factor == pytest.approx(1.0, rel=0.02)
 
 
 def test_linear_pressure_acts_on_the_rest_surface(box):
