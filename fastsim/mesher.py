@@ -21,8 +21,16 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
 # Other lattices to try when flips do not bring the whole boundary back: another jitter, then
-# points nearer to the surface.
-_ATTEMPTS = ((0, 0.80), (1, 0.75), (2, 0.70), (3, 0.65), (4, 0.60))
+# points nearer to the surface, then other sizes. (Shift of the seed, clearance, share of size.)
+_ATTEMPTS = (
+    (0, 0.80, 1.0),
+    (1, 0.75, 1.0),
+    (2, 0.70, 1.0),
+    (3, 0.65, 1.0),
+    (4, 0.60, 0.7),
+    (5, 0.80, 0.5),
+    (6, 0.80, 2.0),
+)
 # Cells with a dihedral angle below about 30 degrees are worked on: sin 30 = 0.5.
 _SLIVER_TARGET = 0.5
 # Pairs of facets that an error names at most: a surface on itself has millions.
@@ -104,7 +112,8 @@ def mesh_surface(
 
     Args:
         surface: Closed, outward, without self-intersection [m].
-        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean.
+        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean. Where
+            the surface does not come back with it, half and twice of it are tried too.
         lattice: The paper's cubes, or body-centred ones, whose cells are better shaped.
         improve: Re-mesh slivers with their neighbours (the paper's last step).
         seed: Of the jitter; the same seed gives the same mesh.
@@ -154,7 +163,7 @@ def mesh_surface_with_report(
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
     failure: BoundaryRecoveryError | None = None
-    for attempt, (shift, clearance) in enumerate(_ATTEMPTS, start=1):
+    for attempt, (shift, clearance, share) in enumerate(_ATTEMPTS, start=1):
         if progress:
             progress(f"meshing {len(facets)} facets, edge length {size:.3g} m, try {attempt}")
         out_points, cells, edges, lost, back_edges, back_facets, twins, flips, moves, new = (
@@ -162,7 +171,7 @@ def mesh_surface_with_report(
                 points,
                 facets,
                 kind,
-                size,
+                share * size,
                 jitter,
                 clearance,
                 seed + shift,

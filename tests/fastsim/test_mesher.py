@@ -84,6 +84,32 @@ def test_a_cavity_stays_empty() -> None:
     assert mesh.volume < outer.volume - 0.99 * inner.volume
 
 
+def _torus(radius: float, across: int, around: int) -> TriSurface:
+    u, v = np.meshgrid(
+        np.arange(around) * 2 * np.pi / around,
+        np.arange(across) * 2 * np.pi / across,
+        indexing="ij",
+    )
+    width = 1.0 + radius * np.cos(v)
+    points = np.stack([width * np.cos(u), width * np.sin(u), radius * np.sin(v)], axis=-1)
+    i, j = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    i, j = i.ravel(), j.ravel()
+    a, b = i * across + j, (i + 1) % around * across + j
+    c, d = (i + 1) % around * across + (j + 1) % across, i * across + (j + 1) % across
+    facets = np.vstack([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return TriSurface(points.reshape(-1, 3), facets.astype(np.int32))
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.4])
+def test_a_ring_keeps_its_hole(radius: float) -> None:
+    surface = _torus(radius, 12, 32)
+    mesh = mesh_surface(surface)
+    _require_kept(surface, mesh)
+    # No cell reaches across the hole.
+    centres = mesh.points[mesh.cells].mean(axis=1)
+    assert np.hypot(centres[:, 0], centres[:, 1]).min() > 1.0 - radius
+
+
 def test_same_seed_same_mesh_other_seed_another() -> None:
     surface = SHAPES["sphere"]()
     first, again, other = (mesh_surface(surface, seed=s) for s in (0, 0, 1))

@@ -24,34 +24,25 @@ double safe_quality(const TetComplex &complex, const Cell &cell) {
 } // namespace
 
 double cell_quality(const TetComplex &complex, const Cell &cell) {
-    Point x[4];
-    for (std::size_t k = 0; k < 4; ++k)
-        x[k] = complex.points[TetComplex::at(cell[k])];
-    Point normal[4];
-    double area[4];
-    for (std::size_t k = 0; k < 4; ++k) {
-        const auto &f = cell_facets[k];
-        const Point &o = x[f[0]];
-        normal[k] = cross(minus(x[f[1]], o), minus(x[f[2]], o));
-        area[k] = std::sqrt(dot(normal[k], normal[k]));
-    }
-    const double six_volumes = dot(cross(minus(x[1], x[0]), minus(x[2], x[0])), minus(x[3], x[0]));
-    // sin(dihedral at the edge of facets i, j) = 6 V |edge| / (2 A_i 2 A_j); edge (m, n) is the
-    // one that has the corners not numbered i, j.
-    double worst = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < 4; ++i)
-        for (std::size_t j = i + 1; j < 4; ++j) {
-            std::size_t m = 0;
-            while (m == i || m == j)
-                ++m;
-            const std::size_t n = 6 - i - j - m;
-            const Point edge = minus(x[m], x[n]);
-            const double denominator = area[i] * area[j];
-            const double sine =
-                denominator > 0.0 ? six_volumes * std::sqrt(dot(edge, edge)) / denominator : 0.0;
-            worst = std::min(worst, sine);
-        }
-    return worst;
+    const Point &a = complex.points[TetComplex::at(cell[0])];
+    const Point &b = complex.points[TetComplex::at(cell[1])];
+    const Point &c = complex.points[TetComplex::at(cell[2])];
+    const Point &d = complex.points[TetComplex::at(cell[3])];
+    const Point ab = minus(b, a), ac = minus(c, a), ad = minus(d, a);
+    const Point bc = minus(c, b), bd = minus(d, b), cd = minus(d, c);
+    const Point normal_d = cross(ab, ac), normal_b = cross(ac, ad);
+    const double six_volumes = dot(normal_d, ad);
+    const auto squared = [](const Point &v) { return dot(v, v); };
+    // Four times the squared areas of the facets opposite a, b, c, d.
+    const double fa = squared(cross(bc, bd)), fb = squared(normal_b);
+    const double fc = squared(cross(ab, ad)), fd = squared(normal_d);
+    // sin(dihedral at an edge) = 6 V |edge| / (2 A_i 2 A_j), facets i and j opposite the other
+    // edge's ends; squared, so that one root does for all six.
+    const double smallest =
+        std::min({squared(ab) / (fc * fd), squared(ac) / (fb * fd), squared(ad) / (fb * fc),
+                  squared(bc) / (fa * fd), squared(bd) / (fa * fc), squared(cd) / (fa * fb)});
+    // A facet without area leaves no number: such a cell is as bad as a flat one.
+    return std::isfinite(smallest) ? six_volumes * std::sqrt(smallest) : 0.0;
 }
 
 bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protection,

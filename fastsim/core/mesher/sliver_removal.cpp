@@ -16,10 +16,15 @@ constexpr double least_gain = 1e-6;
 // Points are inserted for the worst cells only: below about 25 degrees for a target of 30.
 constexpr double insertion_share = 0.84;
 
-double worst_of(const TetComplex &complex, const std::vector<Index> &cells) {
+/// Worst quality; any value not above `floor` once that is known.
+double worst_of(const TetComplex &complex, const std::vector<Index> &cells,
+                double floor = -std::numeric_limits<double>::infinity()) {
     double worst = std::numeric_limits<double>::infinity();
-    for (const Index c : cells)
+    for (const Index c : cells) {
         worst = std::min(worst, cell_quality(complex, complex.cell(c)));
+        if (!(worst > floor))
+            break;
+    }
     return worst;
 }
 
@@ -62,8 +67,7 @@ bool move_point(TetComplex &complex, Index point, std::vector<Index> &around) {
     Point best_place = start;
     const auto try_place = [&](const Point &candidate) {
         place = candidate;
-        double worst = best;
-        worst = worst_of(complex, around);
+        const double worst = worst_of(complex, around, best);
         if (worst > best)
             // Quality is rounded; positivity is asked of the exact predicate.
             if (std::all_of(around.begin(), around.end(),
