@@ -1,0 +1,1 @@
+"""Speed beside rivals, in one run; each function returns rows for `palpate bench`."""

@@ -1,0 +1,42 @@
+"""Boxes of tetrahedra for benchmarks: bricks cut into six, interior points moved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+_CORNER_PATHS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
+
+
+def brick_box(
+    divisions: tuple[int, int, int],
+    size: tuple[float, float, float],
+    *,
+    ragged: float = 0.0,
+) -> TetMesh:
+    """A box of bricks, six tetrahedra each.
+
+    Args:
+        divisions: Bricks along x, y, z.
+        size: Edge lengths [m].
+        ragged: How far interior points are moved, in brick sizes, 0 to 0.3; always the same way.
+    """
+    axes = [np.linspace(0.0, s, n + 1) for s, n in zip(size, divisions, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    counts = tuple(n + 1 for n in divisions)
+    first = np.arange(len(points)).reshape(counts)[:-1, :-1, :-1].ravel()
+    along = np.array([counts[1] * counts[2], counts[2], 1])
+    cells = np.concatenate(
+        [
+            first[:, None] + np.concatenate([[0], np.cumsum(along[list(path)])])
+            for path in _CORNER_PATHS
+        ]
+    ).astype(np.int32)
+    flipped = signed_volumes(points, cells) < 0.0
+    cells[flipped] = cells[flipped][:, [0, 1, 3, 2]]
+    inside = np.all((points > 1e-12) & (points < np.array(size) - 1e-12), axis=1)
+    brick = np.array(size) / np.array(divisions)
+    shift = np.random.default_rng(0).uniform(-1.0, 1.0, (int(inside.sum()), 3))
+    points[inside] += ragged * brick * shift
+    return TetMesh(points, cells)
