@@ -91,6 +91,8 @@ class LinearSolver:
                 self._attach_rigid_modes(matrix, held)
             self._ksp.setOperators(matrix)
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
+            # The multigrid of the last Newton step, one small step away, serves as well.
+            self._ksp.getPC().setReusePreconditioner(not self._is_direct)
             self._run(b, x)
             if self._is_direct:
                 negative, zero, _ = self._ksp.getPC().getFactorMatrix().getInertia()
@@ -99,6 +101,7 @@ class LinearSolver:
         except LinearSolveError:
             return False
         finally:
+            self._ksp.getPC().setReusePreconditioner(False)
             x.destroy()
             b.destroy()
 

@@ -16,6 +16,7 @@ _SMALLEST_STEP = 1.0 / 1024.0
 # A first step whose linear answer has a larger gradient might jump to another branch.
 _LARGEST_FIRST_GRADIENT = 0.5
 _FEW_ITERATIONS = 6
+_LAST_STRETCH = 1.25
 
 Progress = Callable[[str], None]
 
@@ -58,7 +59,8 @@ def follow_load(
     residual = 0.0
     while path[-1][0] < 1.0:
         last = path[-1][0]
-        target = min(1.0, last + step)
+        # A little further rather than a small last step that costs a whole Newton iteration.
+        target = 1.0 if last + _LAST_STRETCH * step >= 1.0 else last + step
         outcome = newton.solve(
             _extrapolate(path, target, sampler) if start is None else start,
             target,

@@ -53,7 +53,11 @@ def solve_static(
         ReferenceNotConvergedError: No equilibrium under the full load; carries the last one found.
 
     Note:
-        Saint-Venant-Kirchhoff loses equilibrium under strong compression (stretch 0.577).
+        Saint-Venant-Kirchhoff loses equilibrium under strong compression (stretch 0.577), and in
+        confined compression its stability in shear before that. An equilibrium whose tangent is
+        not positive definite is not accepted (not tested under follower pressure).
+        A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
+        relative residual of the result says so.
     """
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
