@@ -100,12 +100,12 @@ def main() -> None:
 def _bar(title: str) -> dict[str, object]:
     """A colour bar below the body, clear of it."""
     return {
-        "title": title,
+        "title": f"{title}\n",
         "vertical": False,
         "position_x": 0.2,
         "position_y": 0.03,
         "width": 0.6,
-        "height": 0.07,
+        "height": 0.09,
         "title_font_size": 18,
         "label_font_size": 15,
         "n_labels": 4,
@@ -121,14 +121,14 @@ def _camera(everything: Any, axis: int) -> list[tuple[float, float, float]]:
     across = [i for i in range(3) if i != axis]
     aspect = PANEL[0] / PANEL[1]
     extent = (high - low)[across]
-    reach = max(float(extent[0]) / aspect, float(extent[1])) * 0.5 / np.tan(np.radians(15.0)) * 1.25
+    reach = max(float(extent[0]) / aspect, float(extent[1])) * 0.5 / np.tan(np.radians(15.0)) * 1.45
     direction = np.zeros(3)
     direction[axis] = -1.0 if axis == 1 else 1.0
     direction[across[0]] = 0.18
     direction /= np.linalg.norm(direction)
     up = (0.0, 1.0, 0.0) if axis == 2 else (0.0, 0.0, 1.0)
     focus = centre.copy()
-    focus[across[1]] -= 0.06 * reach
+    focus[across[1]] -= 0.02 * reach
     place = focus + direction * reach
 
     def triple(x: Any) -> tuple[float, float, float]:

@@ -1,0 +1,183 @@
+"""Case files: what they build, and how each mistake is named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Traction
+from palpate.meshes.errors import InputError
+from palpate.meshes.files import write_mesh, write_surface
+from palpate.meshes.kidney import KIDNEY_VOLUME
+from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.case import builtin_cases, load_case
+
+Write = Callable[..., Path]
+
+
+def test_the_block_is_built_in_si_units(write_case: Write) -> None:
+    units = (
+        '\n[units]\nlength = "mm"\nforce = "mN"\nstress = "kPa"\ndensity = "g/cm3"\n\n[geometry]'
+    )
+    path = write_case(("\n[geometry]", units), ("0.3\n", "0.3\ndensity = 1.05\n"))
+    problem = load_case(path).problem
+    assert problem.mesh.volume == pytest.approx(2e-9, rel=1e-12)
+    assert problem.material.youngs_modulus == 1e6
+    assert problem.material.density == pytest.approx(1050.0)
+    load = problem.loads[0]
+    assert isinstance(load, Traction)
+    # 60 mN over 1 mm2.
+    assert load.traction == pytest.approx((6e4, 2e4, -1e4), rel=1e-12)
+    assert len(problem.supports[0].facets) == 8
+
+
+def test_every_kind_of_load(write_case: Write) -> None:
+    others = """
+[[load]]
+kind = "gravity"
+acceleration = [0.0, 0.0, -9.81]
+
+[[load]]
+kind = "pressure"
+pressure = 5.0
+region = { box = { min = [-1, -1, 0.999], max = [9, 9, 1.1] } }
+
+[[load]]
+kind = "point_force"
+force = [1.0, 2.0, 3.0]
+region = { nearest = [2.0, 1.0, 1.0] }
+
+[[check]]
+metric = "smallest"""
+    path = write_case(('[[check]]\nmetric = "smallest', others.lstrip("\n")))
+    loads = load_case(path).problem.loads
+    assert isinstance(loads[1], BodyForce)
+    assert loads[1].force_density == pytest.approx((0.0, 0.0, -9810.0))
+    assert isinstance(loads[2], Pressure)
+    corners = load_case(path).problem.mesh.points[loads[2].facets]
+    assert (corners[:, :, 2] == 1.0).all()
+
+
+def test_built_in_cases_are_whole() -> None:
+    assert builtin_cases() == ["beam", "kidney"]
+    for name in builtin_cases():
+        case = load_case(name)
+        problem = case.problem
+        # The cases must see their faults: away from 0.25, and not symmetric.
+        assert abs(problem.material.poissons_ratio - 0.25) > 0.02
+        kinds = {(check.against, check.metric) for check in case.checks}
+        assert {"same_mesh", "truth"} <= {against for against, _ in kinds}
+        assert all(check.reason for check in case.checks)
+
+
+def test_the_kidney_has_the_papers_volume() -> None:
+    assert load_case("kidney").problem.mesh.volume == pytest.approx(KIDNEY_VOLUME, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("title =", "titel ="), ["unknown key 'titel'", "'title'"]),
+        (("poissons_ratio = 0.3", "poisons_ratio = 0.3"), ["block.toml:12", "'poissons_ratio'"]),
+        (("poissons_ratio = 0.3", ""), ["missing key 'material.poissons_ratio'"]),
+        (("poissons_ratio = 0.3", "poissons_ratio = 0.5"), ["poissons_ratio = 0.5"]),
+        (("1000.0", "-3.0"), ["youngs_modulus = -3"]),
+        (("1000.0", "nan"), ["youngs_modulus", "finite"]),
+        (("0.3\n", "0.3\ndensity = -1.0\n"), ["density = -1"]),
+        (("[1.999, 0.0, 0.0]", "[7.0, 0.0, 0.0]"), ["load 1", "selects no", "[2.0, 1.0, 1.0]"]),
+        (('kind = "force"', 'kind = "froce"'), ["froce"]),
+        (("edge_length = 0.5", ""), ["edge_length"]),
+        (('shape = "box"', 'shape = "bxo"'), ["shape", "bxo"]),
+        (('shape = "box"', 'surface = "../x.stl"\nshape = "box"'), ["exactly one"]),
+        (("limit = 1e-8", "limit = -1.0"), ["limit"]),
+        (('reason = "same equations"', 'reason = ""'), ["reason"]),
+        (("schema = 1", "schema = 2"), ["schema"]),
+        (("schema = 1", "schema = [1"), ["not TOML"]),
+        (("region = { half_space", "region = { halfspace"), ["halfspace", "half_space"]),
+    ],
+)
+def test_mistakes_are_named_in_at_most_two_lines(
+    write_case: Write, change: tuple[str, str], words: list[str]
+) -> None:
+    path = write_case(change)
+    with pytest.raises(InputError) as caught:
+        load_case(path).problem  # noqa: B018
+    message = str(caught.value)
+    assert message.count("\n") <= 1
+    for word in words:
+        assert word in message, message
+
+
+def test_a_floating_body_is_refused(write_case: Write) -> None:
+    text = "region = { half_space = { point = [0.001, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }"
+    with pytest.raises(InputError, match="6 of 6 rigid motions"):
+        load_case(write_case(("[[support]]\n" + text + "\n", ""))).problem  # noqa: B018
+    with pytest.raises(InputError, match="3 of 6 rigid motions"):
+        load_case(write_case((text, text + '\ncomponents = ["x"]'))).problem  # noqa: B018
+
+
+def test_paths_may_not_leave_the_folder(write_case: Write, tmp_path: Path) -> None:
+    outside = tmp_path.parent / f"{tmp_path.name}-outside.stl"
+    write_surface(outside, shape_sphere(1.0, edge_length=0.5))
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    for name in (f"../{outside.name}", str(outside)):
+        with pytest.raises(InputError, match="outside the case's folder"):
+            load_case(write_case((shape, f'surface = "{name}"'))).problem  # noqa: B018
+    (tmp_path / "link.stl").symlink_to(outside)
+    with pytest.raises(InputError, match="outside the case's folder"):
+        load_case(write_case((shape, 'surface = "link.stl"'))).problem  # noqa: B018
+
+
+def test_bad_geometry_files_are_refused(write_case: Write, tmp_path: Path) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    write_surface(tmp_path / "open.off", TriSurface(sphere.points, sphere.facets[1:]))
+    with pytest.raises(InputError, match=r"open\.off.*open"):
+        load_case(write_case((shape, 'surface = "open.off"'))).problem  # noqa: B018
+    write_surface(tmp_path / "nan.off", sphere)
+    text = (tmp_path / "nan.off").read_text().splitlines()
+    text[5] = "nan 0 0"
+    (tmp_path / "nan.off").write_text("\n".join(text))
+    with pytest.raises(InputError, match=r"nan\.off"):
+        load_case(write_case((shape, 'surface = "nan.off"'))).problem  # noqa: B018
+    with pytest.raises(InputError, match="no such file"):
+        load_case(write_case((shape, 'surface = "none.off"'))).problem  # noqa: B018
+
+
+def test_a_surface_of_ones_own_is_meshed_and_the_mesher_named(
+    write_case: Write, tmp_path: Path
+) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    write_surface(tmp_path / "mine.stl", TriSurface(sphere.points + [1.0, 0.5, 0.5], sphere.facets))
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    case = load_case(
+        write_case((shape, 'surface = "mine.stl"'), ("0.001", "0.5"), ("1.999", "1.5"))
+    )
+    assert "fastsim" in case.mesh.origin
+    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-6)
+
+
+def test_a_mesh_file_in_millimetres(write_case: Write, tmp_path: Path) -> None:
+    source = load_case(write_case()).problem.mesh
+    write_mesh(tmp_path / "block.vtu", source)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    path = write_case(
+        (shape, 'mesh = "block.vtu"'), ("[geometry]", '[units]\nlength="mm"\n[geometry]')
+    )
+    mesh = load_case(path).problem.mesh
+    assert math.isclose(mesh.volume, 2e-9, rel_tol=1e-12)
+    assert np.array_equal(mesh.cells, source.cells)
+
+
+def test_names_are_plain(write_case: Write) -> None:
+    with pytest.raises(InputError, match="letters"):
+        load_case(write_case(name="<script>.toml"))
+    with pytest.raises(InputError, match="did you mean 'kidney'"):
+        load_case("kidny")
+    with pytest.raises(InputError, match="no such file"):
+        load_case("nothing.toml")

@@ -1,0 +1,133 @@
+"""Exit codes and messages of the command line, from another folder."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.files import read_mesh, read_point_data, write_surface
+from palpate.meshes.kidney import shape_kidney
+
+Write = Callable[..., Path]
+
+
+def palpate(*arguments: object, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        cwd=folder,
+        check=False,
+    )
+
+
+def test_cases_lists_what_there_is() -> None:
+    done = palpate("cases")
+    assert done.returncode == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["beam", "kidney"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["gate"], ["gate", "nothing"], ["gate", "x.toml"], ["solve", "beam"], ["nonsense"],
+     ["study", "moon", "-o", "m"], ["mesh", "none.stl", "-o", "m.vtu"], ["gate", "beam", "--fault", "x"]],
+)  # fmt: skip
+def test_usage_errors_are_two_with_a_short_message(tmp_path: Path, arguments: list[str]) -> None:
+    done = palpate(*arguments, folder=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert 1 <= len(done.stderr.strip().splitlines()) <= 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bad_cases_are_two_and_write_nothing(write_case: Write, tmp_path: Path) -> None:
+    path = write_case(("poissons_ratio = 0.3", "poissons_ratio = 0.5"))
+    for verb in (["gate", path], ["report", path, "-o", tmp_path / "out"]):
+        done = palpate(*verb, folder=tmp_path)
+        assert done.returncode == 2
+        assert "poissons_ratio = 0.5" in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["block.toml"]
+
+
+def test_a_case_without_checks_judges_nothing_and_says_so(write_case: Write) -> None:
+    text = write_case().read_text()
+    path = write_case((text[text.index("[[check]]") :], ""))
+    done = palpate("gate", path)
+    assert done.returncode == 2
+    assert "no [[check]]" in done.stderr
+
+
+def test_a_case_that_collapses_is_a_failed_candidate(write_case: Write, tmp_path: Path) -> None:
+    # Compressed far past the limit of Saint-Venant-Kirchhoff (P/E = -0.19245).
+    path = write_case(("force = [60.0, 20.0, -10.0]", "force = [-900.0, 20.0, -10.0]"))
+    done = palpate("solve", path, "-o", tmp_path / "u.vtu")
+    assert done.returncode == 1
+    assert "no equilibrium beyond" in done.stderr
+    assert not (tmp_path / "u.vtu").exists()
+
+
+def test_mesh_then_solve(tmp_path: Path, write_case: Write) -> None:
+    write_surface(tmp_path / "k.stl", shape_kidney(edge_length=12e-3))
+    done = palpate("mesh", "k.stl", "-o", "k.vtu", "--unit", "m", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert read_mesh(tmp_path / "k.vtu").num_cells > 500
+    path = write_case()
+    done = palpate("solve", path.name, "-o", "u.vtu", "--strain", "linear", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    points, fields = read_point_data(tmp_path / "u.vtu")
+    assert fields["displacement"].shape == points.shape
+    assert np.abs(fields["displacement"]).max() > 0.01
+
+
+@pytest.mark.dolfinx
+def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_case: Write) -> None:
+    surface = shape_kidney(edge_length=14e-3)
+    write_surface(tmp_path / "organ.stl", surface)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    path = write_case(
+        (shape, 'surface = "organ.stl"'),
+        ("[0.001, 0.0, 0.0], normal = [-1.0, 0.0, 0.0]", "[0, 0, -0.02], normal = [0, 0, -1]"),
+        ("[1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0]", "[0, 0, 0.03], normal = [0, 0, 1]"),
+        ("force = [60.0, 20.0, -10.0]", "force = [0.2, 0.05, -0.1]"),
+    )
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    done = palpate("report", path, "-o", "out", folder=elsewhere)
+    assert done.returncode == 0, done.stdout + done.stderr
+    page = (elsewhere / "out" / "report.html").read_text("utf-8")
+    assert "passed" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    results = json.loads((elsewhere / "out" / "results.json").read_text("utf-8"))
+    assert results["cases"][0]["verdict"] == "passed"
+    assert "meshed by" in done.stdout
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("name", ["kidney", "beam"])
+def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
+    from palpate.meshes.problem import Strain
+    from palpate.validation.case import load_case
+    from palpate.validation.metrics import displacement_l2, make_state
+    from palpate.validation.reference_set import SAME_MESH, solve_state
+    from palpate.validation.simulators import run_fastsim
+    from palpate.validation.stored_references import load_stored
+
+    problem = load_case(name).problem
+    stored = load_stored(name, problem)
+    for strain in Strain:
+        answer = run_fastsim(problem, strain, lambda _line: None)
+        fast = make_state(
+            problem.mesh, answer.displacement, label="fastsim", simulator="fastsim", strain=strain
+        )
+        live = solve_state(problem, strain, 1, lambda _line: None)
+        assert displacement_l2(problem.mesh, fast, live).value < 1e-8
+        # The stored one was made by another version of dolfinx in one of the two set-ups.
+        kept = stored.states[SAME_MESH, strain]
+        assert displacement_l2(problem.mesh, live, kept).value < 1e-9

@@ -1,0 +1,103 @@
+"""Metrics against closed forms, and verdicts that never pass by accident."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Strain
+from palpate.meshes.refinement import refine_uniformly
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation import metrics
+from palpate.validation.case_schema import CheckSpec
+from palpate.validation.checks import decide, judge_check
+from palpate.validation.results import State, Verdict, gravest
+
+MESH = refine_uniformly(TetMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]]))
+
+
+def state(displacement: np.ndarray) -> State:  # type: ignore[type-arg]
+    return metrics.make_state(MESH, displacement, label="x", simulator="x", strain=Strain.GREEN)
+
+
+def test_l2_norm_of_a_linear_field_is_exact() -> None:
+    # Integral of x^2 over the unit corner tetrahedron: 2! / 5! = 1/60.
+    field = MESH.points * [1.0, 0.0, 0.0]
+    assert metrics.l2_norm(MESH, field) == pytest.approx(math.sqrt(1.0 / 60.0), rel=1e-14)
+    # Constant: sqrt of the volume.
+    ones = np.tile([0.0, 2.0, 0.0], (MESH.num_points, 1))
+    assert metrics.l2_norm(MESH, ones) == pytest.approx(2.0 * math.sqrt(1.0 / 6.0), rel=1e-14)
+
+
+def test_a_uniform_stretch_has_its_volume_area_and_det_f() -> None:
+    stretched = state(0.1 * MESH.points)
+    assert stretched.volume == pytest.approx(1.1**3 * MESH.volume, rel=1e-14)
+    assert stretched.surface_area == pytest.approx(1.1**2 * MESH.surface_area, rel=1e-14)
+    assert stretched.smallest_det_f == pytest.approx(1.1**3, rel=1e-14)
+    assert stretched.max_displacement == pytest.approx(0.1, rel=1e-14)
+
+
+def test_errors_of_a_candidate_two_per_cent_too_large() -> None:
+    reference, candidate = state(0.1 * MESH.points), state(0.102 * MESH.points)
+    assert metrics.displacement_l2(MESH, candidate, reference).value == pytest.approx(0.02)
+    assert metrics.displacement_max(MESH, candidate, reference).value == pytest.approx(0.02)
+    assert metrics.max_displacement(MESH, candidate, reference).value == pytest.approx(0.02)
+    # Scaled by the change of volume, not by the volume.
+    expected = (1.102**3 - 1.1**3) / (1.1**3 - 1.0)
+    assert metrics.volume(MESH, candidate, reference).value == pytest.approx(expected)
+    expected = (1.102**2 - 1.1**2) / (1.1**2 - 1.0)
+    assert metrics.surface_area(MESH, candidate, reference).value == pytest.approx(expected)
+
+
+def test_where_nothing_changes_the_scale_is_part_of_the_rest_value() -> None:
+    rest = state(np.zeros_like(MESH.points))
+    candidate = state(1e-4 * MESH.points)
+    difference = metrics.volume(MESH, candidate, rest)
+    assert difference.value == pytest.approx((1.0001**3 - 1.0) / 1e-3, rel=1e-9)
+    assert "rest volume" in difference.scale_name
+    assert metrics.displacement_l2(MESH, candidate, rest).value == math.inf
+    assert metrics.displacement_l2(MESH, rest, rest).value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("error", "bar", "limit", "verdict"),
+    [
+        (0.01, 0.0, 0.02, Verdict.PASSED),
+        (0.01, 0.01, 0.02, Verdict.PASSED),
+        (0.01, 0.011, 0.02, Verdict.INCONCLUSIVE),
+        (0.03, 0.011, 0.02, Verdict.INCONCLUSIVE),
+        (0.03, 0.009, 0.02, Verdict.FAILED),
+        (0.0, math.inf, 0.02, Verdict.INCONCLUSIVE),
+        (0.0, math.nan, 0.02, Verdict.INCONCLUSIVE),
+        (math.nan, 0.0, 0.02, Verdict.FAILED),
+        (math.inf, math.inf, 0.02, Verdict.FAILED),
+    ],
+)
+def test_verdicts(error: float, bar: float, limit: float, verdict: Verdict) -> None:
+    assert decide(error, bar, limit) is verdict
+
+
+def test_a_worse_reference_never_makes_passing_easier() -> None:
+    order = [Verdict.PASSED, Verdict.INCONCLUSIVE]
+    for error in (0.0, 0.01, 0.02, 0.05):
+        verdicts = [decide(error, bar, 0.02) for bar in (0.0, 0.005, 0.01, 0.05, math.inf)]
+        if verdicts[0] is Verdict.PASSED:
+            assert [order.index(v) for v in verdicts] == sorted(order.index(v) for v in verdicts)
+        else:
+            assert Verdict.PASSED not in verdicts
+
+
+def test_missing_states_never_pass() -> None:
+    spec = CheckSpec(metric="volume", limit=1e9, reason="r")
+    good = state(0.1 * MESH.points)
+    no_candidate = judge_check(spec, Strain.GREEN, MESH, None, good, 0.0, "it crashed")
+    assert (no_candidate.verdict, no_candidate.message) == (Verdict.FAILED, "it crashed")
+    no_reference = judge_check(spec, Strain.GREEN, MESH, good, None, 0.0, "")
+    assert no_reference.verdict is Verdict.INCONCLUSIVE
+    assert gravest([]) is Verdict.INCONCLUSIVE
+    own = CheckSpec(metric="smallest_det_f", against="candidate", limit=0.0, reason="r")
+    inverted = state(-2.0 * MESH.points * [1.0, 0.0, 0.0])
+    assert judge_check(own, Strain.GREEN, MESH, inverted, None, 0.0, "").verdict is Verdict.FAILED
+    assert judge_check(own, Strain.GREEN, MESH, good, None, 0.0, "").verdict is Verdict.PASSED
