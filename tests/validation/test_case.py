@@ -21,9 +21,8 @@ Write = Callable[..., Path]
 
 
 def test_the_block_is_built_in_si_units(write_case: Write) -> None:
-    units = (
-        '\n[units]\nlength = "mm"\nforce = "mN"\nstress = "kPa"\ndensity = "g/cm3"\n\n[geometry]'
-    )
+    units = '\n[units]\nlength = "mm"\nforce = "mN"\nstress = "kPa"\ndensity = "g/cm3"\n'
+    units += "\n[geometry]"
     path = write_case(("\n[geometry]", units), ("0.3\n", "0.3\ndensity = 1.05\n"))
     problem = load_case(path).problem
     assert problem.mesh.volume == pytest.approx(2e-9, rel=1e-12)
@@ -153,7 +152,9 @@ def test_a_surface_of_ones_own_is_meshed_and_the_mesher_named(
     write_case: Write, tmp_path: Path
 ) -> None:
     sphere = shape_sphere(1.0, edge_length=0.5)
-    write_surface(tmp_path / "mine.stl", TriSurface(sphere.points + [1.0, 0.5, 0.5], sphere.facets))
+    moved = sphere.points + np.array([1.0, 0.5, 0.5])
+    moved = sphere.points + np.array([1.0, 0.5, 0.5])
+    write_surface(tmp_path / "mine.stl", TriSurface(moved, sphere.facets))
     shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
     case = load_case(
         write_case((shape, 'surface = "mine.stl"'), ("0.001", "0.5"), ("1.999", "1.5"))

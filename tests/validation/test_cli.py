@@ -37,7 +37,8 @@ def test_cases_lists_what_there_is() -> None:
 @pytest.mark.parametrize(
     "arguments",
     [["gate"], ["gate", "nothing"], ["gate", "x.toml"], ["solve", "beam"], ["nonsense"],
-     ["study", "moon", "-o", "m"], ["mesh", "none.stl", "-o", "m.vtu"], ["gate", "beam", "--fault", "x"]],
+     ["study", "moon", "-o", "m"], ["mesh", "none.stl", "-o", "m.vtu"],
+     ["gate", "beam", "--fault", "x"]],
 )  # fmt: skip
 def test_usage_errors_are_two_with_a_short_message(tmp_path: Path, arguments: list[str]) -> None:
     done = palpate(*arguments, folder=tmp_path)
@@ -95,7 +96,7 @@ def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_ca
         (shape, 'surface = "organ.stl"'),
         ("[0.001, 0.0, 0.0], normal = [-1.0, 0.0, 0.0]", "[0, 0, -0.02], normal = [0, 0, -1]"),
         ("[1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0]", "[0, 0, 0.03], normal = [0, 0, 1]"),
-        ("force = [60.0, 20.0, -10.0]", "force = [0.2, 0.05, -0.1]"),
+        ("force = [60.0, 20.0, -10.0]", "force = [0.04, 0.02, 0.12]"),
     )
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()

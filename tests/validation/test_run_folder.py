@@ -66,7 +66,7 @@ def test_a_full_disk_is_one_clear_line(tmp_path: Path) -> None:
             (fresh / "a.txt").write_text("half")
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with pytest.raises(InputError, match="No space left on device.*unchanged"):
+    with pytest.raises(InputError, match=r"No space left on device.*unchanged"):
         full()
     assert contents(out) == {"old"}
 
@@ -118,7 +118,8 @@ def test_ctrl_c_in_the_middle_of_a_report(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write_run(out, "old")
     code = (
-        "import sys, time; from pathlib import Path\n"
+        "import signal, sys, time\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from palpate.validation.run_folder import run_folder\n"
         "with run_folder(sys.argv[1]) as fresh:\n"
         "    (fresh / 'a.txt').write_text('half'); print('ready', flush=True); time.sleep(60)\n"
