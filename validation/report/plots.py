@@ -48,7 +48,9 @@ def figure_svg(figure: mpl.figure.Figure) -> str:
     from matplotlib import pyplot
 
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
+    figure.savefig(
+        text, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    )
     pyplot.close(figure)
     svg = text.getvalue()
     return svg[svg.index("<svg") :]
