@@ -17,6 +17,7 @@ from rich.text import Text
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
+from palpate.validation.bench_cli import bench
 from palpate.validation.simulators import Fault
 
 # Exit codes, the same for every verb (README).
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 reference_app = typer.Typer(help="Stored references.", no_args_is_help=True)
 app.add_typer(reference_app, name="reference")
+app.command()(bench)
 
 Cases = Annotated[list[str], typer.Argument(help="built-in names, or paths to .toml files")]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]

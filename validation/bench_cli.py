@@ -1,0 +1,65 @@
+"""`palpate bench NAME`: the table on the terminal, and the same as JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+# Columns that say the same in every row are told once, under the table.
+_TOLD_ONCE = ("version", "rate_unit")
+
+
+def bench(
+    name: Annotated[str, typer.Argument(help="steps, static, delaunay or mesh")],
+    json: Annotated[Path | None, typer.Option(help="file for the rows")] = None,
+    size: Annotated[list[int] | None, typer.Option(help="only this size; repeatable")] = None,
+) -> None:
+    """Time palpate beside the rivals that are installed, in one run."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation.benchmarks.run import bench_json, run_benchmark
+
+    console = Console(stderr=True, highlight=False, markup=False)
+    document = run_benchmark(
+        name,
+        sizes=size,
+        progress=lambda line: console.print(f"  {line}", style="dim", soft_wrap=True),
+    )
+    if json is not None:
+        write_text_atomically(json, bench_json(document))
+    print_bench(document, Console(highlight=False))
+
+
+def print_bench(document: dict[str, Any], console: Console) -> None:
+    """Print the rows, and one line each for versions, machine and rivals left out."""
+    from palpate.validation.benchmarks.run import COMMON
+
+    rows = document["rows"]
+    extra = [key for key in dict.fromkeys(k for row in rows for k in row) if key not in COMMON]
+    columns = [*COMMON, *(key for key in extra if key not in _TOLD_ONCE)]
+    table = Table(title=f"bench {document['bench']}", title_justify="left")
+    for column in columns:
+        is_text = any(isinstance(row.get(column), str) for row in rows)
+        table.add_column(column, justify="left" if is_text else "right")
+    for row in rows:
+        table.add_row(*(_shown(row.get(column)) for column in columns))
+    console.print(table)
+    versions = sorted({f"{row['tool']} {row['version']}" for row in rows if row.get("version")})
+    for line in (
+        "rate: " + ", ".join(sorted({row["rate_unit"] for row in rows})),
+        "versions: " + ", ".join(versions),
+        "machine: " + ", ".join(f"{k} {v}" for k, v in document["machine"].items()),
+        *(f"left out: {tool}, {how}" for tool, how in document["left_out"].items()),
+    ):
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
