@@ -60,6 +60,7 @@ def judge_case(
         notes.append(f"A fault is seeded into the candidate: {fault}.")
     references = find_references(case, live=live, progress=progress)
     notes.append(f"Reference: {references.origin}.")
+    notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
 
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}

@@ -93,8 +93,14 @@ def solve_live(
 
     A stored reference adds the truth on the refined mesh, with its bars. Without one the truth
     is P2 here, and the bar of each metric is the difference of P1 and P2, an upper estimate.
+    P2, the softer of the two, is not tried where P1 has lost equilibrium: its search for the same
+    limit would take minutes and end at a smaller load.
     """
-    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+    from palpate.reference.errors import (
+        ReferenceFailedError,
+        ReferenceNotConvergedError,
+        ReferenceUnavailableError,
+    )
 
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
@@ -105,6 +111,14 @@ def solve_live(
                 states[label, strain] = solve_state(problem, strain, degree, progress)
             except ReferenceUnavailableError:
                 raise
+            except ReferenceNotConvergedError as error:
+                failures[label, strain] = f"{label}: {error}"
+                if degree == 1:
+                    failures[QUADRATIC, strain] = (
+                        f"{QUADRATIC}: not tried, because {SAME_MESH} lost equilibrium at "
+                        f"{error.load_factor:.3f} of the load ({error.reason}); lower the load"
+                    )
+                    break
             except ReferenceFailedError as error:
                 failures[label, strain] = f"{label}: {error}"
     versions: dict[str, str] = next((s.details["versions"] for s in states.values()), {})
