@@ -218,10 +218,12 @@ class _Body:
             _core.widest_instruction_set(),
             tracks_energy,
         )
-        pressures = [load for load in problem.loads if isinstance(load, Pressure)]
+        # Pressure follows the body only where the strain measure knows finite rotations.
+        follows = strain is Strain.GREEN
+        pressures = [load for load in problem.loads if follows and isinstance(load, Pressure)]
         if pressures and tracks_energy:
             raise InputError("the work of a follower pressure is not tracked; use a traction")
-        dead = tuple(load for load in problem.loads if not isinstance(load, Pressure))
+        dead = tuple(load for load in problem.loads if load not in pressures)
         self._load = external_force(Problem(mesh, problem.material, problem.supports, dead))
         self._run.set_external_force(self._load)
         self._pressed: Problem | None = None

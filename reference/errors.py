@@ -50,6 +50,25 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         )
 
 
+class ReferenceBlowUpError(ReferenceFailedError):
+    """An explicit run left the finite numbers.
+
+    Attributes:
+        step: Number of good steps done.
+        time: Time of the last good state [s].
+        displacement: The last good state [m], shape (num_points, 3).
+    """
+
+    def __init__(self, step: int, time: float, displacement: Points) -> None:
+        self.step = step
+        self.time = time
+        self.displacement = displacement
+        super().__init__(
+            f"the reference blew up after step {step} (t = {time:.4g} s); "
+            "shorten the time step, or lower the load"
+        )
+
+
 class ReferenceCrashedError(ReferenceFailedError):
     """The process of the reference ended without an answer.
 

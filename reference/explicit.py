@@ -1,0 +1,183 @@
+"""Explicit dynamics on FEniCSx: the twin by which a fast explicit step is judged.
+
+Central differences of M a'' + D a' + R(a) = F(t) with lumped M and D = lambda M. Expanding the
+paper's eq. 11 gives, for each free degree of freedom,
+
+    (m/dt^2 + d/(2 dt)) a(t+dt) = F - R(a(t)) + (2/dt^2) m a(t) - (m/dt^2 - d/(2 dt)) a(t-dt)
+
+(its eq. 12 prints R inside a bracket multiplied by a), started by
+a(-dt) = a(0) - dt a'(0) + dt^2/2 a''(0) (its eq. 13). Everything is assembled from UFL, the row
+sums of the mass matrix included; time is told by the caller, never chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference import fenicsx
+from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.errors import ReferenceBlowUpError
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.loads import apply_loads
+from palpate.reference.mesh_transfer import create_space, transfer
+from palpate.reference.supports import hold
+
+Amplitude: TypeAlias = Callable[[float], float]
+Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
+
+
+@dataclass(frozen=True, eq=False)
+class ExplicitResult:
+    """A trajectory of linear tetrahedra.
+
+    Attributes:
+        times: [s], shape (num_outputs + 1,), from 0.
+        displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
+        strain_energies: Integral of psi(F) at those times [J], shape (num_outputs + 1,).
+        time_step: [s].
+        num_steps: Steps done.
+    """
+
+    times: Points
+    displacements: Points
+    strain_energies: Points
+    time_step: float
+    num_steps: int
+
+
+def simulate_explicit(
+    problem: Problem,
+    *,
+    strain: Strain = Strain.GREEN,
+    displacement: Points | None = None,
+    velocity: Points | None = None,
+    amplitude: Amplitudes = None,
+    support_amplitude: Amplitudes = None,
+) -> ExplicitResult:
+    """Step a problem through its time span.
+
+    Args:
+        problem: With `time` set, its `time_step` too: the outputs lie whole steps apart.
+        strain: Strain measure.
+        displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
+        velocity: Initial [m/s], shape (num_points, 3); None is zero.
+        amplitude: Factor over time [-] on all loads, or one for each load (None is 1).
+        support_amplitude: The same for the supports' displacements.
+
+    Returns:
+        The trajectory; every number in it is finite.
+
+    Raises:
+        InputError: No time span or step, outputs that are not whole steps apart, or a load or
+            support that cannot be used.
+        ReferenceBlowUpError: A value stopped being finite; carries the last good state.
+
+    Note:
+        Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
+        Conditionally stable: dt < 2 / omega_max.
+    """
+    span = problem.time
+    if span is None or span.time_step is None:
+        raise InputError("the explicit twin needs a time span with its time_step given")
+    dt = span.time_step
+    per_output = round(span.end_time / span.num_outputs / dt)
+    if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
+        raise InputError(
+            f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
+            "apart; choose end_time as num_outputs times a multiple of time_step"
+        )
+    twin = _Twin(problem, Strain(strain), amplitude, support_amplitude)
+    body, half = twin.body, 0.5 * span.mass_damping * dt
+    zero = np.zeros_like(problem.mesh.points)
+    now = twin.at_supports(
+        body.space.from_points(zero if displacement is None else displacement), 0.0
+    )
+    speed = body.space.from_points(zero if velocity is None else velocity)
+    acceleration = twin.force(now, 0.0) / twin.mass - span.mass_damping * speed
+    before = now - dt * speed + 0.5 * dt**2 * acceleration
+    states, energies = [body.space.at_points(now)], [body.strain_energy(now)]
+    for step in range(per_output * span.num_outputs):
+        force = twin.force(now, step * dt)
+        ahead = (dt**2 * force / twin.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
+        ahead = twin.at_supports(ahead, (step + 1) * dt)
+        if not np.isfinite(ahead).all():
+            raise ReferenceBlowUpError(step, step * dt, body.space.at_points(now))
+        now, before = ahead, now
+        if (step + 1) % per_output == 0:
+            states.append(body.space.at_points(now))
+            energies.append(body.strain_energy(now))
+    return ExplicitResult(
+        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+        displacements=np.array(states),
+        strain_energies=np.array(energies),
+        time_step=dt,
+        num_steps=per_output * span.num_outputs,
+    )
+
+
+class _Twin:
+    """Forces, lumped mass and supports of one problem, over the degrees of freedom."""
+
+    def __init__(
+        self, problem: Problem, strain: Strain, loads_by: Amplitudes, supports_by: Amplitudes
+    ) -> None:
+        space = create_space(transfer(problem.mesh), 1)
+        self.body = ElasticBody(space, problem.material, strain)
+        self.mass = _row_sums_of_mass(self.body, problem.material.density)
+        self._dead: list[tuple[Amplitude, Points]] = []
+        self._followers: list[tuple[Amplitude, Any]] = []
+        factors = _one_each(loads_by, len(problem.loads), "loads")
+        for load, factor in zip(problem.loads, factors, strict=True):
+            applied = apply_loads(space, [load], self.body.u, self.body.v, strain)
+            self._dead.append((factor, applied.dead))
+            self._followers += [(factor, fenicsx.form(work)) for work in applied.followers]
+        hold(space, problem.supports)  # refuses supports that disagree
+        factors = _one_each(supports_by, len(problem.supports), "supports")
+        self._held: list[tuple[Amplitude, Indices, Points]] = []
+        for support, factor in zip(problem.supports, factors, strict=True):
+            held = hold(space, [support])
+            self._held.append((factor, held.dofs, held.values))
+
+    def force(self, displacement: Points, time: float) -> Points:
+        """F(t) - R(a) [N]."""
+        force = -self.body.internal_force(displacement)
+        for factor, dead in self._dead:
+            force += factor(time) * dead
+        for factor, work in self._followers:
+            force += factor(time) * fenicsx.assemble_vector(work)
+        return force
+
+    def at_supports(self, displacement: Points, time: float) -> Points:
+        """The displacement with its held components where they are at that time [m]."""
+        moved = displacement.copy()
+        for factor, dofs, values in self._held:
+            moved[dofs] = factor(time) * values
+        return moved
+
+
+def _row_sums_of_mass(body: ElasticBody, density: float) -> Points:
+    """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
+    mesh = body.space.transferred.mesh
+    rho = fem.Constant(mesh, PETSc.ScalarType(density))
+    one = ufl.as_vector([1.0, 1.0, 1.0])
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 1})
+    return fenicsx.assemble_vector(fenicsx.form(rho * ufl.inner(one, body.v) * dx))
+
+
+def _one_each(given: Amplitudes, count: int, what: str) -> list[Amplitude]:
+    if given is None or callable(given):
+        return [given or _always] * count
+    if len(given) != count:
+        raise InputError(f"{len(given)} amplitudes for {count} {what}; give one for each, or one")
+    return [factor or _always for factor in given]
+
+
+def _always(_time: float) -> float:
+    return 1.0
