@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
+from palpate.meshes.near_duplicates import find_near_duplicates
 from palpate.meshes.surface_checks import merge_equal_points
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
@@ -31,12 +32,18 @@ MESH_SUFFIXES = (".msh", ".vtk", ".vtu")
 _HARMLESS = {"vertex", "line", "triangle", "tetra"}
 
 
-def read_surface(path: str | Path, *, scale: float = 1.0) -> TriSurface:
+def read_surface(
+    path: str | Path, *, scale: float = 1.0, tell: Callable[[str], None] | None = None
+) -> TriSurface:
     """Read a triangulated surface; points that are equal bit for bit are merged.
+
+    Points without a facet are left out.
 
     Args:
         path: STL, OBJ, PLY, OFF, MSH, VTK or VTU; of a volume mesh, its triangles are read.
         scale: Metres per unit of the file (0.001 for millimetres).
+        tell: Called with one line for each thing worth knowing: points left out, pairs of points
+            that are nearly the same place.
 
     Raises:
         FileFormatError: Missing, damaged, of another kind, or without triangles.
@@ -50,7 +57,21 @@ def read_surface(path: str | Path, *, scale: float = 1.0) -> TriSurface:
     _refuse_other_cells(path, data, {"tetra"})
     with _named(path):
         surface = TriSurface(_scaled(data.points, scale), facets)
-        return merge_equal_points(surface)
+        merged = merge_equal_points(surface)
+        if tell:
+            _tell_about_points(surface, merged, tell)
+        return merged
+
+
+def _tell_about_points(
+    surface: TriSurface, merged: TriSurface, tell: Callable[[str], None]
+) -> None:
+    unused = len(surface.points) - len(np.unique(surface.facets))
+    if unused:
+        tell(f"{unused} point(s) without a facet left out")
+    pairs = find_near_duplicates(merged.points)
+    if len(pairs):
+        tell(f"{len(pairs)} pair(s) of points nearly in one place, first {pairs[0].tolist()}")
 
 
 def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:

@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import MeshError
+from palpate.meshes.shells import ShellKind, find_shells
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
@@ -30,7 +31,7 @@ def mesh_with_gmsh(
     """Fill a closed surface with tetrahedra by gmsh (Delaunay, with Netgen's optimiser).
 
     Args:
-        surface: Closed, outward surface of one shell [m].
+        surface: Closed surface [m]: outer walls, cavities, bodies within cavities.
         edge_length: Wanted edge length inside [m]; None takes the surface's.
         time_limit: Seconds before gmsh is ended.
 
@@ -71,12 +72,12 @@ def _require_same_boundary(surface: TriSurface, mesh: TetMesh) -> None:
     if wanted != found:
         raise MesherFailedError(
             f"gmsh changed the boundary: {len(wanted - found)} facet(s) lost, "
-            f"{len(found - wanted)} new; several shells are not supported by this mesher"
+            f"{len(found - wanted)} new; use mesher fastsim, or a finer surface"
         )
 
 
 def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[Points, Indices]:
-    """Run gmsh on one shell; used points first, in the surface's order."""
+    """Run gmsh on every solid of the surface; used points first, in the surface's order."""
     import gmsh
 
     if edge_length is None:
@@ -92,11 +93,21 @@ def _fill(points: Points, facets: Indices, edge_length: float | None) -> tuple[P
         # Sizes come from the surface's own edges, not from points or curvature.
         gmsh.option.setNumber("Mesh.MeshSizeMax", 1.3 * edge_length)
         used = np.unique(facets)
-        gmsh.model.addDiscreteEntity(2, 1)
-        gmsh.model.mesh.addNodes(2, 1, (used + 1).tolist(), points[used].ravel().tolist())
-        gmsh.model.mesh.addElementsByType(1, 2, [], (facets + 1).ravel().tolist())
-        gmsh.model.geo.addSurfaceLoop([1], 1)
-        gmsh.model.geo.addVolume([1], 1)
+        shells = find_shells(TriSurface(points, facets))
+        for tag, shell in enumerate(shells, start=1):
+            rows = facets[shell.facets]
+            own = np.unique(rows)
+            gmsh.model.addDiscreteEntity(2, tag)
+            gmsh.model.mesh.addNodes(2, tag, (own + 1).tolist(), points[own].ravel().tolist())
+            gmsh.model.mesh.addElementsByType(tag, 2, [], (rows + 1).ravel().tolist())
+            gmsh.model.geo.addSurfaceLoop([tag], tag)
+        for which, shell in enumerate(shells):
+            if shell.kind is ShellKind.CAVITY:
+                continue
+            # Its own cavities lie in it and in what it lies in, and in nothing else.
+            nest = {which, *shell.around}
+            holes = [k for k, other in enumerate(shells) if set(other.around) == nest]
+            gmsh.model.geo.addVolume([which + 1, *(k + 1 for k in holes)])
         gmsh.model.geo.synchronize()
         gmsh.model.mesh.generate(3)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()

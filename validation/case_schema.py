@@ -71,6 +71,8 @@ class GeometrySpec(_Table):
     shape: Literal["box", "beam", "cylinder", "sphere", "kidney"] | None = None
     surface: str | None = None
     mesh: str | None = None
+    # Mend a surface file where that is safe; what was done is told in the report.
+    repair: bool = False
     size: Vector | None = None
     length: float | None = Field(default=None, gt=0.0)
     width: float | None = Field(default=None, gt=0.0)
@@ -92,6 +94,8 @@ class GeometrySpec(_Table):
             "kidney": {"edge_length"},
         }[self.shape]
         extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
+        if self.surface is not None:
+            extra.discard("repair")
         missing = parameters - self.model_fields_set
         if extra:
             raise ValueError(f"{given[0]} takes no {', '.join(sorted(extra))}")

@@ -75,14 +75,15 @@ def mesh(
     size: Annotated[float | None, typer.Option(help="edge length, in the file's unit")] = None,
     mesher: Annotated[Mesher, typer.Option()] = Mesher.FASTSIM,
     unit: Annotated[str, typer.Option(help="unit of file and size: m, cm or mm")] = "mm",
+    repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
 ) -> None:
     """Fill a closed surface with tetrahedra, keeping its facets."""
-    from palpate.meshes.files import MESH_SUFFIXES, read_surface, write_mesh
+    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
     from palpate.validation.case_schema import MeshSpec
-    from palpate.validation.geometry import fill
+    from palpate.validation.geometry import fill, load_surface
     from palpate.validation.units import LENGTH, Units
 
     if unit not in LENGTH:
@@ -93,7 +94,9 @@ def mesh(
     if surface == "kidney":
         body = shape_kidney(edge_length=size * scale if size else 0.008)
     else:
-        body = read_surface(surface, scale=scale)
+        body, notes = load_surface(Path(surface), scale=scale, repair=repair)
+        for note in notes:
+            _progress()(note)
     units = Units.model_validate({"length": unit})
     spec = MeshSpec.model_validate({"mesher": mesher.value, "edge_length": size})
     built = fill(body, spec, units)

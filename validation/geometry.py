@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -11,6 +12,7 @@ from palpate.meshes.files import read_mesh, read_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.surface_repair import repair_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case_schema import CaseSpec, GeometrySpec, MeshSpec
@@ -41,15 +43,43 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
         return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
     if geometry.surface is not None:
         path = inside_folder(folder, geometry.surface)
-        surface = read_surface(path, scale=scale)
-        try:
-            require_closed(surface)
-        except SurfaceError as error:
-            error.args = (f"{path.name}: {error}",)
-            raise
+        surface, notes = load_surface(path, scale=scale, repair=geometry.repair)
     else:
-        surface = build_shape(geometry, units)
-    return fill(surface, spec.mesh, units)
+        surface, notes = build_shape(geometry, units), []
+    built = fill(surface, spec.mesh, units)
+    return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
+
+
+def load_surface(path: Path, *, scale: float, repair: bool = False) -> tuple[TriSurface, list[str]]:
+    """Read a surface that bounds a solid, mended first where that is asked for.
+
+    Args:
+        path: The surface file; named in every message.
+        scale: Metres per unit of the file.
+        repair: Merge near points, turn facets round, close small holes.
+
+    Returns:
+        The surface, and lines on what was found or done.
+
+    Raises:
+        InputError: It cannot be read, or bounds no solid.
+    """
+    notes: list[str] = []
+    surface = read_surface(path, scale=scale, tell=notes.append)
+    try:
+        if repair:
+            surface, report = repair_surface(surface)
+            notes = [*(n for n in notes if "without a facet" in n), *report.lines()]
+        shells = require_closed(surface)
+    except SurfaceError as error:
+        error.args = (f"{path.name}: {'; '.join([*notes, str(error)])}",)
+        raise
+    if len(shells) > 1:
+        kinds = Counter(str(shell.kind) for shell in shells)
+        notes.append(
+            f"{len(shells)} shells: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+        )
+    return surface, notes
 
 
 def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:

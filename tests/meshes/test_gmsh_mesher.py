@@ -9,7 +9,7 @@ from palpate.meshes.errors import MeshError, OpenSurfaceError
 from palpate.meshes.gmsh_mesher import MesherFailedError, mesh_with_gmsh
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import measure_quality
-from palpate.meshes.shapes import shape_box
+from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.tri_surface import TriSurface
 
 gmsh = pytest.importorskip("gmsh", exc_type=(ImportError, OSError))
@@ -23,6 +23,19 @@ def test_the_kidneys_facets_and_volume_are_kept() -> None:
     assert np.array_equal(mesh.points[: len(surface.points)], surface.points)
     assert mesh.volume == pytest.approx(surface.volume, rel=1e-12)
     assert measure_quality(mesh).smallest_dihedral_deg > 10.0
+
+
+def test_a_hollow_ball_with_a_ball_in_it_is_meshed_where_it_is_solid() -> None:
+    ball = shape_sphere(1.0, edge_length=0.5)
+    parts = [(4.0, 1), (2.0, -1), (1.0, 1)]
+    surface = TriSurface(
+        np.vstack([radius * ball.points for radius, _ in parts]),
+        np.vstack(
+            [ball.facets[:, ::way] + k * len(ball.points) for k, (_, way) in enumerate(parts)]
+        ),
+    )
+    mesh = mesh_with_gmsh(surface, edge_length=1.5)
+    assert mesh.volume == pytest.approx((64 - 8 + 1) * ball.volume, rel=1e-12)
 
 
 def test_an_open_surface_is_refused_before_gmsh_sees_it() -> None:

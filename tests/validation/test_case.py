@@ -163,6 +163,21 @@ def test_a_surface_of_ones_own_is_meshed_and_the_mesher_named(
     assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-6)
 
 
+def test_a_surface_with_a_hole_is_mended_on_request_and_the_origin_says_so(
+    write_case: Write, tmp_path: Path
+) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    torn = TriSurface(sphere.points + np.array([1.0, 0.5, 0.5]), sphere.facets[1:])
+    write_surface(tmp_path / "torn.off", torn)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    surface = 'surface = "torn.off"\nrepair = true'
+    case = load_case(write_case((shape, surface), ("0.001", "0.5"), ("1.999", "1.5")))
+    assert "1 hole(s) closed by 1 facet(s)" in case.mesh.origin
+    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
+    with pytest.raises(InputError, match="takes no repair"):
+        load_case(write_case((shape, shape + "\nrepair = true")))
+
+
 def test_a_mesh_file_in_millimetres(write_case: Write, tmp_path: Path) -> None:
     source = load_case(write_case()).problem.mesh
     write_mesh(tmp_path / "block.vtu", source)

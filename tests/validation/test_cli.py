@@ -13,6 +13,7 @@ import pytest
 
 from palpate.meshes.files import read_mesh, read_point_data, write_surface
 from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.tri_surface import TriSurface
 
 Write = Callable[..., Path]
 
@@ -85,6 +86,20 @@ def test_mesh_then_solve(tmp_path: Path, write_case: Write) -> None:
     points, fields = read_point_data(tmp_path / "u.vtu")
     assert fields["displacement"].shape == points.shape
     assert np.abs(fields["displacement"]).max() > 0.01
+
+
+def test_mesh_tells_what_it_finds_and_mends_on_request(tmp_path: Path) -> None:
+    kidney = shape_kidney(edge_length=12e-3)
+    write_surface(tmp_path / "torn.off", TriSurface(kidney.points, kidney.facets[3:, ::-1]))
+    command = ("mesh", "torn.off", "-o", "k.vtu", "--unit", "m")
+    refused = palpate(*command, folder=tmp_path)
+    assert refused.returncode == 2
+    assert "open" in refused.stderr
+    mended = palpate(*command, "--repair", folder=tmp_path)
+    assert mended.returncode == 0, mended.stderr
+    assert "closed by" in mended.stderr
+    assert "turned round" in mended.stderr
+    assert read_mesh(tmp_path / "k.vtu").volume == pytest.approx(kidney.volume, rel=1e-3)
 
 
 @pytest.mark.dolfinx

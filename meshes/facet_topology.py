@@ -1,0 +1,112 @@
+"""Who shares what on a triangulated surface: edges, fans around points, connected parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeUses:
+    """Each facet's three directed edges, and which of them run along the same edge.
+
+    Row 3 f + k is the edge of facet f from its corner k to its corner k + 1.
+
+    Attributes:
+        directed: Points of each, shape (3 num_facets, 2).
+        owner: Facet of each, shape (3 num_facets,).
+        edge: Number of the undirected edge of each, shape (3 num_facets,).
+        counts: Uses of each undirected edge, shape (num_edges,).
+        edges: Points of each undirected edge, ascending, shape (num_edges, 2).
+    """
+
+    directed: Integers
+    owner: Integers
+    edge: Integers
+    counts: Integers
+    edges: Integers
+
+
+def edge_uses(facets: Indices) -> EdgeUses:
+    """Table of the edges of facets, shape (num_facets, 3)."""
+    directed = facets.astype(np.int64)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    # One number for a pair of points sorts much faster than the pair.
+    base = int(facets.max(initial=0)) + 1
+    keys, edge, counts = np.unique(
+        directed.min(axis=1) * base + directed.max(axis=1), return_inverse=True, return_counts=True
+    )
+    edges = np.column_stack(np.divmod(keys, base))
+    owner = np.repeat(np.arange(len(facets), dtype=np.int64), 3)
+    return EdgeUses(directed, owner, edge.reshape(-1), counts, edges)
+
+
+def connected_parts(num_items: int, pairs: Integers) -> Integers:
+    """Number the connected parts of a graph.
+
+    Args:
+        num_items: Number of items.
+        pairs: Connected items, shape (num_pairs, 2).
+
+    Returns:
+        Part of each item, 0, 1, ... in the order of their first items.
+    """
+    # Hook the larger root below the smaller one, then shorten all paths (Shiloach, Vishkin 1982).
+    parent = np.arange(num_items)
+    while True:
+        a, b = parent[pairs[:, 0]], parent[pairs[:, 1]]
+        apart = a != b
+        if not apart.any():
+            break
+        np.minimum.at(parent, np.maximum(a, b)[apart], np.minimum(a, b)[apart])
+        while True:
+            shorter = parent[parent]
+            if np.array_equal(shorter, parent):
+                break
+            parent = shorter
+    parts: Integers = np.unique(parent, return_inverse=True)[1].reshape(-1)
+    return parts
+
+
+def facet_parts(facets: Indices) -> Integers:
+    """Part of each facet, where facets that share an edge belong together."""
+    uses = edge_uses(facets)
+    order = np.argsort(uses.edge, kind="stable")
+    same = uses.edge[order][1:] == uses.edge[order][:-1]
+    owner = uses.owner[order]
+    return connected_parts(len(facets), np.column_stack([owner[:-1], owner[1:]])[same])
+
+
+def points_with_several_fans(facets: Indices) -> Integers:
+    """Points at which sheets touch: their facets form more than one closed fan.
+
+    Args:
+        facets: Closed, edge-manifold and consistently oriented, shape (num_facets, 3).
+    """
+    uses = edge_uses(facets)
+    # The two uses of an edge, as rows of `directed`.
+    first, second = np.argsort(uses.edge, kind="stable").reshape(-1, 2).T
+    twin = np.empty(len(uses.edge), dtype=np.int64)
+    twin[first], twin[second] = second, first
+    # Around a point, from corner k of a facet over the facet's side k - 1 -> k.
+    corner = np.arange(len(uses.edge))
+    before = corner - 1 + 3 * (corner % 3 == 0)
+    after = twin[before]
+    label = corner.copy()
+    # Pointer doubling: after n rounds a label is the smallest of 2^n corners ahead.
+    while True:
+        smaller = np.minimum(label, label[after])
+        if np.array_equal(smaller, label):
+            break
+        label, after = smaller, after[after]
+    # Each fan has one corner that is its own label.
+    points, counts = np.unique(
+        facets.reshape(-1)[np.unique(label)].astype(np.int64), return_counts=True
+    )
+    several: Integers = points[counts > 1]
+    return several

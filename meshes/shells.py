@@ -1,0 +1,134 @@
+"""The closed parts of a surface, and which lies in which: outsides, cavities, bodies within."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import OrientationError
+from palpate.meshes.facet_topology import facet_parts
+from palpate.meshes.tri_surface import TriSurface
+
+# Facets times points per block: bounds the memory of the solid angles to some 50 MB.
+_BLOCK = 500_000
+
+
+class ShellKind(StrEnum):
+    """What a shell is to the solid."""
+
+    OUTSIDE = "outside"
+    CAVITY = "cavity"
+    BODY_WITHIN_A_CAVITY = "body within a cavity"
+
+
+@dataclass(frozen=True, eq=False)
+class Shell:
+    """One closed, connected part of a surface.
+
+    Attributes:
+        facets: Its facets' numbers in the surface.
+        volume: Enclosed volume [m3]; < 0 if its facets point inwards.
+        around: Numbers of the shells it lies in.
+        kind: What it is by nesting: an even number of shells around it makes it an outer wall.
+    """
+
+    facets: NDArray[np.int64]
+    volume: float
+    around: tuple[int, ...]
+    kind: ShellKind
+
+
+def find_shells(surface: TriSurface) -> list[Shell]:
+    """Part a closed surface into shells and find what lies in what.
+
+    Whether a shell lies in another is read from the other's winding number about one of its
+    points (Van Oosterom, Strackee 1983): a whole number for shells that do not touch or cross,
+    which is not looked for here.
+
+    Args:
+        surface: Closed and consistently oriented; see `surface_checks`.
+    """
+    part = facet_parts(surface.facets)
+    members = [np.flatnonzero(part == k) for k in range(int(part.max(initial=-1)) + 1)]
+    parts = [TriSurface(surface.points, surface.facets[rows]) for rows in members]
+    corners = [surface.points[p.facets].reshape(-1, 3) for p in parts]
+    low = np.array([c.min(axis=0) for c in corners]).reshape(-1, 3)
+    high = np.array([c.max(axis=0) for c in corners]).reshape(-1, 3)
+    probe = np.array([c[0] for c in corners]).reshape(-1, 3)
+    around: list[list[int]] = [[] for _ in parts]
+    for outer, wall in enumerate(parts):
+        within = ((low >= low[outer]) & (high <= high[outer])).all(axis=1)
+        within[outer] = False
+        chosen = np.flatnonzero(within)
+        turns = winding_numbers(wall, probe[chosen])
+        for inner in chosen[np.abs(turns) > 0.5]:
+            around[inner].append(outer)
+    shells = []
+    for rows, wall, outside in zip(members, parts, around, strict=True):
+        kind = ShellKind.CAVITY if len(outside) % 2 else ShellKind.OUTSIDE
+        if kind is ShellKind.OUTSIDE and outside:
+            kind = ShellKind.BODY_WITHIN_A_CAVITY
+        shells.append(Shell(rows, wall.volume, tuple(outside), kind))
+    return shells
+
+
+def require_nested(surface: TriSurface) -> list[Shell]:
+    """Refuse shells that face the wrong way: outer walls face out, cavities face the hollow.
+
+    Args:
+        surface: Closed and consistently oriented within each shell.
+
+    Raises:
+        OrientationError: A shell's facets face the wrong way for where it lies.
+    """
+    shells = find_shells(surface)
+    for number, shell in enumerate(shells):
+        is_cavity = shell.kind is ShellKind.CAVITY
+        if shell.volume * (-1.0 if is_cavity else 1.0) > 0.0:
+            continue
+        which = (
+            "the surface" if len(shells) == 1 else f"shell {number} ({len(shell.facets)} facets)"
+        )
+        if is_cavity:
+            why = (
+                f"lies in {len(shell.around)} other(s), which makes it a cavity, and its facets "
+                "point into the solid around it"
+            )
+        else:
+            why = f"encloses {shell.volume:.3g} m3: its facets point inwards"
+        raise OrientationError(
+            f"{which} {why}; swap two points of each of its facets", shell.facets.tolist()
+        )
+    return shells
+
+
+def winding_numbers(surface: TriSurface, places: Points) -> NDArray[np.float64]:
+    """How often an oriented surface winds around places: its solid angle / 4 pi.
+
+    Args:
+        surface: Its closed parts give whole numbers; +1 inside an outward shell.
+        places: [m], shape (num_places, 3), not on the surface.
+
+    Returns:
+        Shape (num_places,).
+    """
+    winding = np.zeros(len(places))
+    step = max(1, _BLOCK // max(1, len(places)))
+    for start in range(0, surface.num_facets, step):
+        corners = surface.points[surface.facets[start : start + step]]
+        a, b, c = (corners[None, :, k] - places[:, None] for k in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        triple = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
+        flat = (
+            la * lb * lc
+            + np.einsum("ijk,ijk->ij", a, b) * lc
+            + np.einsum("ijk,ijk->ij", b, c) * la
+            + np.einsum("ijk,ijk->ij", c, a) * lb
+        )
+        # Outward facets seen from inside turn clockwise, hence a positive triple product.
+        winding += np.arctan2(triple, flat).sum(axis=1) / (2.0 * np.pi)
+    return winding
