@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import MeshError
+from palpate.meshes.shell_crossings import require_apart
 from palpate.meshes.shells import ShellKind, find_shells
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
@@ -39,10 +40,10 @@ def mesh_with_gmsh(
         A mesh whose boundary facets are exactly the surface's, points in its order first.
 
     Raises:
-        SurfaceError: The surface does not bound a solid.
+        SurfaceError: The surface does not bound a solid, or its shells cross.
         MesherFailedError: gmsh is missing, failed, ran out of time, or changed the boundary.
     """
-    require_closed(surface)
+    require_apart(surface, require_closed(surface))
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "mesh.npz"
         np.savez(source, points=surface.points, facets=surface.facets)
