@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import SelfIntersectionError
-from palpate.meshes.facet_topology import edge_uses
+from palpate.meshes.facet_topology import Integers, edge_uses
 from palpate.meshes.shells import Shell
 from palpate.meshes.tri_surface import TriSurface
 
@@ -39,9 +39,7 @@ def require_apart(surface: TriSurface, shells: Sequence[Shell]) -> None:
         raise SelfIntersectionError(sorted(set(pairs)))
 
 
-def _piercings(
-    surface: TriSurface, rows: NDArray[np.int64], walls: NDArray[np.int64]
-) -> list[tuple[int, int]]:
+def _piercings(surface: TriSurface, rows: Integers, walls: Integers) -> list[tuple[int, int]]:
     """Pairs (facet of `rows` at the edge, pierced facet of `walls`)."""
     points = surface.points
     uses = edge_uses(surface.facets[rows])
@@ -62,7 +60,9 @@ def _piercings(
     return found
 
 
-def _boxes_meet(points: Points, items: Indices, others: Indices) -> NDArray[np.bool_]:
+def _boxes_meet(
+    points: Points, items: Indices | Integers, others: Indices | Integers
+) -> NDArray[np.bool_]:
     low, high = points[others].min(axis=(0, 1)), points[others].max(axis=(0, 1))
     corners = points[items]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
@@ -70,7 +70,7 @@ def _boxes_meet(points: Points, items: Indices, others: Indices) -> NDArray[np.b
     return found
 
 
-def _pierces(points: Points, edges: Indices, facets: Indices) -> NDArray[np.bool_]:
+def _pierces(points: Points, edges: Integers, facets: Indices) -> NDArray[np.bool_]:
     """Whether each edge passes through each facet, shape (num_edges, num_facets)."""
     p, q = (points[edges[:, None, k]] for k in range(2))
     a, b, c = (points[facets[None, :, k]] for k in range(3))

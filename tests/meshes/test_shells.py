@@ -78,7 +78,7 @@ def test_shells_that_cross_are_named_also_where_no_point_lies_within_the_other()
     across = shape_box((0.5, 0.5, 4.0), edge_length=4.0)
     both = together(
         TriSurface(beam.points, beam.facets),
-        TriSurface(across.points + [1.0, 0.1, -2.0], across.facets),
+        TriSurface(across.points + np.array([1.0, 0.1, -2.0]), across.facets),
     )
     with pytest.raises(SelfIntersectionError) as caught:
         require_apart(both, find_shells(both))
