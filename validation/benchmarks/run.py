@@ -31,6 +31,7 @@ class Benchmark(Protocol):
 BENCHMARKS = {
     "steps": ("steps", "bench_steps"),
     "static": ("static", "bench_static"),
+    "delaunay": ("delaunay", "bench_delaunay"),
 }
 
 
