@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-# Columns that say the same in every row are told once, under the table.
+# Told once, under the table.
 _TOLD_ONCE = ("version", "rate_unit")
 
 
@@ -18,7 +18,10 @@ def bench(
     json: Annotated[Path | None, typer.Option(help="file for the rows")] = None,
     size: Annotated[list[int] | None, typer.Option(help="only this size; repeatable")] = None,
 ) -> None:
-    """Time palpate beside the rivals that are installed, in one run."""
+    """Time palpate beside the rivals that are installed, in one run.
+
+    PALPATE_BENCH_PYTHON names more interpreters, separated like PATH, whose rivals are timed too.
+    """
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.benchmarks.run import bench_json, run_benchmark
 
@@ -40,6 +43,8 @@ def print_bench(document: dict[str, Any], console: Console) -> None:
     rows = document["rows"]
     extra = [key for key in dict.fromkeys(k for row in rows for k in row) if key not in COMMON]
     columns = [*COMMON, *(key for key in extra if key not in _TOLD_ONCE)]
+    if len({(row["tool"], row.get("version")) for row in rows}) > len({r["tool"] for r in rows}):
+        columns.insert(1, "version")  # some tool is there twice
     table = Table(title=f"bench {document['bench']}", title_justify="left")
     for column in columns:
         is_text = any(isinstance(row.get(column), str) for row in rows)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from palpate.meshes.problem import Strain
-from palpate.validation.benchmarks import static, steps
+from palpate.validation.benchmarks import children, static, steps
 from palpate.validation.benchmarks.bodies import brick_box
+
+RIVALS = children.FOLDER
 
 
 def test_boxes_fill_their_volume_with_good_cells():
@@ -16,9 +20,20 @@ def test_boxes_fill_their_volume_with_good_cells():
     assert mesh.volume == pytest.approx(2.0, rel=1e-13)
 
 
+@pytest.fixture
+def small(monkeypatch):
+    """One box of 648 cells, timings of a few milliseconds."""
+    box = partial(brick_box, (12, 3, 3), (4.0, 1.0, 1.0), ragged=0.15)
+    monkeypatch.setattr(steps, "SIZES", {648: box})
+    monkeypatch.setattr(steps, "CELL_STEPS", 3e5)
+    monkeypatch.setattr(steps, "SECONDS", 0.01)
+    monkeypatch.setattr(steps, "TIMINGS", 2)
+    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
+
+
+@pytest.mark.usefixtures("small")
 def test_step_rows_are_whole_and_the_rival_has_the_same_force(monkeypatch):
-    monkeypatch.setattr(steps, "SIZES", {648: (12, 3, 3)})
-    monkeypatch.setattr(steps, "CELL_STEPS", 1e6)
+    monkeypatch.setattr(steps, "_FILES", (("step_numpy.py", {}), ("step_absent.py", {})))
     lines = []
     rows = steps.bench_steps(sizes=(648,), threads=(1, 2), progress=lines.append)
     assert [(r["tool"], r["precision"], r["threads"]) for r in rows] == [
@@ -28,9 +43,35 @@ def test_step_rows_are_whole_and_the_rival_has_the_same_force(monkeypatch):
         ("palpate", "float64", 2),
         ("numpy", "float64", 1),
     ]
-    assert len(lines) == 5
+    assert len(lines) == 6
+    assert lines[0].startswith("step_absent.py failed")
     assert all(row["size"] == 648 and np.isfinite(row["rate"]) for row in rows)
     assert rows[-1]["relative_force_error"] < 1e-12
+    assert rows[1]["speedup_from_threads"] == rows[0]["wall_seconds"] / rows[1]["wall_seconds"]
+    assert all(row["peak_memory_mb"] > 1.0 for row in rows)
+
+
+@pytest.mark.dolfinx
+@pytest.mark.usefixtures("small")
+def test_dolfinx_assembles_the_same_force(monkeypatch):
+    monkeypatch.setattr(steps, "_FILES", (("step_dolfinx.py", {}),))
+    (row,) = (r for r in steps.bench_steps(sizes=(648,), threads=(1,)) if r["tool"] == "dolfinx")
+    assert row["relative_force_error"] < 1e-12
+
+
+def test_a_rival_that_is_not_installed_is_no_failure(tmp_path, monkeypatch):
+    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
+    monkeypatch.setattr(children, "FOLDER", tmp_path)
+    (tmp_path / "child.py").write_text((RIVALS / "child.py").read_text("utf-8"), "utf-8")
+    (tmp_path / "absent.py").write_text("import no_such_library\n", "utf-8")
+    (tmp_path / "unfit.py").write_text(
+        "def prepare(body):\n    raise ValueError(f'{len(body[\"x\"])} is too large')\n", "utf-8"
+    )
+    lines = []
+    body = {"x": np.zeros(3)}
+    with children.started([("absent.py", body), ("unfit.py", body)], lines.append) as found:
+        assert found == []
+    assert lines == ["unfit.py left out: 3 is too large"]
 
 
 @pytest.mark.dolfinx

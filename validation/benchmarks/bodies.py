@@ -1,4 +1,4 @@
-"""Boxes of tetrahedra for benchmarks: bricks cut into six, interior points moved."""
+"""Bodies for benchmarks: boxes of bricks cut into six tetrahedra."""
 
 from __future__ import annotations
 

@@ -1,28 +1,58 @@
-"""`palpate bench steps`: explicit steps of the same body, ours beside a NumPy loop."""
+"""`palpate bench steps`: explicit steps of one body, ours beside other simulators and loops."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from palpate.fastsim import _core
-from palpate.fastsim.dynamics import Precision, simulate
-from palpate.fastsim.forces import assemble_internal_force
+from palpate.fastsim.dynamics import SAFETY, Precision
+from palpate.fastsim.forces import assemble_internal_force, lumped_mass
+from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.time_steps import sharp_critical_time_step
-from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import BodyForce, Support
-from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.benchmarks.children import TimedChild, started
 
-SIZES = {6_000: (40, 5, 5), 58_080: (80, 11, 11), 600_000: (160, 25, 25)}
+KIDNEY = 20_000
+_box = partial(brick_box, size=(4.0, 1.0, 1.0), ragged=0.15)
+# Number of cells (the kidney's about) -> body.
+SIZES: dict[int, Callable[[], TetMesh]] = {
+    6_000: partial(_box, (40, 5, 5)),
+    58_080: partial(_box, (80, 11, 11)),
+    600_000: partial(_box, (160, 25, 25)),
+    KIDNEY: lambda: mesh_surface(shape_kidney(edge_length=5.15e-3)),
+}
 TISSUE = Material(1e4, 0.45, 1000.0)
 MASS_DAMPING = 5.0  # [1/s]
-CELL_STEPS = 4e7  # work of one timing
-REPEATS = 3
+WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
+CELL_STEPS = 8e7  # work of one of our timings
+SECONDS = 0.4  # of one of a rival's
+TIMINGS = 6  # the first is not counted
+
+# Tool -> how to install it. PALPATE_BENCH_PYTHON may name the interpreter that has it.
+RIVALS = {
+    "numpy": "pip install numpy",
+    "numba": "pip install numba",
+    "mujoco": "pip install mujoco",
+    "newton": "pip install newton warp-lang",
+    "taichi": "pip install taichi",
+    "dolfinx": "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
+}
+_FILES: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("step_numpy.py", {}),
+    ("step_numba.py", {"precision": "float32"}),
+    ("step_numba.py", {"precision": "float64"}),
+    ("step_mujoco.py", {}),
+    ("step_newton.py", {}),
+    ("step_taichi.py", {}),
+    ("step_dolfinx.py", {}),
+)
+_EVERY_VERSION = ("step_dolfinx.py",)
 
 Row = dict[str, Any]
 
@@ -33,7 +63,10 @@ def bench_steps(
     threads: Sequence[int] = (1, 2),
     progress: Callable[[str], None] | None = None,
 ) -> list[Row]:
-    """Time the shipped step, with support, weight and damping, best of three runs.
+    """Time whole steps with supports, weight and damping; every tool takes its turn.
+
+    Each tool is set up in a process of its own, then all are timed in turn, and the best timing
+    of each counts: seconds of the processor on one thread, of the clock on several.
 
     Args:
         sizes: Numbers of cells, keys of `SIZES`.
@@ -41,34 +74,117 @@ def bench_steps(
         progress: Called with one line per row.
 
     Returns:
-        Rows with tool, size [cells], threads, precision, seconds per step, rate
-        [million cells x steps per second] and the relative error of the force.
+        Rows with tool, body, size [cells], threads, precision, seconds per step, rate
+        [million cells x steps per second] and peak_memory_mb. Rivals with our law have
+        relative_force_error, of the largest nodal force, at a random displacement of a tenth of
+        a cell. Ours have real_time_factor (simulated over spent time), speedup_from_threads and,
+        on the kidney, real_time_cells: how many cells of this body would run in real time.
     """
-    rows = []
+    rows: list[Row] = []
     for size in sizes:
-        mesh = brick_box(SIZES[size], (4.0, 1.0, 1.0), ragged=0.15)
-        for precision in Precision:
-            for count in threads:
-                rows.append(_time_ours(mesh, precision, count))
-                if progress:
-                    progress(_line(rows[-1]))
-        rows.append(_time_numpy(mesh))
-        if progress:
-            progress(_line(rows[-1]))
+        mesh = SIZES[size]()
+        found = _time_all(mesh, threads, progress)
+        for row in found:
+            row["body"] = "kidney" if size == KIDNEY else "box"
+            if size == KIDNEY and row["tool"] == "palpate":
+                # Cost grows as n, the stable step shrinks as n^(-1/3).
+                row["real_time_cells"] = round(row["size"] * row["real_time_factor"] ** 0.75)
+            if progress:
+                progress(_line(row))
+        rows += found
     return rows
 
 
-def _row(tool: str, mesh: TetMesh, threads: int, precision: str, seconds: float) -> Row:
+def _body(mesh: TetMesh) -> dict[str, Any]:
+    """What every tool is given, as plain arrays."""
+    low = mesh.points[:, 0].min()
+    length = np.ptp(mesh.points[:, 0])
+    held = np.flatnonzero(mesh.points[:, 0] < low + 0.02 * length).astype(np.int32)
+    test = np.random.default_rng(1).uniform(-0.1, 0.1, mesh.points.shape)
+    test *= (6.0 * mesh.volume / mesh.num_cells) ** (1.0 / 3.0)
+    test[held] = 0.0
+    mass = lumped_mass(mesh, TISSUE.density)
     return {
-        "tool": tool,
-        "version": _core.__version__ if tool == "palpate" else np.__version__,
+        "points": mesh.points,
+        "cells": mesh.cells,
+        "held": held,
+        "youngs_modulus": TISSUE.youngs_modulus,
+        "poissons_ratio": TISSUE.poissons_ratio,
+        "density": TISSUE.density,
+        "time_step": SAFETY * sharp_critical_time_step(mesh, TISSUE),
+        "mass_damping": MASS_DAMPING,
+        "lumped_mass": mass,
+        "force_density": np.array(WEIGHT),
+        "external_force": np.outer(mass / TISSUE.density, WEIGHT),
+        "test_displacement": test,
+    }
+
+
+def _time_all(
+    mesh: TetMesh, threads: Sequence[int], progress: Callable[[str], None] | None
+) -> list[Row]:
+    body = _body(mesh)
+    steps = max(20, int(CELL_STEPS / mesh.num_cells))
+    ours = body | {"steps_per_timing": steps, "most_timings": TIMINGS + 2}
+    files: list[tuple[str, dict[str, Any]]] = [
+        ("palpate_steps.py", ours | {"precision": precision.value, "num_threads": count})
+        for precision in Precision
+        for count in threads
+    ]
+    files += [(file, body | extra) for file, extra in _FILES]
+    plain = assemble_internal_force(mesh, body["test_displacement"], material=TISSUE)
+    rows = []
+    with started(files, progress, _EVERY_VERSION) as children:
+        counts = [steps if c.is_ours else _count_steps(c) for c in children]
+        for _ in range(TIMINGS):
+            for child, count in zip(children, counts, strict=True):
+                child.time(count)
+        for child, count in zip(children, counts, strict=True):
+            rows.append(_row(child, mesh, count))
+            if child.force is not None:
+                known = np.isfinite(child.force)
+                error = np.abs(child.force - plain)[known].max() / np.abs(plain).max()
+                rows[-1]["relative_force_error"] = float(error)
+    for row in rows:
+        if row["tool"] != "palpate":
+            continue
+        row["real_time_factor"] = float(body["time_step"]) / row["seconds"]
+        alone = [r for r in rows if r["threads"] == 1 and _is_same_but_threads(r, row)]
+        if row["threads"] > 1 and alone:
+            row["speedup_from_threads"] = alone[0]["wall_seconds"] / row["wall_seconds"]
+    return rows
+
+
+def _count_steps(child: TimedChild) -> int:
+    """How many steps last about `SECONDS`, from a few."""
+    count = 1
+    while (wall := float(child.time(count)["wall"])) < 0.1 * SECONDS:
+        count *= 4
+    child.answers.clear()
+    return max(1, round(count * SECONDS / wall))
+
+
+def _is_same_but_threads(row: Row, other: Row) -> bool:
+    return all(row[key] == other[key] for key in ("tool", "precision"))
+
+
+def _row(child: TimedChild, mesh: TetMesh, num_steps: int) -> Row:
+    wall = child.best("wall") / num_steps
+    seconds = wall if child.num_threads > 1 else child.best("processor") / num_steps
+    last = child.answers[-1]
+    row = {
+        "tool": child.about["tool"],
+        "version": child.about["version"],
         "size": mesh.num_cells,
-        "threads": threads,
-        "precision": precision,
+        "threads": child.num_threads,
+        "precision": child.about["precision"],
         "seconds": seconds,
         "rate": mesh.num_cells / seconds / 1e6,
         "rate_unit": "million cells x steps per second",
+        "wall_seconds": wall,
+        "peak_memory_mb": last["peak_memory_mb"],
     }
+    return row | {k: v for k, v in last.items() if k == "instruction_set"}
 
 
 def _line(row: Row) -> str:
@@ -76,64 +192,3 @@ def _line(row: Row) -> str:
         f"{row['tool']:8} {row['size']:7d} cells  {row['precision']}  {row['threads']} thread(s)"
         f"  {row['rate']:8.1f} {row['rate_unit']}"
     )
-
-
-def _time_ours(mesh: TetMesh, precision: Precision, threads: int) -> Row:
-    """Two runs of different length: their difference is free of the set-up."""
-    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
-    step = 0.8 * sharp_critical_time_step(mesh, TISSUE)
-    many = max(20, int(CELL_STEPS / mesh.num_cells))
-
-    def seconds(num_steps: int) -> float:
-        span = TimeSpan(num_steps * step, step * (1 + 1e-9), MASS_DAMPING, 1)
-        load = (BodyForce((0.0, 0.0, -100.0)),)
-        problem = Problem(mesh, TISSUE, (Support(held),), load, span)
-        start = time.perf_counter()
-        simulate(problem, precision=precision, num_threads=threads)
-        return time.perf_counter() - start
-
-    best = min(seconds(many + 1) for _ in range(REPEATS)) - min(seconds(1) for _ in range(REPEATS))
-    row = _row("palpate", mesh, threads, precision.value, best / many)
-    row["instruction_set"] = _core.widest_instruction_set().name
-    return row
-
-
-def _time_numpy(mesh: TetMesh) -> Row:
-    """The same force, vectorised over cells, and the same update."""
-    u = 1e-3 * np.random.default_rng(1).standard_normal(mesh.points.shape)
-    corners = mesh.points[mesh.cells]
-    gradients = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
-    E, nu = TISSUE.youngs_modulus, TISSUE.poissons_ratio
-    lmbda, mu = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
-
-    def force(displacement: Points) -> Points:
-        at = displacement[mesh.cells]
-        H = (at[:, 1:] - at[:, :1]).transpose(0, 2, 1) @ gradients
-        strain = 0.5 * (H + H.transpose(0, 2, 1) + H.transpose(0, 2, 1) @ H)
-        trace = np.trace(strain, axis1=1, axis2=2)
-        S = 2.0 * mu * strain + lmbda * trace[:, None, None] * np.eye(3)
-        P = (H + np.eye(3)) @ S * volumes[:, None, None]
-        nodal = gradients @ P.transpose(0, 2, 1)
-        nodal = np.concatenate([-nodal.sum(axis=1, keepdims=True), nodal], axis=1)
-        flat = mesh.cells.ravel()
-        out: Points = np.stack(
-            [
-                np.bincount(flat, nodal[:, :, j].ravel(), minlength=mesh.num_points)
-                for j in range(3)
-            ],
-            axis=1,
-        )
-        return out
-
-    plain = assemble_internal_force(mesh, u, material=TISSUE)
-    error = float(np.abs(force(u) - plain).max() / np.abs(plain).max())
-    increment = np.zeros_like(u)
-    num_steps = max(2, int(0.1 * CELL_STEPS / mesh.num_cells / 10))
-    start = time.perf_counter()
-    for _ in range(num_steps):
-        increment = 0.999 * increment - 1e-12 * force(u)
-        u = u + increment
-    row = _row("numpy", mesh, 1, "float64", (time.perf_counter() - start) / num_steps)
-    row["relative_force_error"] = error
-    return row
