@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
-from palpate.fastsim import _core
-from palpate.fastsim.errors import BlowUpError, UnstableStepError
-from palpate.fastsim.forces import (
-    STRAIN_MEASURE,
-    checked_displacement,
-    constraints,
-    external_force,
-    lame_parameters,
-    lumped_mass,
-)
+from palpate.fastsim.amplitudes import Amplitudes, Histories
+from palpate.fastsim.errors import UnstableStepError
+from palpate.fastsim.explicit_body import ExplicitBody, Precision
+from palpate.fastsim.forces import checked_displacement
 from palpate.fastsim.time_steps import critical_time_step, sharp_critical_time_step
 from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 
@@ -34,13 +27,8 @@ __all__ = [
 
 # Share of the critical step used when none is chosen: Green strain stiffens under stretch.
 SAFETY = 0.8
-
-
-class Precision(StrEnum):
-    """Arithmetic of the explicit step."""
-
-    SINGLE = "float32"
-    DOUBLE = "float64"
+# The steps are left about so often, for progress and Ctrl-C [s].
+_BREATH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +36,8 @@ class Energies:
     """Energies at the output times [J], each of shape (num_outputs + 1,).
 
     Their balance strain + kinetic + damping_loss - external_work stays at its first value up to
-    the error of the time steps. Strain energy is integrated from psi(F), not from work.
+    the error of the time steps. Strain energy is integrated from psi(F), not from work; external
+    work counts dead loads, follower pressure and supports that move.
     """
 
     strain: Points
@@ -93,7 +82,8 @@ def simulate(
     strain: Strain = Strain.GREEN,
     displacement: Points | None = None,
     velocity: Points | None = None,
-    amplitude: Callable[[float], float] | None = None,
+    amplitude: Amplitudes = None,
+    support_amplitude: Amplitudes = None,
     precision: Precision = Precision.DOUBLE,
     num_threads: int = 1,
     tracks_energy: bool = False,
@@ -107,10 +97,12 @@ def simulate(
     Args:
         problem: With `time` set; its `time_step` None takes 0.8 of the critical one.
         strain: Engineering or Green strain.
-        displacement: Initial [m], shape (num_points, 3); None is rest. Held components jump to
-            their prescribed value at once.
+        displacement: Initial [m], shape (num_points, 3); None is rest. Held components are where
+            their supports are from the start.
         velocity: Initial [m/s], shape (num_points, 3); None is zero.
-        amplitude: Factor s(t) [-] on all loads; None is 1 from the start.
+        amplitude: Factor s(t) [-] on all loads, or one for each load; None is 1 from the start.
+            Called for times up to one step beyond the end.
+        support_amplitude: The same for the prescribed displacements of the supports.
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
         tracks_energy: Sum up work and losses at every step (slower).
@@ -133,40 +125,72 @@ def simulate(
     critical = _critical(problem, span, strain)
     wanted = span.time_step if span.time_step is not None else SAFETY * critical
     per_output = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
-    body = _Body(
+    body = ExplicitBody(
         problem,
-        strain,
-        span.end_time / (span.num_outputs * per_output),
-        precision,
-        num_threads,
-        tracks_energy,
-        amplitude,
+        strain=strain,
+        time_step=span.end_time / (span.num_outputs * per_output),
+        mass_damping=span.mass_damping,
+        histories=Histories(problem, amplitude, support_amplitude),
+        precision=precision,
+        num_threads=num_threads,
+        tracks_energy=tracks_energy,
     )
     zero = np.zeros_like(mesh.points)
     body.start(
         checked_displacement(mesh, zero if displacement is None else displacement),
         checked_displacement(mesh, zero if velocity is None else velocity),
     )
-    states, times = [body.displacement.copy()], [0.0]
-    energies = [body.energies()] if tracks_energy else []
-    for output in range(1, span.num_outputs + 1):
-        body.advance(per_output)
-        states.append(body.displacement.copy())
-        times.append(output * span.end_time / span.num_outputs)
-        if tracks_energy:
-            energies.append(body.energies())
+    states, rows = [body.displacement[None].copy()], [np.zeros((1, 3))]
+    done = 0
+    for new, energies in _outputs(body, span.num_outputs, per_output):
+        states.append(new)
+        rows = [*rows, energies[1:]] if done else [energies]
+        done += len(new)
         if progress:
-            progress(f"t = {times[-1]:.4g} s of {span.end_time:.4g} s")
+            now = done * span.end_time / span.num_outputs
+            progress(f"t = {now:.4g} s of {span.end_time:.4g} s")
+    displacements = np.concatenate(states)
     return DynamicResult(
-        times=np.array(times),
-        displacements=np.array(states),
+        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+        displacements=displacements,
         velocity=body.velocity(),
         time_step=body.dt,
         critical_time_step=critical,
         num_steps=body.steps,
-        energies=Energies(*np.array(energies).T) if energies else None,
+        energies=_energies(body, displacements, np.concatenate(rows)) if tracks_energy else None,
         instruction_set=body.instruction_set,
     )
+
+
+def _outputs(
+    body: ExplicitBody, num_outputs: int, per_output: int
+) -> Iterator[tuple[Points, Points]]:
+    """States and energies, several outputs at a time where they are quick, none where slow.
+
+    How the steps are cut into calls changes no bit of the trajectory.
+    """
+    output, piece = 0, min(per_output, 64)
+    while output < num_outputs:
+        left, first = per_output, None
+        while left > 0:
+            if piece > per_output and left == per_output:
+                count = min(piece // per_output, num_outputs - output)
+                num_steps, every = count * per_output, per_output
+            else:
+                num_steps = every = min(piece, left)
+            start = time.perf_counter()
+            states, energies = body.advance(num_steps, every)
+            pace = max(time.perf_counter() - start, 1e-6) / num_steps
+            piece = max(1, int(_BREATH / pace))
+            first = energies[:1] if first is None else first
+            left -= min(num_steps, left)
+        yield states, np.concatenate([first, energies[1:]])
+        output += len(states)
+
+
+def _energies(body: ExplicitBody, displacements: Points, rows: Points) -> Energies:
+    strain = np.array([body.strain_energy(u) for u in displacements])
+    return Energies(strain, *rows.T)
 
 
 def _critical(problem: Problem, span: TimeSpan, strain: Strain) -> float:
@@ -175,163 +199,3 @@ def _critical(problem: Problem, span: TimeSpan, strain: Strain) -> float:
     if span.time_step is not None and span.time_step > critical:
         raise UnstableStepError(span.time_step, critical)
     return critical
-
-
-class _Body:
-    """One run: the core's state and what is needed to judge it."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        strain: Strain,
-        dt: float,
-        precision: Precision,
-        num_threads: int,
-        tracks_energy: bool,
-        amplitude: Callable[[float], float] | None,
-    ) -> None:
-        assert problem.time is not None
-        mesh = problem.mesh
-        self.dt = dt
-        self.steps = 0
-        self._first_halves = 0.0, 0.0
-        self._amplitude = amplitude
-        self._measure = STRAIN_MEASURE[strain]
-        self._lame = lame_parameters(problem.material)
-        self._damping = problem.time.mass_damping
-        self._mass = lumped_mass(mesh, problem.material.density)[:, None]
-        self._solid = _core.Solid.make(mesh.points, mesh.cells)
-        self._num_cells = mesh.num_cells
-        self._is_free, self._held = constraints(problem)
-        kind = _core.ExplicitRun32 if precision is Precision.SINGLE else _core.ExplicitRun64
-        self._run = kind.make(
-            mesh.points,
-            mesh.cells,
-            np.ascontiguousarray(self._mass[:, 0]),
-            self._is_free,
-            *self._lame,
-            self._measure,
-            dt,
-            self._damping,
-            1e3 * float(np.ptp(mesh.points, axis=0).max()),
-            num_threads,
-            _core.widest_instruction_set(),
-            tracks_energy,
-        )
-        # Pressure follows the body only where the strain measure knows finite rotations.
-        follows = strain is Strain.GREEN
-        pressures = [load for load in problem.loads if follows and isinstance(load, Pressure)]
-        if pressures and tracks_energy:
-            raise InputError("the work of a follower pressure is not tracked; use a traction")
-        dead = tuple(load for load in problem.loads if load not in pressures)
-        self._load = external_force(Problem(mesh, problem.material, problem.supports, dead))
-        self._run.set_external_force(self._load)
-        self._pressed: Problem | None = None
-        if pressures:
-            self._run.set_pressure(
-                np.ascontiguousarray(np.concatenate([p.facets for p in pressures]), dtype=np.int32),
-                np.concatenate([np.full(len(p.facets), float(p.pressure)) for p in pressures]),
-            )
-            self._pressed = Problem(mesh, problem.material, problem.supports, tuple(pressures))
-        self.instruction_set: str = self._run.instruction_set
-
-    def start(self, displacement: Points, velocity: Points) -> None:
-        """Set the initial state; a(-dt) = a - dt v + dt^2 / 2 a'' (eq. 13)."""
-        free = self._is_free.astype(bool)
-        self.displacement = np.where(free, displacement, self._held)
-        speed = np.where(free, velocity, 0.0)
-        acceleration = self._force() / self._mass - self._damping * speed
-        self._increment = self.dt * speed - 0.5 * self.dt**2 * acceleration
-        self._increment[~free] = 0.0
-        self._run.set_state(self.displacement, self._increment)
-        self._energy_given = abs(float(np.sum(self._load * self.displacement)))
-        strain = self._solid.strain_energy(self.displacement, *self._lame, self._measure)
-        increments = self._increment / self.dt
-        self._energy_at_start = strain + 0.5 * float(np.sum(self._mass * increments**2))
-
-    def advance(self, num_steps: int) -> None:
-        """Do the steps up to the next output."""
-        times = self.dt * (self.steps + np.arange(num_steps))
-        factors = (
-            np.array([self._factor(t) for t in times]) if self._amplitude else np.ones(num_steps)
-        )
-        before = self.displacement.copy()
-        done, reason = self._run.advance(factors)
-        self._run.get_state(self.displacement, self._increment)
-        self.steps += done
-        if reason is _core.StopReason.none:
-            if not self._grew_from_nothing():
-                return
-            self.displacement = before
-            message = "energy grew from nothing"
-        elif reason is _core.StopReason.inverted_cell:
-            message = "a cell inverted"
-        else:
-            message = "a displacement left all bounds"
-        if not np.isfinite(self.displacement).all():
-            self.displacement = before
-        values = np.empty(self._num_cells)
-        self._solid.det_f(self.displacement, values)
-        cell = int(np.argmin(values))
-        raise BlowUpError(
-            message,
-            step=self.steps,
-            time=self.steps * self.dt,
-            cell=cell,
-            smallest_det_f=float(values[cell]),
-            displacement=self.displacement,
-        )
-
-    def velocity(self) -> Points:
-        """Central velocity at the present time [m/s]: the mean of the two increments."""
-        half = 0.5 * self._damping * self.dt
-        ahead = ((1.0 - half) * self._increment + self.dt**2 * self._force() / self._mass) / (
-            1.0 + half
-        )
-        ahead[self._is_free == 0] = 0.0
-        speed: Points = (self._increment + ahead) / (2.0 * self.dt)
-        return speed
-
-    def energies(self) -> tuple[float, float, float, float]:
-        """Strain, kinetic, external work, damping loss [J]."""
-        strain = self._solid.strain_energy(self.displacement, *self._lame, self._measure)
-        squared_speed = float(np.sum(self._mass * self.velocity() ** 2))
-        # The core's sums hold a full term for each step begun; the trapezoidal rule wants half
-        # of the first and half of the present one.
-        factor = self._factor(self.steps * self.dt)
-        half_work = 0.5 * factor * float(np.sum(self._load * self._increment))
-        half_loss = 0.5 * self.dt * self._damping * squared_speed
-        if self.steps == 0:
-            self._first_halves = half_work, half_loss
-        work = self._run.external_work + half_work - self._first_halves[0]
-        loss = self._run.damping_loss + half_loss - self._first_halves[1]
-        return strain, 0.5 * squared_speed, work, loss
-
-    def _grew_from_nothing(self) -> bool:
-        """Is there far more energy than a constant dead load and the start can have given?
-
-        At 0.8 of the critical step the scheme's own energy error can reach a factor of three.
-        """
-        if self._amplitude is not None or self._pressed is not None:
-            return False
-        strain = self._solid.strain_energy(self.displacement, *self._lame, self._measure)
-        energy = strain + 0.5 * float(np.sum(self._mass * (self._increment / self.dt) ** 2))
-        given = abs(float(np.sum(self._load * self.displacement)))
-        self._energy_given = max(self._energy_given, given)
-        return bool(not energy <= 10.0 * (self._energy_given + self._energy_at_start))
-
-    def _factor(self, time: float) -> float:
-        value = 1.0 if self._amplitude is None else float(self._amplitude(time))
-        if not np.isfinite(value):
-            raise InputError(f"the amplitude at t = {time:g} s is {value}; it must be finite")
-        return value
-
-    def _force(self) -> Points:
-        """Load minus internal force, s F - R(a), at the present state [N]."""
-        internal = np.zeros_like(self.displacement)
-        self._solid.internal_force(self.displacement, *self._lame, self._measure, internal)
-        load = self._load
-        if self._pressed is not None:
-            load = load + external_force(self._pressed, self.displacement)
-        force: Points = self._factor(self.steps * self.dt) * load - internal
-        return force

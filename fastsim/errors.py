@@ -62,11 +62,16 @@ class BlowUpError(FastsimError):
     """A run that left the finite numbers or the neighbourhood of the body.
 
     Attributes:
+        reason: What was seen.
         step: Number of good steps done.
         time: Time of the last good state [s].
-        cell: The cell with the smallest det F there.
-        smallest_det_f: Its det F.
+        cell: Where: the cell that inverted, or one at the point that moved fastest.
+        place: Centre of that cell at rest [m].
+        smallest_det_f: Smallest det F of the last good state [-].
         displacement: The last good state [m], shape (num_points, 3).
+        time_step: [s].
+        critical_time_step: About the last good state [s].
+        suggestion: What to change.
     """
 
     def __init__(
@@ -76,16 +81,33 @@ class BlowUpError(FastsimError):
         step: int,
         time: float,
         cell: int,
+        place: tuple[float, ...],
         smallest_det_f: float,
         displacement: Points,
+        time_step: float,
+        critical_time_step: float,
     ) -> None:
         self.reason = reason
         self.step = step
         self.time = time
         self.cell = cell
+        self.place = place
         self.smallest_det_f = smallest_det_f
         self.displacement = displacement
+        self.time_step = time_step
+        self.critical_time_step = critical_time_step
+        if time_step > 0.95 * critical_time_step:
+            self.suggestion = (
+                f"the time step {time_step:.4g} s is too long for the body as it is now (critical: "
+                f"{critical_time_step:.4g} s); use at most {0.8 * critical_time_step:.3g} s"
+            )
+        else:
+            self.suggestion = (
+                "lower the load, raise it more slowly (amplitude), or refine the mesh there; "
+                f"a shorter time step is no cure (critical: {critical_time_step:.4g} s)"
+            )
+        where = ", ".join(f"{x:.4g}" for x in place)
         super().__init__(
-            f"blew up after step {step} (t = {time:.4g} s): {reason}; smallest "
-            f"det F {smallest_det_f:.3g} in cell {cell}; halve the time step, or lower the load"
+            f"blew up after step {step} (t = {time:.4g} s): {reason}, in cell {cell} at "
+            f"({where}) m; smallest det F before it {smallest_det_f:.3g}; {self.suggestion}"
         )

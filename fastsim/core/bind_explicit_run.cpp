@@ -17,6 +17,10 @@ namespace {
 template <typename T>
 using Table3 = nb::ndarray<T, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 template <typename T>
+using States = nb::ndarray<T, nb::numpy, nb::shape<-1, -1, 3>, nb::c_contig, nb::device::cpu>;
+template <typename T>
+using Rows = nb::ndarray<T, nb::numpy, nb::shape<-1, -1>, nb::c_contig, nb::device::cpu>;
+template <typename T>
 using Vector = nb::ndarray<T, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
@@ -52,11 +56,13 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
             nb::arg("tracks_energy"))
         .def(
             "set_state",
-            [](Run &run, Table3<const double> displacement, Table3<const double> increment) {
+            [](Run &run, Table3<const double> displacement, Table3<const double> increment,
+               double energy) {
                 nb::gil_scoped_release release;
-                run.set_state(as_span(displacement), as_span(increment));
+                run.set_state(as_span(displacement), as_span(increment), energy);
             },
-            nb::arg("displacement").noconvert(), nb::arg("increment").noconvert())
+            nb::arg("displacement").noconvert(), nb::arg("increment").noconvert(),
+            nb::arg("energy"))
         .def(
             "get_state",
             [](const Run &run, Table3<double> displacement, Table3<double> increment) {
@@ -65,29 +71,45 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
             },
             nb::arg("displacement").noconvert(), nb::arg("increment").noconvert())
         .def(
-            "set_external_force",
-            [](Run &run, Table3<const double> force) {
+            "set_dead_loads",
+            [](Run &run, States<const double> forces) {
                 nb::gil_scoped_release release;
-                run.set_external_force(as_span(force));
+                run.set_dead_loads(as_span(forces), forces.shape(0));
             },
-            nb::arg("force").noconvert())
+            nb::arg("forces").noconvert())
         .def(
             "set_pressure",
-            [](Run &run, Facets facets, Vector<const double> pressures) {
+            [](Run &run, Facets facets, Vector<const double> pressures,
+               Vector<const Index> histories) {
                 nb::gil_scoped_release release;
-                run.set_pressure(as_span(facets), as_span(pressures));
+                run.set_pressure(as_span(facets), as_span(pressures), as_span(histories));
             },
-            nb::arg("facets").noconvert(), nb::arg("pressures").noconvert())
-        .def_prop_ro("external_work", &Run::external_work)
-        .def_prop_ro("damping_loss", &Run::damping_loss)
+            nb::arg("facets").noconvert(), nb::arg("pressures").noconvert(),
+            nb::arg("histories").noconvert())
+        .def(
+            "set_moving_supports",
+            [](Run &run, Table3<const double> values, Table3<const Index> histories) {
+                nb::gil_scoped_release release;
+                run.set_moving_supports(as_span(values), as_span(histories));
+            },
+            nb::arg("values").noconvert(), nb::arg("histories").noconvert())
+        .def("set_mass_damping", &Run::set_mass_damping, nb::arg("mass_damping"))
         .def(
             "advance",
-            [](Run &run, Vector<const double> amplitudes) {
+            [](Run &run, Rows<const double> factors, std::int64_t every,
+               States<double> displacements, Table3<double> energies) {
+                const ExplicitPlan plan{as_span(factors),
+                                        factors.shape(1),
+                                        static_cast<std::int64_t>(factors.shape(0)) - 2,
+                                        every,
+                                        as_span(displacements),
+                                        as_span(energies)};
                 nb::gil_scoped_release release;
-                const ExplicitOutcome outcome = run.advance(as_span(amplitudes));
-                return std::make_tuple(outcome.steps_done, outcome.reason);
+                const ExplicitOutcome outcome = run.advance(plan);
+                return std::make_tuple(outcome.steps_done, outcome.reason, outcome.point);
             },
-            nb::arg("amplitudes").noconvert())
+            nb::arg("factors").noconvert(), nb::arg("every"), nb::arg("displacements").noconvert(),
+            nb::arg("energies").noconvert())
         .def(
             "internal_force",
             [](Run &run, Table3<double> force) {
@@ -110,7 +132,8 @@ void bind_explicit_run(nb::module_ &module) {
     nb::enum_<StopReason>(module, "StopReason")
         .value("none", StopReason::none)
         .value("inverted_cell", StopReason::inverted_cell)
-        .value("out_of_bounds", StopReason::out_of_bounds);
+        .value("out_of_bounds", StopReason::out_of_bounds)
+        .value("energy_growth", StopReason::energy_growth);
     module.def("widest_instruction_set", &widest_instruction_set);
     bind_run<float>(module, "ExplicitRun32");
     bind_run<double>(module, "ExplicitRun64");

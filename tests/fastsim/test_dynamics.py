@@ -69,7 +69,7 @@ def test_every_kernel_gives_the_plain_loops_force(
         instruction_set,
         False,
     )
-    run.set_state(u, np.zeros_like(u))
+    run.set_state(u, np.zeros_like(u), 0.0)
     force = np.empty_like(u)
     run.internal_force(force)
     plain = assemble_internal_force(mesh, u, material=SOFT, strain=strain)

@@ -1,12 +1,10 @@
 #include "mechanics/explicit_run.hpp"
 
-#include "mechanics/renumber.hpp"
-
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
-#include <numeric>
+#include <cstddef>
 #include <thread>
 
 namespace fastsim {
@@ -40,140 +38,14 @@ class Barrier {
 
 } // namespace
 
-template <typename Real>
-ExplicitRun<Real>::ExplicitRun(std::span<const double> points, std::span<const Index> cells,
-                               std::span<const double> lumped_mass,
-                               std::span<const std::uint8_t> is_free,
-                               const ExplicitSettings &settings)
-    : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
-      _num_points(points.size() / 3), _record_of(_num_points) {
-    const std::vector<Index> order = reverse_cuthill_mckee(_num_points, cells);
-    for (std::size_t k = 0; k < order.size(); ++k)
-        _record_of[static_cast<std::size_t>(order[k])] = k;
-    // One more record than points: the corners of the cells that fill up the last batch.
-    for (auto *array : {&_displacement, &_increment, &_external, &_mobility})
-        array->assign(4 * (_num_points + 1), Real(0));
-    _mass.assign(_num_points, 0.0);
-    for (std::size_t i = 0; i < _num_points; ++i)
-        _mass[_record_of[i]] = lumped_mass[i];
-    _points.assign(4 * _num_points, Real(0));
-    for (std::size_t i = 0; i < _num_points; ++i)
-        for (std::size_t j = 0; j < 3; ++j)
-            _points[4 * _record_of[i] + j] = static_cast<Real>(points[3 * i + j]);
-    const double half_damping = 0.5 * settings.mass_damping * settings.time_step;
-    _keep = static_cast<Real>((1.0 - half_damping) / (1.0 + half_damping));
-    _limit = static_cast<Real>(settings.displacement_limit);
-    for (std::size_t i = 0; i < _num_points; ++i)
-        for (std::size_t j = 0; j < 3; ++j)
-            if (is_free[3 * i + j] != 0)
-                _mobility[4 * _record_of[i] + j] =
-                    static_cast<Real>(settings.time_step * settings.time_step /
-                                      (lumped_mass[i] * (1.0 + half_damping)));
-    lay_out_cells(points, cells);
-    share_out();
-}
-
-template <typename Real>
-void ExplicitRun<Real>::lay_out_cells(std::span<const double> points,
-                                      std::span<const Index> cells) {
-    const std::size_t num_cells = cells.size() / 4;
-    const std::size_t width = _kernel.width;
-    const RestCells rest = make_rest_cells(points, cells);
-    std::vector<std::size_t> first(num_cells), sorted(num_cells);
-    for (std::size_t c = 0; c < num_cells; ++c) {
-        std::size_t sum = 0;
-        for (std::size_t a = 0; a < 4; ++a)
-            sum += _record_of[static_cast<std::size_t>(cells[4 * c + a])];
-        first[c] = sum;
-    }
-    std::iota(sorted.begin(), sorted.end(), std::size_t{0});
-    std::stable_sort(sorted.begin(), sorted.end(),
-                     [&](std::size_t a, std::size_t b) { return first[a] < first[b]; });
-    _num_batches = (num_cells + width - 1) / width;
-    _records.assign(4 * width * _num_batches, static_cast<std::int32_t>(4 * _num_points));
-    _rest.assign(10 * width * _num_batches, Real(0));
-    for (std::size_t k = 0; k < num_cells; ++k) {
-        const std::size_t c = sorted[k], batch = k / width, lane = k % width;
-        for (std::size_t a = 0; a < 4; ++a)
-            _records[(4 * batch + a) * width + lane] = static_cast<std::int32_t>(
-                4 * _record_of[static_cast<std::size_t>(cells[4 * c + a])]);
-        for (std::size_t e = 0; e < 9; ++e)
-            _rest[(10 * batch + e) * width + lane] = static_cast<Real>(rest.gradients[c][e]);
-        _rest[(10 * batch + 9) * width + lane] = static_cast<Real>(rest.volumes[c]);
-    }
-}
-
-template <typename Real> void ExplicitRun<Real>::share_out() {
-    const std::size_t num_threads =
-        std::max<std::size_t>(1, std::min(_settings.num_threads, _num_batches));
-    const std::size_t per_batch = 4 * _kernel.width;
-    _shares.resize(num_threads);
-    for (std::size_t t = 0; t < num_threads; ++t) {
-        Share &share = _shares[t];
-        share.first_batch = _num_batches * t / num_threads;
-        share.last_batch = _num_batches * (t + 1) / num_threads;
-        const auto begin =
-            _records.begin() + static_cast<std::ptrdiff_t>(per_batch * share.first_batch);
-        const auto end =
-            _records.begin() + static_cast<std::ptrdiff_t>(per_batch * share.last_batch);
-        share.first_touched = _num_points;
-        share.last_touched = 0;
-        for (auto it = begin; it != end; ++it) {
-            const auto point = static_cast<std::size_t>(*it) / 4;
-            if (point == _num_points)
-                continue;
-            share.first_touched = std::min(share.first_touched, point);
-            share.last_touched = std::max(share.last_touched, point + 1);
-        }
-        share.force.assign(4 * (_num_points + 1), Real(0));
-        share.first_owned = _num_points * t / num_threads;
-        share.last_owned = _num_points * (t + 1) / num_threads;
-    }
-}
-
-template <typename Real>
-void ExplicitRun<Real>::set_state(std::span<const double> displacement,
-                                  std::span<const double> increment) {
-    for (std::size_t i = 0; i < _num_points; ++i)
-        for (std::size_t j = 0; j < 3; ++j) {
-            const std::size_t at = 4 * _record_of[i] + j;
-            _displacement[at] = static_cast<Real>(displacement[3 * i + j]);
-            // A held component does not move, whatever its start-up value says.
-            _increment[at] =
-                _mobility[at] > Real(0) ? static_cast<Real>(increment[3 * i + j]) : Real(0);
-        }
-}
-
-template <typename Real>
-void ExplicitRun<Real>::get_state(std::span<double> displacement,
-                                  std::span<double> increment) const {
-    for (std::size_t i = 0; i < _num_points; ++i)
-        for (std::size_t j = 0; j < 3; ++j) {
-            const std::size_t at = 4 * _record_of[i] + j;
-            displacement[3 * i + j] = static_cast<double>(_displacement[at]);
-            increment[3 * i + j] = static_cast<double>(_increment[at]);
-        }
-}
-
-template <typename Real> void ExplicitRun<Real>::set_external_force(std::span<const double> force) {
-    for (std::size_t i = 0; i < _num_points; ++i)
-        for (std::size_t j = 0; j < 3; ++j)
-            _external[4 * _record_of[i] + j] = static_cast<Real>(force[3 * i + j]);
-}
-
-template <typename Real>
-void ExplicitRun<Real>::set_pressure(std::span<const Index> facets,
-                                     std::span<const double> pressures) {
-    _pressed.clear();
-    _pressures.clear();
-    for (const Index i : facets)
-        _pressed.push_back(4 * _record_of[static_cast<std::size_t>(i)]);
-    for (const double p : pressures)
-        _pressures.push_back(static_cast<Real>(p));
-}
-
-template <typename Real> void ExplicitRun<Real>::add_pressure(Real amplitude) {
+template <typename Real> void ExplicitRun<Real>::add_pressure(std::span<const double> factors) {
     Real *const total = _shares[0].force.data();
+    Real *const pressed = _pressure_force.data();
+    for (const std::size_t i : _pressed_entries) {
+        _shares[0].pressure_work +=
+            static_cast<double>(pressed[i]) * static_cast<double>(_increment[i]);
+        pressed[i] = Real(0);
+    }
     for (std::size_t t = 0; t < _pressures.size(); ++t) {
         const std::size_t *corner = &_pressed[3 * t];
         std::array<Real, 3> p{}, q{};
@@ -184,44 +56,52 @@ template <typename Real> void ExplicitRun<Real>::add_pressure(Real amplitude) {
             q[j] = (_points[corner[2] + j] - _points[corner[0] + j]) +
                    (_displacement[corner[2] + j] - _displacement[corner[0] + j]);
         }
-        const Real share = amplitude * _pressures[t] / Real(6);
+        const double factor = factors[static_cast<std::size_t>(_pressure_histories[t])];
+        const Real share = static_cast<Real>(factor * _pressures[t] / 6.0);
         const std::array<Real, 3> outward{p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2],
                                           p[0] * q[1] - p[1] * q[0]};
         for (std::size_t k = 0; k < 3; ++k)
             for (std::size_t j = 0; j < 3; ++j)
-                total[corner[k] + j] += share * outward[j];
+                pressed[corner[k] + j] -= share * outward[j];
+    }
+    for (const std::size_t i : _pressed_entries)
+        total[i] -= pressed[i];
+}
+
+template <typename Real>
+void ExplicitRun<Real>::combine_dead_loads(Share &share, std::span<const double> factors) {
+    for (std::size_t i = 4 * share.first_owned; i < 4 * share.last_owned; ++i) {
+        double sum = 0.0;
+        for (std::size_t k = 0; k < _dead_loads.size(); ++k)
+            sum += factors[k] * _dead_loads[k][i];
+        _external[i] = static_cast<Real>(sum);
     }
 }
 
-template <typename Real> void ExplicitRun<Real>::track(std::size_t thread, Real amplitude) {
-    Share &share = _shares[thread];
-    const auto sum_of = [&](std::size_t i) {
-        // d + d_next, before the update: d_next from eq. 12.
-        const Real next =
-            _keep * _increment[i] + _mobility[i] * (amplitude * _external[i] - _shares[0].force[i]);
-        return static_cast<double>(_increment[i]) + static_cast<double>(next);
-    };
-    const double rate = _settings.mass_damping / (4.0 * _settings.time_step);
-    for (std::size_t point = share.first_owned; point < share.last_owned; ++point)
-        for (std::size_t i = 4 * point; i < 4 * point + 3; ++i) {
-            const double sum = sum_of(i);
-            share.work += 0.5 * static_cast<double>(amplitude * _external[i]) * sum;
-            share.loss += rate * _mass[point] * sum * sum;
-        }
+/// What holds each moving support on its way: inner forces, inertia and damping.
+template <typename Real> void ExplicitRun<Real>::pull_supports(Share &share, const Step &step) {
+    const Real *const total = _shares[0].force.data();
+    const double dt = _settings.time_step, damping = _settings.mass_damping;
+    for (MovingSupport &support : share.moving) {
+        const std::size_t i = support.entry;
+        const double last = static_cast<double>(_increment[i]);
+        support.next = (step.next[support.history] - step.now[support.history]) * support.value;
+        const double inertia =
+            (support.next - last) / (dt * dt) + damping * (support.next + last) / (2.0 * dt);
+        // Dead loads on it pass straight through to the support.
+        support.pull = static_cast<double>(total[i]) + support.mass * inertia;
+        if (!_pressure_force.empty())
+            support.pull += static_cast<double>(_pressure_force[i]);
+        share.support_work += 0.5 * support.pull * (support.next + last);
+    }
 }
 
-template <typename Real> double ExplicitRun<Real>::external_work() const {
-    double sum = 0.0;
-    for (const Share &share : _shares)
-        sum += share.work;
-    return sum;
-}
-
-template <typename Real> double ExplicitRun<Real>::damping_loss() const {
-    double sum = 0.0;
-    for (const Share &share : _shares)
-        sum += share.loss;
-    return sum;
+template <typename Real> void ExplicitRun<Real>::move_supports(Share &share, const Step &step) {
+    for (const MovingSupport &support : share.moving) {
+        _displacement[support.entry] =
+            static_cast<Real>(step.next[support.history] * support.value);
+        _increment[support.entry] = static_cast<Real>(support.next);
+    }
 }
 
 template <typename Real> ForceJob<Real> ExplicitRun<Real>::job_of(Share &share) const {
@@ -236,8 +116,9 @@ template <typename Real> ForceJob<Real> ExplicitRun<Real>::job_of(Share &share) 
             _settings.strain == StrainMeasure::green};
 }
 
-template <typename Real> bool ExplicitRun<Real>::update(std::size_t thread, Real amplitude) {
-    const std::size_t begin = _shares[thread].first_owned, end = _shares[thread].last_owned;
+/// All that acts on the points of a thread, when every thread has added the forces of its cells.
+template <typename Real> void ExplicitRun<Real>::gather_forces(Share &share, const Step &step) {
+    const std::size_t begin = share.first_owned, end = share.last_owned;
     Real *total = _shares[0].force.data();
     for (std::size_t t = 1; t < _shares.size(); ++t) {
         Share &other = _shares[t];
@@ -248,16 +129,23 @@ template <typename Real> bool ExplicitRun<Real>::update(std::size_t thread, Real
             part[i] = Real(0);
         }
     }
-    if (_settings.tracks_energy)
-        track(thread, amplitude);
+    if (step.is_new_load) {
+        close_window(share);
+        combine_dead_loads(share, step.now);
+    }
+    pull_supports(share, step);
+}
+
+template <typename Real> bool ExplicitRun<Real>::update(Share &share) {
+    Real *const total = _shares[0].force.data();
     Real *const u = _displacement.data();
     Real *const d = _increment.data();
     const Real *const external = _external.data();
     const Real *const mobility = _mobility.data();
     const Real keep = _keep;
     Real out = Real(0);
-    for (std::size_t i = 4 * begin; i < 4 * end; ++i) {
-        const Real increment = keep * d[i] + mobility[i] * (amplitude * external[i] - total[i]);
+    for (std::size_t i = 4 * share.first_owned; i < 4 * share.last_owned; ++i) {
+        const Real increment = keep * d[i] + mobility[i] * (external[i] - total[i]);
         const Real next = u[i] + increment;
         total[i] = Real(0);
         d[i] = increment;
@@ -269,8 +157,23 @@ template <typename Real> bool ExplicitRun<Real>::update(std::size_t thread, Real
 }
 
 template <typename Real>
-ExplicitOutcome ExplicitRun<Real>::advance(std::span<const double> amplitudes) {
+void ExplicitRun<Real>::record(const Share &share, std::span<double> displacement) const {
+    for (std::size_t k = share.first_owned; k < share.last_owned; ++k)
+        for (std::size_t j = 0; j < 3; ++j)
+            displacement[3 * _point_of[k] + j] = static_cast<double>(_displacement[4 * k + j]);
+}
+
+template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const ExplicitPlan &plan) {
     const std::size_t num_threads = _shares.size();
+    const auto num_steps = static_cast<std::size_t>(plan.num_steps);
+    const auto every = static_cast<std::size_t>(plan.every);
+    const auto step_of = [&](std::size_t step) {
+        const auto row = [&](std::size_t r) {
+            return plan.factors.subspan(r * plan.num_histories, plan.num_histories);
+        };
+        const bool is_new = step == 0 || !std::ranges::equal(row(step - 1), row(step));
+        return Step{row(step), row(step + 1), is_new};
+    };
     Barrier barrier(num_threads);
     // Two slots for each thread, used in turn: a fast thread never overwrites what is being read.
     struct alignas(64) Flags {
@@ -283,29 +186,66 @@ ExplicitOutcome ExplicitRun<Real>::advance(std::span<const double> amplitudes) {
                 return flag.reason[slot];
         return StopReason::none;
     };
-    ExplicitOutcome outcome{static_cast<std::int64_t>(amplitudes.size()), StopReason::none};
+    ExplicitOutcome outcome{plan.num_steps, StopReason::none, -1};
+    const auto energies_at = [&](std::size_t row) { return plan.energies.subspan(3 * row, 3); };
     const auto work = [&](std::size_t thread) {
-        const ForceJob<Real> job = job_of(_shares[thread]);
-        for (std::size_t step = 0; step < amplitudes.size(); ++step) {
+        Share &share = _shares[thread];
+        const ForceJob<Real> job = job_of(share);
+        const auto stop = [&](StopReason reason, std::size_t updates) {
+            if (thread == 0) {
+                outcome.reason = reason;
+                outcome.steps_done = static_cast<std::int64_t>(updates);
+            }
+        };
+        // With energies, once more at the end: forces there complete the sums.
+        const std::size_t num_looks = num_steps + (_settings.tracks_energy ? 1 : 0);
+        for (std::size_t step = 0; step < num_looks; ++step) {
             const std::size_t slot = step % 2;
+            const Step now = step_of(step);
             const Real smallest = _kernel.add_forces(job);
             flags[thread].reason[slot] =
                 smallest > Real(0) ? StopReason::none : StopReason::inverted_cell;
-            if (thread == 0)
-                add_pressure(static_cast<Real>(amplitudes[step]));
+            if (thread == 0 && !_pressures.empty())
+                add_pressure(now.now);
             barrier.wait();
-            StopReason reason = any(flags, slot);
-            if (reason == StopReason::none) {
-                const bool is_good = update(thread, static_cast<Real>(amplitudes[step]));
+            if (const StopReason reason = any(flags, slot); reason != StopReason::none)
+                return stop(reason, step);
+            gather_forces(share, now);
+            const bool is_last = step + 1 >= num_steps, looks = is_last || step % 16 == 15;
+            if (_settings.tracks_energy)
+                track(share, step > 0, step < num_steps);
+            if (step == num_steps) {
+                std::fill_n(_shares[0].force.begin() +
+                                static_cast<std::ptrdiff_t>(4 * share.first_owned),
+                            4 * (share.last_owned - share.first_owned), Real(0));
+            } else {
+                const bool is_good = update(share);
+                move_supports(share, now);
                 late[thread].reason[slot] = is_good ? StopReason::none : StopReason::out_of_bounds;
-                barrier.wait();
-                reason = any(late, slot);
+                if (looks)
+                    watch(share);
+                if ((step + 1) % every == 0)
+                    record(share, plan.displacements.subspan(
+                                      3 * _num_points * ((step + 1) / every - 1), 3 * _num_points));
             }
-            if (reason != StopReason::none) {
-                if (thread == 0)
-                    outcome = {static_cast<std::int64_t>(step), reason};
+            barrier.wait();
+            if (thread == 0 && _settings.tracks_energy && step % every == 0)
+                sum_energies(energies_at(step / every));
+            if (step == num_steps)
                 return;
+            StopReason reason = any(late, slot);
+            if (reason == StopReason::none && looks && is_growing())
+                reason = StopReason::energy_growth;
+            if (thread == 0) {
+                _has_begun = true;
+                ++_steps_since_good;
             }
+            if (reason != StopReason::none)
+                return stop(reason, step + 1);
+            if (looks)
+                keep_good(share);
+            if (looks && thread == 0)
+                _steps_since_good = 0;
         }
     };
     std::vector<std::thread> others;
@@ -314,13 +254,8 @@ ExplicitOutcome ExplicitRun<Real>::advance(std::span<const double> amplitudes) {
     work(0);
     for (std::thread &other : others)
         other.join();
-    if (outcome.reason != StopReason::none) {
-        // Back by one increment: the state before the one that was found bad.
-        for (std::size_t i = 0; i < _displacement.size(); ++i)
-            _displacement[i] -= _increment[i];
-        for (Share &share : _shares)
-            std::fill(share.force.begin(), share.force.end(), Real(0));
-    }
+    if (outcome.reason != StopReason::none)
+        go_back(outcome.reason, outcome);
     return outcome;
 }
 

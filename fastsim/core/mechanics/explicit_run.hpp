@@ -9,6 +9,11 @@
 //  2. each thread adds the forces of its share of the batches into an array of its own
 //  3. each thread updates its share of the points, summing the arrays in the order of threads,
 //     so a run repeats bit for bit for a given number of threads and instruction set
+//  4. every 16th step the kinetic energy is held against what loads and supports have given; the
+//     state of the last good look is kept
+//
+// explicit_setup.cpp: what a run is made of; explicit_run.cpp: the steps; explicit_energy.cpp: 4,
+// and the sums for the balance of energy.
 
 #include "mechanics/step_kernel.hpp"
 #include "mechanics/tet4.hpp"
@@ -36,11 +41,23 @@ template <typename T> struct Aligned {
 
 template <typename T> using AlignedVector = std::vector<T, Aligned<T>>;
 
-enum class StopReason { none, inverted_cell, out_of_bounds };
+enum class StopReason { none, inverted_cell, out_of_bounds, energy_growth };
 
 struct ExplicitOutcome {
-    std::int64_t steps_done;
-    StopReason reason; // the state is then the last good one
+    std::int64_t
+        steps_done;     // good ones, in this call; -1 if the last state of the call before is bad
+    StopReason reason;  // the state is then the last good one
+    std::int64_t point; // that moved fastest when energy grew or bounds were left, else -1
+};
+
+/// The steps of one call. A history is a factor over time; loads and supports name theirs.
+struct ExplicitPlan {
+    std::span<const double> factors; // (num_steps + 2) rows, one factor for each history
+    std::size_t num_histories;
+    std::int64_t num_steps;
+    std::int64_t every;              // steps between records; > 0
+    std::span<double> displacements; // num_steps / every records of 3 num_points
+    std::span<double> energies;      // one record more, of kinetic energy, work, loss; if tracked
 };
 
 struct ExplicitSettings {
@@ -62,22 +79,26 @@ template <typename Real> class ExplicitRun {
                 std::span<const double> lumped_mass, std::span<const std::uint8_t> is_free,
                 const ExplicitSettings &settings);
 
-    void set_state(std::span<const double> displacement, std::span<const double> increment);
+    /// Starts the sums afresh. `energy` is what the state holds already [J], for the watch.
+    void set_state(std::span<const double> displacement, std::span<const double> increment,
+                   double energy);
     void get_state(std::span<double> displacement, std::span<double> increment) const;
-    /// Dead load F, scaled at each step by an amplitude.
-    void set_external_force(std::span<const double> force);
 
-    /// Follower pressures on facets (3 points each), scaled by the same amplitude; energy
-    /// tracking does not count their work.
-    void set_pressure(std::span<const Index> facets, std::span<const double> pressures);
+    /// Dead loads, one force array for each history.
+    void set_dead_loads(std::span<const double> forces, std::size_t num_histories);
 
-    /// Work of the dead load and loss by damping since the start [J], if tracked:
-    /// sum of s F . (d + d_next) / 2, and of dt damping m |(d + d_next) / (2 dt)|^2.
-    double external_work() const;
-    double damping_loss() const;
+    /// Follower pressures on facets (3 points each) with their histories.
+    void set_pressure(std::span<const Index> facets, std::span<const double> pressures,
+                      std::span<const Index> histories);
 
-    /// One step for each amplitude, or fewer if the run leaves its bounds.
-    ExplicitOutcome advance(std::span<const double> amplitudes);
+    /// Held components that move: factor times value; history -1 for all others.
+    void set_moving_supports(std::span<const double> values, std::span<const Index> histories);
+
+    /// Changes D = mass_damping M from here on.
+    void set_mass_damping(double mass_damping);
+
+    /// The steps of a plan, or fewer if the run leaves its bounds.
+    ExplicitOutcome advance(const ExplicitPlan &plan);
 
     /// R(a) as the kernel sees it, for comparison with the plain loop.
     void internal_force(std::span<double> force);
@@ -85,35 +106,80 @@ template <typename Real> class ExplicitRun {
     const char *instruction_set() const { return _kernel.name; }
 
   private:
+    struct MovingSupport {
+        std::size_t entry; // in the records
+        std::size_t history;
+        double value, mass;
+        double next = 0.0, pull = 0.0; // increment ahead [m], and what makes it so [N]
+    };
+
     struct Share { // of one thread
         std::size_t first_batch, last_batch;
         std::size_t first_touched, last_touched; // points its cells touch
         std::size_t first_owned, last_owned;     // points it updates
         AlignedVector<Real> force;
-        double work = 0.0, loss = 0.0;
+        std::vector<MovingSupport> moving;
+        // Sums for the balance of energy, halfway through a step and after it.
+        double work = 0.0, loss = 0.0, work_halfway = 0.0, loss_halfway = 0.0;
+        double kinetic = 0.0;
+        // For the watch.
+        double given = 0.0, support_work = 0.0, pressure_work = 0.0;
+        double watched_kinetic = 0.0, fastest = -1.0;
+        std::size_t fastest_point = 0;
     };
 
+    /// What a thread needs to know of the step it is in.
+    struct Step {
+        std::span<const double> now, next; // factors
+        bool is_new_load;                  // a factor differs from the last step's
+    };
+
+    void set_mobility();
     void lay_out_cells(std::span<const double> points, std::span<const Index> cells);
     void share_out();
     ForceJob<Real> job_of(Share &share) const;
-    bool update(std::size_t thread, Real amplitude);
-    void track(std::size_t thread, Real amplitude);
-    void add_pressure(Real amplitude);
+    void add_pressure(std::span<const double> factors);
+    void gather_forces(Share &share, const Step &step);
+    bool update(Share &share);
+    void pull_supports(Share &share, const Step &step);
+    void move_supports(Share &share, const Step &step);
+    void combine_dead_loads(Share &share, std::span<const double> factors);
+    void record(const Share &share, std::span<double> displacement) const;
+
+    void track(Share &share, bool completes_half, bool begins_half);
+    void sum_energies(std::span<double> row) const;
+    void close_window(Share &share);
+    void watch(Share &share);
+    bool is_growing() const;
+    void keep_good(const Share &share);
+    std::int64_t fastest_point() const;
+    void go_back(StopReason reason, ExplicitOutcome &outcome);
 
     ExplicitSettings _settings;
     KernelChoice<Real> _kernel;
     std::size_t _num_points;
-    std::vector<std::size_t> _record_of;                                 // new number of each point
+    std::vector<std::size_t> _record_of, _point_of; // new number of each point, and back
+    std::vector<double> _mass;                      // by record
+    std::vector<std::uint8_t> _is_free;             // by entry
     AlignedVector<Real> _displacement, _increment, _external, _mobility; // records of 4
     AlignedVector<std::int32_t> _records;
     AlignedVector<Real> _rest;
-    std::vector<double> _mass; // by record
+    std::vector<std::vector<double>> _dead_loads; // by history, records of 4
     AlignedVector<Real> _points;
     std::vector<std::size_t> _pressed; // first entry of the records of each facet's corners
-    std::vector<Real> _pressures;
+    std::vector<double> _pressures;
+    std::vector<Index> _pressure_histories;
+    AlignedVector<Real> _pressure_force;       // records of 4; empty without pressure
+    std::vector<std::size_t> _pressed_entries; // those of it that can differ from zero
     std::size_t _num_batches = 0;
     std::vector<Share> _shares;
     Real _keep, _limit;
+
+    // State at the last good look, and at the last time the work of the loads was added up.
+    AlignedVector<Real> _good_displacement, _good_increment, _worked_displacement;
+    std::int64_t _steps_since_good = 0;
+    double _energy_at_start = 0.0;
+    bool _has_begun = false;
 };
 
 } // namespace fastsim

@@ -1,0 +1,89 @@
+"""Loads and supports that change in time: a factor over time for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+
+Amplitude: TypeAlias = Callable[[float], float]
+Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
+
+
+def smooth_ramp(duration: float) -> Amplitude:
+    """A factor that rises from 0 to 1 over `duration` [s] without a jump of its first two rates.
+
+    10 s^3 - 15 s^4 + 6 s^5 with s = t / duration: what is pushed this way hardly rings.
+
+    Raises:
+        InputError: A duration that is not above 0.
+    """
+    if not duration > 0.0:
+        raise InputError(f"duration = {duration:g} s: a ramp needs a value above 0")
+
+    def factor(time: float) -> float:
+        s = min(max(time / duration, 0.0), 1.0)
+        return s * s * s * (10.0 + s * (6.0 * s - 15.0))
+
+    return factor
+
+
+class Histories:
+    """The different amplitudes of a problem, each once; history 0 is 1 at all times.
+
+    Args:
+        problem: Its loads and supports are counted.
+        loads: One amplitude for all loads, or one for each (None is 1).
+        supports: The same for the supports' displacements.
+
+    Attributes:
+        of_load: History of each load.
+        of_support: History of each support.
+
+    Raises:
+        InputError: A sequence of another length.
+    """
+
+    def __init__(self, problem: Problem, loads: Amplitudes, supports: Amplitudes) -> None:
+        self._functions: list[Amplitude] = []
+        self.of_load = self._number(loads, len(problem.loads), "loads")
+        self.of_support = self._number(supports, len(problem.supports), "supports")
+
+    def __len__(self) -> int:
+        return 1 + len(self._functions)
+
+    def at(self, times: Sequence[float] | Points) -> Points:
+        """Factors [-], shape (num_times, num_histories).
+
+        Raises:
+            InputError: An amplitude that is not finite at one of the times.
+        """
+        factors = np.ones((len(times), len(self)))
+        for column, function in enumerate(self._functions, start=1):
+            factors[:, column] = [function(float(t)) for t in times]
+        if not np.isfinite(factors).all():
+            row, column = np.argwhere(~np.isfinite(factors))[0]
+            raise InputError(
+                f"the amplitude at t = {times[row]:g} s is {factors[row, column]}; "
+                "it must be finite"
+            )
+        return factors
+
+    def _number(self, given: Amplitudes, count: int, what: str) -> tuple[int, ...]:
+        if given is None or callable(given):
+            given = [given] * count
+        if len(given) != count:
+            raise InputError(
+                f"{len(given)} amplitudes for {count} {what}; give one for each, or one for all"
+            )
+        return tuple(0 if function is None else self._place_of(function) for function in given)
+
+    def _place_of(self, function: Amplitude) -> int:
+        if function not in self._functions:
+            self._functions.append(function)
+        return 1 + self._functions.index(function)
