@@ -10,6 +10,7 @@ import pytest
 from palpate.meshes.problem import Strain
 from palpate.validation.benchmarks import children, static, steps
 from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case import load_case
 
 RIVALS = children.FOLDER
 
@@ -74,10 +75,55 @@ def test_a_rival_that_is_not_installed_is_no_failure(tmp_path, monkeypatch):
     assert lines == ["unfit.py left out: 3 is too large"]
 
 
+@pytest.fixture
+def short_beam(monkeypatch):
+    monkeypatch.setattr(static, "BEAMS", {567: (20, 2, 2)})
+    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
+
+
+@pytest.mark.usefixtures("short_beam")
+def test_static_rows_are_whole(monkeypatch):
+    monkeypatch.setattr(static, "_FILES", ())
+    lines = []
+    rows = static.bench_static(sizes=(567,), progress=lines.append)
+    assert [(r["tool"], r["strain"], r["size"]) for r in rows] == [
+        ("palpate", "linear", 567),
+        ("palpate", "green", 567),
+    ]
+    assert len(lines) == 2
+    assert rows[1]["times_linear"] == rows[1]["seconds"] / rows[0]["seconds"]
+    assert all(r["tip_displacement"] < -1e-3 and r["peak_memory_mb"] > 1.0 for r in rows)
+
+
 @pytest.mark.dolfinx
+@pytest.mark.usefixtures("short_beam")
 def test_static_rows_agree_on_the_tip_to_six_digits(monkeypatch):
-    monkeypatch.setattr(static, "DIVISIONS", {567: (20, 2, 2)})
+    monkeypatch.setattr(static, "_FILES", ("static_dolfinx.py",))
     rows = static.bench_static(sizes=(567,))
     for strain in Strain:
         ours, theirs = (r["tip_displacement"] for r in rows if r["strain"] == strain.value)
         assert ours == pytest.approx(theirs, rel=1e-6)
+
+
+def test_the_kidney_of_the_static_benchmark_has_the_size_it_is_called_by():
+    assert 3 * load_case("kidney").problem.mesh.num_points == static.KIDNEY
+
+
+def test_a_rival_that_fails_while_timed_leaves_and_is_named(tmp_path, monkeypatch):
+    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
+    monkeypatch.setattr(children, "FOLDER", tmp_path)
+    (tmp_path / "child.py").write_text((RIVALS / "child.py").read_text("utf-8"), "utf-8")
+    (tmp_path / "brittle.py").write_text(
+        "class Brittle:\n"
+        "    tool, version, precision, force = 'brittle', '1', 'float64', None\n"
+        "    def advance(self, num_steps):\n"
+        "        if num_steps > 1:\n"
+        "            raise OverflowError('too many')\n"
+        "def prepare(body):\n    return Brittle()\n",
+        "utf-8",
+    )
+    lines = []
+    with children.started([("brittle.py", {})], lines.append) as found:
+        children.take_turns(found, 2, lambda _child, turn: turn + 1, lines.append)
+        assert found == []
+    assert lines == ["brittle failed: OverflowError: too many"]

@@ -118,6 +118,7 @@ def started(
     """
     tell = progress or _say_nothing
     children: list[TimedChild] = []
+    begun: list[TimedChild] = []
     try:
         for file, body in files:
             seen = set()
@@ -137,12 +138,41 @@ def started(
                     continue
                 seen.add(version)
                 children.append(child)
+                begun.append(child)
                 if file not in every_version:
                     break
         yield children
     finally:
-        for child in children:
+        for child in begun:
             child.close()
+
+
+def take_turns(
+    children: list[TimedChild],
+    num_turns: int,
+    count: Callable[[TimedChild, int], int],
+    progress: Callable[[str], None] | None,
+) -> None:
+    """Time every child in each turn; a rival that fails leaves the list, and that is told.
+
+    Args:
+        children: What to time; rivals that fail are taken out.
+        num_turns: How often.
+        count: Steps for a child in a turn, 0 to let it rest.
+        progress: Told of failures.
+    """
+    for turn in range(num_turns):
+        for child in tuple(children):
+            try:
+                if steps := count(child, turn):
+                    child.time(steps)
+            except ChildFailedError as error:
+                if child.is_ours:
+                    raise
+                children.remove(child)
+                (progress or _say_nothing)(
+                    f"{child.about['tool']} failed: {str(error).splitlines()[-1]}"
+                )
 
 
 def is_ours(file: str) -> bool:

@@ -1,30 +1,41 @@
-"""`palpate bench static`: a clamped beam bent by its weight, ours beside dolfinx."""
+"""`palpate bench static`: equilibria of a beam and of the kidney, ours beside other solvers."""
 
 from __future__ import annotations
 
-import resource
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from palpate.fastsim import _core
-from palpate.fastsim.statics import solve_static
+from palpate.fastsim.forces import external_force
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.reference.availability import is_available, versions
 from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.benchmarks.children import TimedChild, started, take_turns
+from palpate.validation.case import load_case
 
-DIVISIONS = {22_143: (60, 10, 10), 115_881: (106, 18, 18)}
+# Degrees of freedom -> bricks of the beam.
+BEAMS = {22_143: (60, 10, 10), 115_881: (106, 18, 18)}
+KIDNEY = 3_246  # the kidney of Table I
+SIZES = (*BEAMS, KIDNEY)
 TOLERANCE = 1e-8
+LONG = 5.0  # [s]; longer solves are timed twice, others four times
+
+# Tool -> how to install it. PALPATE_BENCH_PYTHON may name the interpreter that has it.
+RIVALS = {
+    "dolfinx": "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
+    "calculix": "apt-get install calculix-ccx",
+    "felupe": "pip install felupe pypardiso",
+}
+_FILES: tuple[str, ...] = ("static_dolfinx.py", "static_calculix.py", "static_felupe.py")
+_EVERY_VERSION = ("static_dolfinx.py",)
 
 Row = dict[str, Any]
 
 
 def beam_problem(size: int) -> Problem:
     """The beam of `bench static`: 1 x 0.1 x 0.1 m, bent by about 4 % of its length."""
-    mesh = brick_box(DIVISIONS[size], (1.0, 0.1, 0.1))
+    mesh = brick_box(BEAMS[size], (1.0, 0.1, 0.1))
     held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
     return Problem(
         mesh, Material(1e6, 0.3, 1000.0), (Support(held),), (BodyForce((0.0, 0.0, -300.0)),)
@@ -33,66 +44,100 @@ def beam_problem(size: int) -> Problem:
 
 def bench_static(
     *,
-    sizes: Sequence[int] = tuple(DIVISIONS),
+    sizes: Sequence[int] = SIZES,
     progress: Callable[[str], None] | None = None,
 ) -> list[Row]:
     """Time whole static solves to a relative residual of 1e-8, assembly included.
 
+    Each tool runs in a process of its own, on one thread; the tools take turns and the best of
+    each counts. dolfinx has its mesh and compiled forms before the clock starts, ours only the
+    arrays; CalculiX reads its input file; FElupe factors directly.
+
     Args:
-        sizes: Degrees of freedom, keys of `DIVISIONS`.
+        sizes: Degrees of freedom, of `SIZES`.
         progress: Called with one line per row.
 
     Returns:
-        Rows with tool, strain, size, seconds, tip_displacement [m] and, for our own, iterations
-        and peak_memory_mb of this process. dolfinx runs in a child process, and its seconds
-        include the start of that process (about 1.5 s): compare at the larger size.
+        Rows with tool, body, strain, size, seconds of the processor, wall_seconds,
+        tip_displacement [m] (z, of the same point in every tool), peak_memory_mb of the process,
+        solver, iterations, and times_linear: seconds with Green strain over those with linear.
     """
     rows: list[Row] = []
     for size in sizes:
-        problem = beam_problem(size)
+        problem = load_case("kidney").problem if size == KIDNEY else beam_problem(size)
         for strain in (Strain.LINEAR, Strain.GREEN):
-            start = time.perf_counter()
-            result = solve_static(problem, strain=strain, relative_tolerance=TOLERANCE)
-            seconds = time.perf_counter() - start
-            row = _row("palpate", _core.__version__, size, strain, seconds)
-            row |= {
-                "tip_displacement": float(result.displacement[:, 2].min()),
-                "iterations": result.iterations,
-                "linear_iterations": result.linear_iterations,
-                "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-            }
-            rows.append(row)
-            if is_available():
-                rows.append(_time_dolfinx(problem, size, strain))
-            if progress:
-                for new in rows[-2:]:
-                    progress(
-                        f"{new['tool']:8} {size} dof {strain.value:7} {new['seconds']:8.2f} s  "
-                        f"tip {new['tip_displacement']:.9g} m"
-                    )
+            with started(
+                [(file, _body(problem, strain)) for file in ("palpate_static.py", *_FILES)],
+                progress,
+                _EVERY_VERSION,
+            ) as children:
+                take_turns(children, 4, _count_solves, progress)
+                found = [_row(child, problem, strain) for child in children]
+            for row in found:
+                row["body"] = "kidney" if size == KIDNEY else "beam"
+                if progress:
+                    progress(_line(row))
+            rows += found
+    _compare_strains(rows)
     return rows
 
 
-def _row(tool: str, version: str, size: int, strain: Strain, seconds: float) -> Row:
+def _body(problem: Problem, strain: Strain) -> dict[str, Any]:
+    """What every tool is given, as plain arrays."""
+    load = external_force(problem)
+    held = np.unique(np.concatenate([s.points for s in problem.supports]))
+    # The farthest loaded point along x, then z: moved much, and the same one for all.
+    x, _, z = problem.mesh.points.T
     return {
-        "tool": tool,
-        "version": version,
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+        "held": held.astype(np.int32),
+        "external_force": load,
+        "youngs_modulus": problem.material.youngs_modulus,
+        "poissons_ratio": problem.material.poissons_ratio,
+        "strain": strain.value,
+        "relative_tolerance": TOLERANCE,
+        "tip": int(np.lexsort((z, x))[-1]),
+    }
+
+
+def _count_solves(child: TimedChild, turn: int) -> int:
+    return 1 if turn < 2 or child.best("wall") < LONG else 0
+
+
+def _row(child: TimedChild, problem: Problem, strain: Strain) -> Row:
+    seconds, last = child.best("processor"), child.answers[-1]
+    size = 3 * problem.mesh.num_points
+    return {
+        "tool": child.about["tool"],
+        "version": child.about["version"],
         "size": size,
         "threads": 1,
-        "precision": "float64",
+        "precision": child.about["precision"],
         "strain": strain.value,
         "seconds": seconds,
         "rate": size / seconds,
         "rate_unit": "degrees of freedom per second",
+        "wall_seconds": child.best("wall"),
+        "tip_displacement": last["tip_displacement"],
+        "peak_memory_mb": last["peak_memory_mb"],
+        "iterations": last["iterations"],
+        "linear_iterations": last.get("linear_iterations"),
+        "solver": last["solver"],
     }
 
 
-def _time_dolfinx(problem: Problem, size: int, strain: Strain) -> Row:
-    from palpate.reference.child import solve_static_in_child
+def _compare_strains(rows: Sequence[Row]) -> None:
+    """Green strain's seconds over linear strain's, in the row of Green strain."""
+    linear = {(r["tool"], r["version"], r["size"]): r for r in rows if r["strain"] == "linear"}
+    for row in rows:
+        if row["strain"] == "green":
+            partner = linear[row["tool"], row["version"], row["size"]]
+            row["times_linear"] = row["seconds"] / partner["seconds"]
 
-    start = time.perf_counter()
-    result = solve_static_in_child(problem, strain=strain, relative_tolerance=TOLERANCE)
-    seconds = time.perf_counter() - start
-    row = _row("dolfinx", versions().get("dolfinx", ""), size, strain, seconds)
-    row["tip_displacement"] = float(result.displacement[:, 2].min())
-    return row
+
+def _line(row: Row) -> str:
+    return (
+        f"{row['tool']:8} {row['size']} dof {row['strain']:7} {row['seconds']:8.2f} s  "
+        f"{row['peak_memory_mb']:6.0f} MB  tip {row['tip_displacement']:.9g} m"
+    )

@@ -16,7 +16,7 @@ from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
-from palpate.validation.benchmarks.children import TimedChild, started
+from palpate.validation.benchmarks.children import TimedChild, started, take_turns
 
 KIDNEY = 20_000
 _box = partial(brick_box, size=(4.0, 1.0, 1.0), ragged=0.15)
@@ -135,12 +135,10 @@ def _time_all(
     plain = assemble_internal_force(mesh, body["test_displacement"], material=TISSUE)
     rows = []
     with started(files, progress, _EVERY_VERSION) as children:
-        counts = [steps if c.is_ours else _count_steps(c) for c in children]
-        for _ in range(TIMINGS):
-            for child, count in zip(children, counts, strict=True):
-                child.time(count)
-        for child, count in zip(children, counts, strict=True):
-            rows.append(_row(child, mesh, count))
+        counts = {id(c): steps if c.is_ours else _count_steps(c) for c in children}
+        take_turns(children, TIMINGS, lambda child, _turn: counts[id(child)], progress)
+        for child in children:
+            rows.append(_row(child, mesh, counts[id(child)]))
             if child.force is not None:
                 known = np.isfinite(child.force)
                 error = np.abs(child.force - plain)[known].max() / np.abs(plain).max()
