@@ -19,7 +19,7 @@ from palpate.fastsim.forces import (
 )
 from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import Load, Pressure, Support
+from palpate.meshes.boundary_conditions import Pressure, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 
@@ -208,13 +208,15 @@ class ExplicitBody:
         # Pressure follows the body only where the strain measure knows finite rotations.
         follows = self._strain is Strain.GREEN
         problem, histories = self.problem, self._histories
+        external_force(problem)  # names a load that is not finite by its number
         self._dead = np.zeros((len(histories), *problem.mesh.points.shape))
         self._pressures: list[tuple[Pressure, int]] = []
         for load, history in zip(problem.loads, histories.of_load, strict=True):
             if follows and isinstance(load, Pressure):
                 self._pressures.append((load, history))
             else:
-                self._dead[history] += external_force(_loaded(problem, load))
+                alone = Problem(problem.mesh, problem.material, (), (load,))
+                self._dead[history] += external_force(alone)
         self._run.set_dead_loads(self._dead)
         if self._pressures:
             counts = [len(p.facets) for p, _ in self._pressures]
@@ -246,10 +248,6 @@ class ExplicitBody:
             time_step=self.dt,
             critical_time_step=critical,
         )
-
-
-def _loaded(problem: Problem, load: Load) -> Problem:
-    return Problem(problem.mesh, problem.material, (), (load,))
 
 
 def _moving_constraints(

@@ -84,10 +84,13 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
     Args:
         problem: Mesh and loads.
         displacement: Where the pressure acts [m]; None is the rest state.
+
+    Raises:
+        InputError: A load that is not finite.
     """
     mesh = problem.mesh
     force = np.zeros_like(mesh.points)
-    for load in problem.loads:
+    for number, load in enumerate(problem.loads, start=1):
         match load:
             case Traction():
                 share = _area_vectors(mesh.points, load.facets)
@@ -107,6 +110,8 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
                 corner = share * np.asarray(load.force_density)
                 for k in range(4):
                     np.add.at(force, mesh.cells[:, k], corner)
+        if not np.isfinite(force).all():
+            raise InputError(f"load {number} ({type(load).__name__}) is NaN or infinite")
     return force
 
 
@@ -127,12 +132,14 @@ def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[
     """
     is_free = np.ones((problem.mesh.num_points, 3), dtype=np.uint8)
     held = np.zeros((problem.mesh.num_points, 3))
-    for support in problem.supports:
+    for number, support in enumerate(problem.supports, start=1):
         points = np.union1d(support.points, support.facets)
         for axis in range(3):
             if not support.components[axis]:
                 continue
             value = support.displacement[axis]
+            if not np.isfinite(value):
+                raise InputError(f"support {number}: its displacement is NaN or infinite")
             clash = points[(is_free[points, axis] == 0) & (held[points, axis] != value)]
             if clash.size:
                 raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -75,5 +76,28 @@ def test_trajectory_is_that_of_the_explicit_twin(
     theirs = simulate_explicit(problem, strain=strain)
     largest = np.abs(theirs.displacements[1:]).max(axis=(1, 2))
     assert largest.min() > 0.01
+    error = np.abs(ours.displacements - theirs.displacements)[1:].max(axis=(1, 2))
+    assert (error / largest).max() < 1e-10
+
+
+@BOTH
+def test_moving_supports_and_loads_over_time_are_those_of_the_explicit_twin(
+    make_box: MakeBox, strain: Strain
+) -> None:
+    from palpate.reference.explicit import simulate_explicit
+
+    mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
+    problem = shaken(mesh, TimeSpan(5.0, 5e-3, mass_damping=1.0, num_outputs=10), follower=True)
+    tip = np.flatnonzero(mesh.points[:, 0] > 2.0 - 1e-9).astype(np.int32)
+    moved = Support(tip, components=(True, False, True), displacement=(0.05, 0.0, 0.1))
+    problem = dataclasses.replace(problem, supports=(*problem.supports, moved))
+    over_time = {
+        "amplitude": [None, lambda t: np.sin(2.0 * t), None, lambda t: 1.0 - np.exp(-t)],
+        "support_amplitude": [None, lambda t: np.sin(3.0 * t)],
+    }
+    ours = simulate(problem, strain=strain, **over_time)
+    theirs = simulate_explicit(problem, strain=strain, **over_time)
+    largest = np.abs(theirs.displacements[1:]).max(axis=(1, 2))
+    assert largest.min() > 0.005
     error = np.abs(ours.displacements - theirs.displacements)[1:].max(axis=(1, 2))
     assert (error / largest).max() < 1e-10

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.fastsim import _core
 from palpate.fastsim.dynamics import Precision, simulate
-from palpate.fastsim.errors import BlowUpError, UnstableStepError
+from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.forces import (
     STRAIN_MEASURE,
     assemble_internal_force,
@@ -20,7 +20,7 @@ from palpate.fastsim.forces import (
 )
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.time_steps import critical_time_step, sharp_critical_time_step
-from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
+from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
@@ -187,36 +187,6 @@ def test_damped_motion_comes_to_rest_at_the_static_solution(make_box: MakeBox) -
         assert np.linalg.norm(moved - static) < limit * np.linalg.norm(static)
 
 
-@pytest.mark.parametrize("damping", [0.0, 2.0])
-def test_energy_is_balanced_for_a_ramped_load(make_box: MakeBox, damping: float) -> None:
-    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
-    step = 0.5 * critical_time_step(mesh, SOFT)
-    span = TimeSpan(10_000 * step, time_step=step, mass_damping=damping, num_outputs=20)
-    end = span.end_time
-    result = simulate(
-        beam(mesh, span, weight=500.0),
-        amplitude=lambda t: 0.5 - 0.5 * np.cos(np.pi * min(1.0, 2.0 * t / end)),
-        tracks_energy=True,
-    )
-    assert result.energies is not None
-    total = np.abs(result.energies.external_work).max()
-    assert total > 0.1
-    assert np.abs(result.energies.balance).max() < 1e-5 * total
-
-
-def test_energy_is_balanced_for_a_sudden_load(make_box: MakeBox) -> None:
-    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
-    step = 0.5 * critical_time_step(mesh, SOFT)
-    span = TimeSpan(10_000 * step, time_step=step, num_outputs=50)
-    result = simulate(beam(mesh, span, weight=100.0), tracks_energy=True)
-    assert result.energies is not None
-    total = np.abs(result.energies.external_work).max()
-    assert np.abs(result.energies.balance).max() < 3e-3 * total
-    # The balance sees a wrong force: 2 % less strain energy breaks it.
-    wrong = result.energies.balance - 0.02 * result.energies.strain
-    assert np.abs(wrong).max() > 3e-3 * total
-
-
 def test_a_free_body_keeps_its_momentum(ragged_box: TetMesh) -> None:
     mass = lumped_mass(ragged_box, 1000.0)[:, None]
     velocity = np.random.default_rng(3).standard_normal(ragged_box.points.shape) * 0.2
@@ -240,12 +210,12 @@ def test_mass_damping_slows_a_rigid_motion_exponentially(ragged_box: TetMesh) ->
     np.testing.assert_allclose(result.velocity, velocity * np.exp(-2.0), rtol=1e-5)
 
 
-def test_confined_wave_keeps_its_period(make_box: MakeBox) -> None:
-    """P-wave of TARGETS.md: u = A sin(pi x / 2L) at rest comes back after 4 L / c."""
+def confined_wave_error(mesh: TetMesh, courant: float = 0.8) -> float:
+    """u = A sin(pi x / 2L) from rest, sides confined; largest relative L2 error in a period."""
     material = Material(1.0, 0.3, 1.0)
-    mesh = make_box((40, 2, 2), (1.0, 0.1, 0.1))
+    width = mesh.points[:, 1].max()
     sides = [
-        np.flatnonzero((mesh.points[:, k] < 1e-9) | (mesh.points[:, k] > 0.1 - 1e-9))
+        np.flatnonzero((mesh.points[:, k] < 1e-9) | (mesh.points[:, k] > width - 1e-9))
         for k in (1, 2)
     ]
     supports = (
@@ -254,15 +224,31 @@ def test_confined_wave_keeps_its_period(make_box: MakeBox) -> None:
         Support(sides[1].astype(np.int32), components=(False, False, True)),
     )
     speed = 1.16023870  # sqrt((lmbda + 2 mu) / rho)
-    span = TimeSpan(4.0 / speed, num_outputs=16)
+    step = courant * sharp_critical_time_step(mesh, material)
+    span = TimeSpan(4.0 / speed, step, num_outputs=32)
     start = np.zeros_like(mesh.points)
     start[:, 0] = 1e-3 * np.sin(0.5 * np.pi * mesh.points[:, 0])
     result = simulate(
         Problem(mesh, material, supports, (), span), strain=Strain.LINEAR, displacement=start
     )
     exact = start * np.cos(0.5 * np.pi * speed * result.times)[:, None, None]
-    errors = np.sqrt(((result.displacements - exact) ** 2).sum(axis=(1, 2)))
-    assert errors.max() < 1e-3 * np.linalg.norm(start)
+    mass = lumped_mass(mesh, 1.0)[:, None]
+    errors = np.sqrt((mass * (result.displacements - exact) ** 2).sum(axis=(1, 2)))
+    return float(errors.max() / np.sqrt((mass * start**2).sum()))
+
+
+def test_confined_wave_keeps_its_period_to_second_order(make_box: MakeBox) -> None:
+    """P-wave of TARGETS.md. 40 x 4 x 4 cubes, each cut in six: below 1e-3; order 2 in size."""
+    sizes = np.array([1 / 20, 1 / 40, 1 / 80])
+    errors = [
+        confined_wave_error(
+            make_box((round(1 / h), round(0.1 / h), round(0.1 / h)), (1.0, 0.1, 0.1))
+        )
+        for h in sizes
+    ]
+    assert errors[1] <= 1e-3
+    slope = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.1)
 
 
 def test_pressure_agrees_with_the_static_solution_after_damping(make_box: MakeBox) -> None:
@@ -278,68 +264,6 @@ def test_pressure_agrees_with_the_static_solution_after_damping(make_box: MakeBo
     assert np.linalg.norm(moved - static) < 1e-8 * np.linalg.norm(static)
 
 
-def test_a_crushing_load_stops_the_run_with_the_last_good_state(ragged_box: TetMesh) -> None:
-    corners = ragged_box.points[ragged_box.boundary_facets]
-    end = ragged_box.boundary_facets[(corners[:, :, 0] > 1.6 - 1e-9).all(axis=1)]
-    held = np.flatnonzero(ragged_box.points[:, 0] < 1e-9).astype(np.int32)
-    push = Traction(end, (-2e4, 0.0, 0.0))
-    problem = Problem(ragged_box, SOFT, (Support(held),), (push,), TimeSpan(10.0))
-    with pytest.raises(BlowUpError, match="inverted") as caught:
-        simulate(problem)
-    error = caught.value
-    assert np.isfinite(error.displacement).all()
-    assert error.step > 0
-    assert 0.0 < error.smallest_det_f < 0.9
-    assert error.time == pytest.approx(
-        error.step * 0.8 * sharp_critical_time_step(ragged_box, SOFT), rel=0.1
-    )
-
-
-@pytest.mark.parametrize("precision", list(Precision))
-@pytest.mark.parametrize("num_threads", [1, 2])
-def test_an_exploding_load_never_returns_a_number_that_is_not_finite(
-    ragged_box: TetMesh, precision: Precision, num_threads: int
-) -> None:
-    problem = beam(ragged_box, TimeSpan(10.0, num_outputs=5), weight=1e30)
-    with pytest.raises(BlowUpError) as caught:
-        simulate(problem, strain=Strain.LINEAR, precision=precision, num_threads=num_threads)
-    assert np.isfinite(caught.value.displacement).all()
-
-
-def test_a_body_that_stiffens_beyond_its_step_is_stopped(ragged_box: TetMesh) -> None:
-    """A step just stable at rest is too long for a body stretched to twice its length."""
-    corners = ragged_box.points[ragged_box.boundary_facets]
-    end = ragged_box.boundary_facets[(corners[:, :, 0] > 1.6 - 1e-9).all(axis=1)]
-    held = np.flatnonzero(ragged_box.points[:, 0] < 1e-9).astype(np.int32)
-    pull = Traction(end, (3e4, 0.0, 0.0))
-    step = 0.99 * sharp_critical_time_step(ragged_box, SOFT)
-    span = TimeSpan(20.0, time_step=step, mass_damping=1.0, num_outputs=100)
-    with pytest.raises(BlowUpError) as caught:
-        simulate(Problem(ragged_box, SOFT, (Support(held),), (pull,), span))
-    assert np.isfinite(caught.value.displacement).all()
-    assert caught.value.step > 0
-
-
-def test_energy_from_nothing_stops_a_linear_run_that_a_wrong_step_lets_grow(
-    make_box: MakeBox, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from palpate.fastsim import dynamics
-
-    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0))
-    sharp = sharp_critical_time_step(mesh, SOFT)
-    monkeypatch.setattr(dynamics, "sharp_critical_time_step", lambda *_, **__: 10.0)
-    span = TimeSpan(420 * sharp, time_step=1.05 * sharp, num_outputs=40)
-    with pytest.raises(BlowUpError, match="energy grew") as caught:
-        simulate(beam(mesh, span, weight=20.0), strain=Strain.LINEAR)
-    assert np.abs(caught.value.displacement).max() < 2.0
-
-
 def test_no_time_span_is_refused(ragged_box: TetMesh) -> None:
     with pytest.raises(InputError, match="time span"):
         simulate(Problem(ragged_box, SOFT, (), ()))
-
-
-def test_an_amplitude_that_is_not_finite_is_refused(ragged_box: TetMesh) -> None:
-    problem = beam(ragged_box, TimeSpan(0.1))
-    with pytest.raises(InputError, match="amplitude at t"):
-        simulate(problem, amplitude=lambda t: float("nan"))  # noqa: ARG005

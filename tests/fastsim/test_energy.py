@@ -1,0 +1,128 @@
+"""Energy over 10 000 steps at half the critical step; strain energy from psi(F), not from work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.fastsim import _core, explicit_body
+from palpate.fastsim.amplitudes import smooth_ramp
+from palpate.fastsim.dynamics import DynamicResult, simulate
+from palpate.fastsim.time_steps import sharp_critical_time_step
+from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
+
+MakeBox = Callable[..., TetMesh]
+SOFT = Material(1e4, 0.3, 1000.0)
+RAMPED, SUDDEN = 1e-5, 3e-3
+
+
+def block(make_box: MakeBox) -> TetMesh:
+    return make_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.1)
+
+
+def points_at(mesh: TetMesh, x: float) -> np.ndarray:
+    return np.flatnonzero(np.abs(mesh.points[:, 0] - x) < 1e-9).astype(np.int32)
+
+
+def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
+    corners = mesh.points[mesh.boundary_facets]
+    return mesh.boundary_facets[(np.abs(corners[:, :, axis] - value) < 1e-9).all(axis=1)]
+
+
+def run(
+    mesh: TetMesh,
+    load: Load | None,
+    damping: float = 0.0,
+    *,
+    moved: tuple[float, float, float] | None = None,
+    ramped: bool = True,
+    strain: Strain = Strain.GREEN,
+) -> DynamicResult:
+    """10 000 steps; the ramp takes the first half of them."""
+    step = 0.5 * sharp_critical_time_step(mesh, SOFT)
+    span = TimeSpan(10_000 * step, step, damping, 50)
+    supports = [Support(points_at(mesh, 0.0))]
+    if moved:
+        supports.append(Support(points_at(mesh, 2.0), displacement=moved))
+    ramp = smooth_ramp(0.5 * span.end_time) if ramped else None
+    problem = Problem(mesh, SOFT, tuple(supports), (load,) if load else (), span)
+    result = simulate(
+        problem, strain=strain, amplitude=ramp, support_amplitude=ramp, tracks_energy=True
+    )
+    assert result.num_steps == 10_000
+    return result
+
+
+def imbalance(result: DynamicResult) -> float:
+    """Largest change of the balance over the largest work."""
+    assert result.energies is not None
+    total = np.abs(result.energies.external_work).max()
+    assert total > 1.0
+    assert result.energies.strain.max() > 0.3 * total
+    return float(np.abs(result.energies.balance - result.energies.balance[0]).max() / total)
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+@pytest.mark.parametrize("kind", ["weight", "traction", "pressure"])
+def test_energy_is_balanced_for_a_ramped_load(
+    make_box: MakeBox, kind: str, damping: float, strain: Strain
+) -> None:
+    if (kind, strain) == ("pressure", Strain.LINEAR):
+        strain = Strain.GREEN  # under linear strain a pressure is a traction
+    mesh = block(make_box)
+    loads: dict[str, Load] = {
+        "weight": BodyForce((0.0, 60.0, -300.0)),
+        "traction": Traction(facets_at(mesh, 0, 2.0), (800.0, 0.0, -200.0)),
+        "pressure": Pressure(facets_at(mesh, 2, 1.0), 300.0),
+    }
+    assert imbalance(run(mesh, loads[kind], damping, strain=strain)) < RAMPED
+
+
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_energy_is_balanced_where_supports_are_moved(make_box: MakeBox, damping: float) -> None:
+    result = run(block(make_box), None, damping, moved=(0.2, 0.1, 0.0))
+    assert imbalance(result) < RAMPED
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("damping", [0.0, 2.0])
+def test_energy_is_balanced_for_a_sudden_load(
+    make_box: MakeBox, damping: float, strain: Strain
+) -> None:
+    load = BodyForce((0.0, 40.0, -200.0))
+    assert imbalance(run(block(make_box), load, damping, ramped=False, strain=strain)) < SUDDEN
+
+
+@pytest.mark.parametrize(("ramped", "limit"), [(True, RAMPED), (False, SUDDEN)])
+def test_a_wrong_force_breaks_the_balance(
+    make_box: MakeBox, monkeypatch: pytest.MonkeyPatch, ramped: bool, limit: float
+) -> None:
+    """The step is given a shear modulus 1 % too large; psi(F) is not."""
+
+    class Stiffer:
+        @staticmethod
+        def make(*given: Any) -> Any:
+            lmbda, mu = given[4:6]
+            return _core.ExplicitRun64.make(*given[:4], lmbda, 1.01 * mu, *given[6:])
+
+    names = {name: getattr(_core, name) for name in dir(_core) if not name.startswith("__")}
+    seeded = SimpleNamespace(**{**names, "ExplicitRun64": Stiffer})
+    monkeypatch.setattr(explicit_body, "_core", seeded)
+    result = run(block(make_box), BodyForce((0.0, 40.0, -200.0)), ramped=ramped)
+    assert imbalance(result) > limit
+
+
+def test_tracking_energy_changes_no_bit_of_the_trajectory(make_box: MakeBox) -> None:
+    mesh = block(make_box)
+    held = Support(points_at(mesh, 0.0))
+    pull = Traction(facets_at(mesh, 0, 2.0), (500.0, 0.0, -100.0))
+    problem = Problem(mesh, SOFT, (held,), (pull,), TimeSpan(3.0, num_outputs=5))
+    tracked, plain = (simulate(problem, tracks_energy=t).displacements for t in (True, False))
+    np.testing.assert_array_equal(tracked, plain)

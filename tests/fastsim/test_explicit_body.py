@@ -1,0 +1,216 @@
+"""Every way in which an explicit run can fail: it stops at that step and says what was seen."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.fastsim import dynamics
+from palpate.fastsim.amplitudes import Amplitude
+from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.errors import BlowUpError, UnstableStepError
+from palpate.fastsim.forces import det_f
+from palpate.fastsim.time_steps import sharp_critical_time_step
+from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
+
+MakeBox = Callable[..., TetMesh]
+SOFT = Material(1e4, 0.3, 1000.0)
+PRECISIONS = pytest.mark.parametrize("precision", list(Precision))
+THREADS = pytest.mark.parametrize("num_threads", [1, 2])
+
+
+def end_facets(mesh: TetMesh) -> np.ndarray:
+    corners = mesh.points[mesh.boundary_facets]
+    return mesh.boundary_facets[(corners[:, :, 0] > mesh.points[:, 0].max() - 1e-9).all(axis=1)]
+
+
+def held_block(mesh: TetMesh, span: TimeSpan, *loads: Load) -> Problem:
+    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    return Problem(mesh, SOFT, (Support(held),), loads, span)
+
+
+def crushed(mesh: TetMesh, num_outputs: int) -> Problem:
+    step = 0.5 * sharp_critical_time_step(mesh, SOFT)
+    span = TimeSpan(1200 * step, step, num_outputs=num_outputs)
+    return held_block(mesh, span, Traction(end_facets(mesh), (-2e4, 0.0, 0.0)))
+
+
+@pytest.fixture
+def no_check_of_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a wrong step through, to see that it is caught later."""
+    monkeypatch.setattr(dynamics, "sharp_critical_time_step", lambda *_, **__: 1e9)
+
+
+@PRECISIONS
+@THREADS
+@pytest.mark.parametrize("num_outputs", [1, 60])
+def test_an_inverted_cell_stops_the_run_at_that_step(
+    ragged_box: TetMesh, precision: Precision, num_threads: int, num_outputs: int
+) -> None:
+    problem = crushed(ragged_box, num_outputs)
+    with pytest.raises(BlowUpError, match="a cell inverted") as caught:
+        simulate(problem, precision=precision, num_threads=num_threads)
+    error = caught.value
+    assert problem.time is not None
+    step = problem.time.time_step
+    assert step is not None
+    assert error.step > 0
+    assert error.time == error.step * step
+    # The last good state is that of a run which ends there, and has no inverted cell.
+    for steps in (error.step, error.step + 1):
+        span = TimeSpan(steps * step, step, num_outputs=1)
+        shorter = dataclasses.replace(problem, time=span)
+        if steps > error.step:
+            # One step more and the cell named is inverted.
+            with pytest.raises(BlowUpError) as again:
+                simulate(shorter, precision=precision, num_threads=num_threads)
+            assert (again.value.step, again.value.cell) == (error.step, error.cell)
+            break
+        good = simulate(shorter, precision=precision, num_threads=num_threads)
+        scale = np.abs(good.displacements).max()
+        assert np.abs(error.displacement - good.displacements[-1]).max() < 1e-6 * scale
+    values = det_f(ragged_box, error.displacement)
+    assert values.min() == error.smallest_det_f > 0.0
+    corners = ragged_box.points[ragged_box.cells[error.cell]]
+    assert error.place == pytest.approx(corners.mean(axis=0))
+    assert "lower the load" in error.suggestion
+    assert f"step {error.step} " in str(error)
+    assert f"cell {error.cell}" in str(error)
+
+
+def test_a_body_inverted_from_the_start_does_no_step(ragged_box: TetMesh) -> None:
+    flat = -1.1 * ragged_box.points * np.array([1.0, 0.0, 0.0])
+    problem = dataclasses.replace(held_block(ragged_box, TimeSpan(0.1)), supports=())
+    with pytest.raises(BlowUpError, match="a cell inverted") as caught:
+        simulate(problem, displacement=flat)
+    assert caught.value.step == 0
+    np.testing.assert_array_equal(caught.value.displacement, flat)
+
+
+@PRECISIONS
+@THREADS
+@pytest.mark.parametrize("weight", [1e12, 1e30])
+def test_a_run_beyond_all_bounds_returns_nothing_that_is_not_finite(
+    ragged_box: TetMesh, precision: Precision, num_threads: int, weight: float
+) -> None:
+    problem = held_block(ragged_box, TimeSpan(10.0, num_outputs=5), BodyForce((0.0, 0.0, -weight)))
+    with pytest.raises(BlowUpError, match="left all bounds") as caught:
+        simulate(problem, strain=Strain.LINEAR, precision=precision, num_threads=num_threads)
+    assert np.isfinite(caught.value.displacement).all()
+    assert np.isfinite(caught.value.time)
+
+
+@pytest.mark.usefixtures("no_check_of_the_step")
+@PRECISIONS
+@THREADS
+@pytest.mark.parametrize("num_outputs", [1, 40])
+def test_energy_from_nothing_stops_a_run_with_too_long_a_step(
+    make_box: MakeBox, precision: Precision, num_threads: int, num_outputs: int
+) -> None:
+    """Linear strain, so that no cell counts as inverted; 5 % above the critical step."""
+    mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0))
+    sharp = sharp_critical_time_step(mesh, SOFT)
+    span = TimeSpan(40_000 * sharp, 1.05 * sharp, num_outputs=num_outputs)
+    problem = held_block(mesh, span, BodyForce((0.0, 0.0, -20.0)))
+    with pytest.raises(BlowUpError, match="energy grew") as caught:
+        simulate(problem, strain=Strain.LINEAR, precision=precision, num_threads=num_threads)
+    error = caught.value
+    # Amplification (1.05 + sqrt(1.05^2 - 1))^2 = 1.88 a step: seen within some tens of steps.
+    assert error.step < 200
+    # Nothing has moved further than the load can push it, twice the static 0.1 m or so.
+    assert np.abs(error.displacement).max() < 0.3
+    assert error.critical_time_step == pytest.approx(sharp, rel=1e-3)
+    assert "too long" in error.suggestion
+    assert f"{0.8 * error.critical_time_step:.3g} s" in str(error)
+
+
+def test_a_body_that_stiffens_beyond_its_step_is_told_a_shorter_one(ragged_box: TetMesh) -> None:
+    """A step just stable at rest is too long for a body pulled to one and a half its length."""
+    sharp = sharp_critical_time_step(ragged_box, SOFT)
+    span = TimeSpan(20.0, 0.99 * sharp, 1.0, 100)
+    pull = Traction(end_facets(ragged_box), (6e3, 0.0, 0.0))
+    with pytest.raises(BlowUpError) as caught:
+        simulate(held_block(ragged_box, span, pull))
+    error = caught.value
+    assert np.isfinite(error.displacement).all()
+    assert error.critical_time_step < 0.9 * sharp
+    assert "too long for the body as it is now" in str(error)
+    # What is suggested works.
+    better = TimeSpan(20.0, 0.8 * error.critical_time_step, 1.0, 2)
+    simulate(held_block(ragged_box, better, pull))
+
+
+def test_a_step_above_the_critical_is_refused_before_it_is_made(ragged_box: TetMesh) -> None:
+    sharp = sharp_critical_time_step(ragged_box, SOFT)
+    with pytest.raises(UnstableStepError, match="above the critical") as caught:
+        simulate(held_block(ragged_box, TimeSpan(1.0, 1.01 * sharp)))
+    assert caught.value.time_step == 1.01 * sharp
+    assert caught.value.critical_time_step == pytest.approx(sharp)
+
+
+def hammer(time: float) -> float:
+    return 1.0 if 0.1 <= time < 0.12 else 0.0
+
+
+def jump(time: float) -> float:
+    return 0.0 if time < 0.1 else 1.0
+
+
+@PRECISIONS
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize(
+    ("load", "amplitude", "moved"),
+    [
+        (BodyForce((0.0, 0.0, -3e4)), hammer, None),
+        (Pressure(np.zeros((0, 3), np.int32), 5e3), hammer, None),
+        (None, None, jump),
+        (None, None, lambda t: np.sin(40.0 * t)),
+        (BodyForce((0.0, 0.0, -100.0)), lambda t: np.sin(7.0 * t), None),
+    ],
+)
+def test_rough_but_honest_runs_are_left_alone(
+    ragged_box: TetMesh,
+    precision: Precision,
+    strain: Strain,
+    load: Load | None,
+    amplitude: Amplitude | None,
+    moved: Amplitude | None,
+) -> None:
+    """Blows of one step, jumping and shaking supports: no energy but what is given."""
+    span = TimeSpan(5.0, 0.02, num_outputs=10)
+    if isinstance(load, Pressure):
+        load = Pressure(end_facets(ragged_box), load.pressure)
+    problem = held_block(ragged_box, span, *([load] if load else []))
+    if moved:
+        end = np.unique(end_facets(ragged_box)).astype(np.int32)
+        shift = Support(end, displacement=(0.02, 0.0, 0.01))
+        problem = dataclasses.replace(problem, supports=(*problem.supports, shift))
+    result = simulate(
+        problem,
+        strain=strain,
+        precision=precision,
+        amplitude=amplitude,
+        support_amplitude=[None, moved] if moved else None,
+    )
+    assert np.abs(result.displacements[1:]).max() > 1e-3
+    assert np.isfinite(result.displacements).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_loads_and_supports_that_are_not_finite_are_refused(
+    ragged_box: TetMesh, value: float
+) -> None:
+    span = TimeSpan(0.1)
+    with pytest.raises(InputError, match="load 1"):
+        simulate(held_block(ragged_box, span, BodyForce((0.0, value, 0.0))))
+    held = Support(np.array([0], np.int32), displacement=(value, 0.0, 0.0))
+    problem = held_block(ragged_box, span)
+    problem = dataclasses.replace(problem, supports=(*problem.supports, held))
+    with pytest.raises(InputError, match="support 2"):
+        simulate(problem)
