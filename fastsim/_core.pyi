@@ -86,6 +86,13 @@ def find_delaunay_fault(
 def find_self_intersections(
     points: NDArray[np.float64], facets: NDArray[np.int32], most: int
 ) -> NDArray[np.int32]: ...
+def remesh_surface(
+    points: NDArray[np.float64],
+    facets: NDArray[np.int32],
+    edge_length: float,
+    distance: float,
+    passes: int,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], float, int, int, int, int]: ...
 def mesh_surface(
     points: NDArray[np.float64],
     facets: NDArray[np.int32],

@@ -6,6 +6,7 @@
 namespace nb = nanobind;
 
 void bind_mesher(nb::module_ &module);
+void bind_surface(nb::module_ &module);
 void bind_mechanics(nb::module_ &module);
 void bind_explicit_run(nb::module_ &module);
 
@@ -13,6 +14,7 @@ NB_MODULE(_core, module) {
     module.doc() = "Compiled core of palpate.fastsim.";
     module.attr("__version__") = fastsim::version();
     bind_mesher(module);
+    bind_surface(module);
     bind_mechanics(module);
     bind_explicit_run(module);
 }

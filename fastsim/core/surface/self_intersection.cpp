@@ -1,9 +1,9 @@
 #include "surface/self_intersection.hpp"
 
+#include "surface/box_tree.hpp"
+
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <utility>
 
 namespace fastsim {
 namespace {
@@ -83,19 +83,6 @@ class PairTest {
     std::span<const Point> _points;
 };
 
-struct Box {
-    Point low, high;
-};
-
-bool overlap(const Box &a, const Box &b) {
-    for (std::size_t i = 0; i < 3; ++i) {
-        if (a.low[i] > b.high[i] || b.low[i] > a.high[i]) {
-            return false;
-        }
-    }
-    return true;
-}
-
 } // namespace
 
 bool facets_intersect(std::span<const Point> points, const Facet &first, const Facet &second) {
@@ -133,79 +120,20 @@ bool facets_intersect(std::span<const Point> points, const Facet &first, const F
 std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point> points,
                                                           std::span<const Facet> facets,
                                                           std::size_t most) {
-    std::vector<Box> boxes(facets.size());
-    for (std::size_t f = 0; f < facets.size(); ++f) {
-        Box &box = boxes[f];
-        box.low.fill(std::numeric_limits<double>::infinity());
-        box.high.fill(-std::numeric_limits<double>::infinity());
-        for (const Index v : facets[f]) {
-            for (std::size_t i = 0; i < 3; ++i) {
-                const double x = points[static_cast<std::size_t>(v)][i];
-                box.low[i] = std::min(box.low[i], x);
-                box.high[i] = std::max(box.high[i], x);
-            }
-        }
-    }
-    // A tree of boxes, halved at the median of the longest axis; leaves are single facets.
-    struct Node {
-        Box box;
-        Index left, right; // right < 0: leaf of facet `left`
-    };
-    std::vector<Node> nodes;
-    nodes.reserve(2 * facets.size());
-    std::vector<Index> order(facets.size());
-    for (std::size_t f = 0; f < facets.size(); ++f) {
-        order[f] = static_cast<Index>(f);
-    }
-    const auto build = [&](auto &&self, std::size_t begin, std::size_t end) -> Index {
-        Box box = boxes[static_cast<std::size_t>(order[begin])];
-        for (std::size_t k = begin; k < end; ++k) {
-            const Box &other = boxes[static_cast<std::size_t>(order[k])];
-            for (std::size_t i = 0; i < 3; ++i) {
-                box.low[i] = std::min(box.low[i], other.low[i]);
-                box.high[i] = std::max(box.high[i], other.high[i]);
-            }
-        }
-        const auto number = static_cast<Index>(nodes.size());
-        nodes.push_back({box, order[begin], -1});
-        if (end - begin == 1) {
-            return number;
-        }
-        std::size_t axis = 0;
-        for (std::size_t i = 1; i < 3; ++i) {
-            if (box.high[i] - box.low[i] > box.high[axis] - box.low[axis]) {
-                axis = i;
-            }
-        }
-        const std::size_t middle = (begin + end) / 2;
-        const auto start = order.begin();
-        std::nth_element(start + static_cast<std::ptrdiff_t>(begin),
-                         start + static_cast<std::ptrdiff_t>(middle),
-                         start + static_cast<std::ptrdiff_t>(end), [&](Index a, Index b) {
-                             const Box &p = boxes[static_cast<std::size_t>(a)];
-                             const Box &q = boxes[static_cast<std::size_t>(b)];
-                             return std::pair(p.low[axis] + p.high[axis], a) <
-                                    std::pair(q.low[axis] + q.high[axis], b);
-                         });
-        const Index left = self(self, begin, middle);
-        const Index right = self(self, middle, end);
-        nodes[static_cast<std::size_t>(number)].left = left;
-        nodes[static_cast<std::size_t>(number)].right = right;
-        return number;
-    };
     std::vector<std::array<Index, 2>> pairs;
     if (facets.empty()) {
         return pairs;
     }
-    const Index root = build(build, 0, facets.size());
+    const BoxTree tree(points, facets);
+    const std::span<const BoxTree::Node> nodes = tree.nodes();
     std::vector<Index> open;
     for (std::size_t f = 0; f < facets.size() && pairs.size() < most; ++f) {
-        open.assign(1, root);
+        open.assign(1, 0);
         const std::size_t before = pairs.size();
         while (!open.empty()) {
-            const Node &node = nodes[static_cast<std::size_t>(open.back())];
+            const BoxTree::Node &node = nodes[static_cast<std::size_t>(open.back())];
             open.pop_back();
-            if (!overlap(node.box, boxes[f])) {
+            if (!boxes_overlap(node.box, tree.box_of(f))) {
                 continue;
             }
             if (node.right >= 0) {

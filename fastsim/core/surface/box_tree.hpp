@@ -1,0 +1,45 @@
+#pragma once
+// A tree of axis-parallel boxes over facets, halved at the median of the longest axis.
+
+#include "mesher/predicates.hpp"
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace fastsim {
+
+struct Box {
+    Point low, high;
+};
+
+inline bool boxes_overlap(const Box &a, const Box &b) {
+    for (std::size_t i = 0; i < 3; ++i)
+        if (a.low[i] > b.high[i] || b.low[i] > a.high[i])
+            return false;
+    return true;
+}
+
+class BoxTree {
+  public:
+    // Leaves (right < 0) hold the single facet `left`.
+    struct Node {
+        Box box;
+        std::int32_t left, right;
+    };
+
+    BoxTree(std::span<const Point> points, std::span<const std::array<std::int32_t, 3>> facets);
+
+    // The root is node 0; empty without facets.
+    [[nodiscard]] std::span<const Node> nodes() const { return _nodes; }
+    [[nodiscard]] const Box &box_of(std::size_t facet) const { return _boxes[facet]; }
+
+  private:
+    std::int32_t build(std::vector<std::int32_t> &order, std::size_t begin, std::size_t end);
+
+    std::vector<Box> _boxes;
+    std::vector<Node> _nodes;
+};
+
+} // namespace fastsim

@@ -1,0 +1,30 @@
+#pragma once
+// Better triangles on a surface, within a distance of it: splits, collapses, flips and moves
+// (after Botsch, Kobbelt 2004, "A remeshing approach to multiresolution modeling"), each refused
+// where the new facets leave the distance or turn.
+
+#include "surface/editable_surface.hpp"
+
+namespace fastsim {
+
+struct RemeshSettings {
+    double edge_length; // wanted, [m]
+    double distance;    // from the given surface at most, [m]
+    int passes;
+};
+
+struct RemeshedSurface {
+    std::vector<Point> points;
+    std::vector<EditableSurface::Facet> facets;
+    // Largest distance seen of the new surface from the given one and the other way round, over
+    // points, middles of edges and centres of facets.
+    double distance = 0.0;
+    std::size_t splits = 0, collapses = 0, flips = 0, moves = 0;
+};
+
+// Pre-condition: closed, manifold, oriented, finite; at least one facet.
+RemeshedSurface remesh_surface(std::span<const Point> points,
+                               std::span<const EditableSurface::Facet> facets,
+                               const RemeshSettings &settings);
+
+} // namespace fastsim

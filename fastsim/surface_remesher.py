@@ -1,0 +1,118 @@
+"""Better triangles on a surface, within a stated distance of it: the mesher's free boundary.
+
+Poor triangles (marching cubes, decimation) bound the quality of every mesh that keeps them. Where
+the surface may move a little, this gives it others: splits, collapses, flips and moves after
+Botsch and Kobbelt (2004), each refused where the surface would leave the distance. Sharp edges
+are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fastsim import _core
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import MeshError, SelfIntersectionError
+from palpate.meshes.shapes import require_positive
+from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.tri_surface import TriSurface
+
+# Where the two-way distance comes out too large, or sheets meet, a tighter bound is tried on
+# each step.
+_SHARES = (1.0, 0.5, 0.25, 0.125)
+_PASSES = 8
+_MOST_PAIRS = 10
+
+
+class RemeshError(MeshError):
+    """No other triangles within the distance; `.distance` is the best reached [m], if any."""
+
+    def __init__(self, message: str, distance: float | None) -> None:
+        self.distance = distance
+        super().__init__(message)
+
+
+@dataclass(frozen=True)
+class RemeshReport:
+    """What was done.
+
+    Attributes:
+        distance: Largest distance of either surface from the other, measured at points, middles
+            of edges and centres of facets [m].
+        splits, collapses, flips, moves: Steps taken.
+        smallest_angle_before, smallest_angle_after: Of all facets [degrees].
+    """
+
+    distance: float
+    splits: int
+    collapses: int
+    flips: int
+    moves: int
+    smallest_angle_before: float
+    smallest_angle_after: float
+
+
+def remesh_surface(
+    surface: TriSurface, *, distance: float, edge_length: float | None = None
+) -> tuple[TriSurface, RemeshReport]:
+    """Give a closed surface better triangles.
+
+    Args:
+        surface: Closed, outward, without self-intersection [m].
+        distance: How far the two surfaces may be apart, > 0 [m].
+        edge_length: Wanted edge length [m]; None takes the surface's mean. Details that need
+            shorter edges to stay within the distance keep them.
+
+    Returns:
+        The new surface, closed and without self-intersection, and what was done.
+
+    Raises:
+        SurfaceError: The given surface does not bound a solid, or intersects itself.
+        RemeshError: No way was found to stay within the distance.
+    """
+    require_closed(surface)
+    used = np.unique(surface.facets)
+    renumber = np.full(len(surface.points), -1, dtype=np.int32)
+    renumber[used] = np.arange(len(used), dtype=np.int32)
+    facets = np.ascontiguousarray(renumber[surface.facets])
+    # About a local origin, where lengths are not lost beside a far-off one.
+    origin = surface.points[used].mean(axis=0)
+    points = np.ascontiguousarray(surface.points[used] - origin)
+    corners = points[facets]
+    mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
+    size = mean_edge if edge_length is None else edge_length
+    require_positive(edge_length=size, distance=distance)
+    if len(pairs := _core.find_self_intersections(points, facets, _MOST_PAIRS)):
+        raise SelfIntersectionError([(a, b) for a, b in pairs.tolist()])
+    best: float | None = None
+    for share in _SHARES:
+        new_points, new_facets, apart, splits, collapses, flips, moves = _core.remesh_surface(
+            points, facets, size, share * distance, _PASSES
+        )
+        best = apart if best is None else min(best, apart)
+        if apart > distance or len(_core.find_self_intersections(new_points, new_facets, 1)):
+            continue
+        new = TriSurface(new_points + origin, new_facets)
+        require_closed(new)
+        before, after = _smallest_angle(points[facets]), _smallest_angle(new_points[new_facets])
+        return new, RemeshReport(apart, splits, collapses, flips, moves, before, after)
+    raise RemeshError(
+        f"no better triangles within {distance:.3g} m of the surface (reached {best:.3g} m, or "
+        "sheets met); allow a larger distance, or keep the boundary",
+        best,
+    )
+
+
+def _smallest_angle(corners: Points) -> float:
+    """Of all facets, given by their corners, shape (num_facets, 3, 3) [degrees]."""
+    smallest = np.inf
+    for k in range(3):
+        u = corners[:, (k + 1) % 3] - corners[:, k]
+        v = corners[:, (k + 2) % 3] - corners[:, k]
+        across = np.linalg.norm(np.cross(u, v), axis=1)
+        smallest = min(
+            smallest, float(np.arctan2(across, np.einsum("ij,ij->i", u, v)).min(initial=np.inf))
+        )
+    return float(np.degrees(smallest))
