@@ -7,12 +7,13 @@ clean-up of slivers are in the core (fastsim/core/mesher). The surface is kept a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.surface_remesher import RemeshReport, remesh_surface
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
 from palpate.meshes.errors import InputError, SelfIntersectionError
 from palpate.meshes.shapes import require_positive
@@ -71,6 +72,13 @@ class BoundaryRecoveryError(MeshingError):
         )
 
 
+class Boundary(StrEnum):
+    """What becomes of the given facets."""
+
+    KEPT = "kept"
+    FREE = "free"
+
+
 class Lattice(StrEnum):
     """Where the candidates for inner points lie."""
 
@@ -89,6 +97,7 @@ class MeshingReport:
         sliver_moves: Inner points moved for the same end.
         sliver_insertions: Inner points added for the same end.
         attempts: Lattices tried.
+        remesh: What was done to a free boundary; None where it was kept.
     """
 
     recovered_edges: int
@@ -97,6 +106,7 @@ class MeshingReport:
     sliver_moves: int
     sliver_insertions: int
     attempts: int
+    remesh: RemeshReport | None = None
 
 
 def mesh_surface(
@@ -105,6 +115,8 @@ def mesh_surface(
     edge_length: float | None = None,
     lattice: Lattice = Lattice.BODY_CENTRED,
     improve: bool = True,
+    boundary: Boundary = Boundary.KEPT,
+    boundary_distance: float | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> TetMesh:
@@ -116,6 +128,9 @@ def mesh_surface(
             the surface does not come back with it, half and twice of it are tried too.
         lattice: The paper's cubes, or body-centred ones, whose cells are better shaped.
         improve: Re-mesh slivers with their neighbours (the paper's last step).
+        boundary: Whether the surface's facets are kept, or may be replaced by better ones.
+        boundary_distance: How far a free boundary may lie from the given one [m], > 0; see
+            `surface_remesher`.
         seed: Of the jitter; the same seed gives the same mesh.
         progress: Called with one line per attempt.
 
@@ -126,12 +141,15 @@ def mesh_surface(
     Raises:
         SurfaceError: The surface does not bound a solid, or intersects itself.
         MeshingError: This mesher does not manage it; the message says what is in the way.
+        RemeshError: No free boundary within the distance.
     """
     return mesh_surface_with_report(
         surface,
         edge_length=edge_length,
         lattice=lattice,
         improve=improve,
+        boundary=boundary,
+        boundary_distance=boundary_distance,
         seed=seed,
         progress=progress,
     )[0]
@@ -143,11 +161,28 @@ def mesh_surface_with_report(
     edge_length: float | None = None,
     lattice: Lattice = Lattice.BODY_CENTRED,
     improve: bool = True,
+    boundary: Boundary = Boundary.KEPT,
+    boundary_distance: float | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[TetMesh, MeshingReport]:
     """Do as `mesh_surface` does, and say what was done."""
     require_closed(surface)
+    if boundary is Boundary.FREE:
+        if boundary_distance is None:
+            raise InputError("a free boundary needs boundary_distance: how far it may move [m]")
+        surface, remesh = remesh_surface(
+            surface, distance=boundary_distance, edge_length=edge_length
+        )
+        mesh, report = mesh_surface_with_report(
+            surface,
+            edge_length=edge_length,
+            lattice=lattice,
+            improve=improve,
+            seed=seed,
+            progress=progress,
+        )
+        return mesh, replace(report, remesh=remesh)
     used = np.unique(surface.facets)
     renumber = np.full(len(surface.points), -1, dtype=np.int32)
     renumber[used] = np.arange(len(used), dtype=np.int32)

@@ -41,17 +41,27 @@ class RemeshReport:
     Attributes:
         distance: Largest distance of either surface from the other, measured at points, middles
             of edges and centres of facets [m].
+        volume_change: Enclosed volume over the given one, minus 1.
         splits, collapses, flips, moves: Steps taken.
         smallest_angle_before, smallest_angle_after: Of all facets [degrees].
     """
 
     distance: float
+    volume_change: float
     splits: int
     collapses: int
     flips: int
     moves: int
     smallest_angle_before: float
     smallest_angle_after: float
+
+    def line(self) -> str:
+        """What was done, in one line for people."""
+        return (
+            f"boundary re-triangulated within {self.distance:.3g} m (volume "
+            f"{100 * self.volume_change:+.2g} %, smallest facet angle "
+            f"{self.smallest_angle_before:.0f} to {self.smallest_angle_after:.0f} degrees)"
+        )
 
 
 def remesh_surface(
@@ -97,7 +107,8 @@ def remesh_surface(
         new = TriSurface(new_points + origin, new_facets)
         require_closed(new)
         before, after = _smallest_angle(points[facets]), _smallest_angle(new_points[new_facets])
-        return new, RemeshReport(apart, splits, collapses, flips, moves, before, after)
+        change = new.volume / surface.volume - 1.0
+        return new, RemeshReport(apart, change, splits, collapses, flips, moves, before, after)
     raise RemeshError(
         f"no better triangles within {distance:.3g} m of the surface (reached {best:.3g} m, or "
         "sheets met); allow a larger distance, or keep the boundary",

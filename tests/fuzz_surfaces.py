@@ -18,6 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.fastsim.mesher import BoundaryRecoveryError, mesh_surface
+from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.surface_repair import repair_surface
@@ -147,6 +148,9 @@ def try_one(seed: int) -> str:
         surface = TriSurface(points, facets)
         if rng.random() < 0.3:
             surface, _ = repair_surface(surface)
+        if rng.random() < 0.1:
+            size = np.ptp(surface.points, axis=0).max()
+            surface, _ = remesh_surface(surface, distance=size * 10.0 ** rng.uniform(-4, -1))
         corners = surface.points[surface.facets]
         mean = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean()
         mesh = mesh_surface(surface, edge_length=mean * 2.0 ** rng.uniform(-1, 2))

@@ -109,6 +109,15 @@ class MeshSpec(_Table):
 
     mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
     edge_length: float | None = Field(default=None, gt=0.0)
+    # The given facets, or better ones within a distance of them.
+    boundary: Literal["kept", "free"] = "kept"
+    boundary_distance: float | None = Field(default=None, gt=0.0)
+
+    @model_validator(mode="after")
+    def _free_says_how_far(self) -> MeshSpec:
+        if (self.boundary == "free") != (self.boundary_distance is not None):
+            raise ValueError('boundary = "free" and boundary_distance go together')
+        return self
 
 
 class MaterialSpec(_Table):

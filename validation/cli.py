@@ -6,18 +6,18 @@ import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.text import Text
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.bench_cli import bench
+from palpate.validation.mesh_cli import mesh
+from palpate.validation.progress_lines import progress_lines
 from palpate.validation.simulators import Fault
 
 # Exit codes, the same for every verb (README).
@@ -32,7 +32,6 @@ app = typer.Typer(
 )
 reference_app = typer.Typer(help="Stored references.", no_args_is_help=True)
 app.add_typer(reference_app, name="reference")
-app.command()(bench)
 
 Cases = Annotated[list[str], typer.Argument(help="built-in names, or paths to .toml files")]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
@@ -46,19 +45,6 @@ class Simulator(StrEnum):
     REFERENCE = "reference"
 
 
-class Mesher(StrEnum):
-    """Who meshes."""
-
-    FASTSIM = "fastsim"
-    GMSH = "gmsh"
-
-
-def _progress() -> Callable[[str], None]:
-    """Lines on standard error: what is being done, for people and logs alike."""
-    console = Console(stderr=True, highlight=False)
-    return lambda line: console.print(Text(f"  {line}", style="dim"), soft_wrap=True)
-
-
 @app.command()
 def cases() -> None:
     """List the built-in cases, one line each."""
@@ -68,44 +54,7 @@ def cases() -> None:
         print(f"{name:12} {load_case(name).title}")
 
 
-@app.command()
-def mesh(
-    surface: Annotated[str, typer.Argument(help="surface file, or kidney")],
-    output: Annotated[Path, typer.Option("--output", "-o", help=".vtu, .vtk or .msh")],
-    size: Annotated[float | None, typer.Option(help="edge length, in the file's unit")] = None,
-    mesher: Annotated[Mesher, typer.Option()] = Mesher.FASTSIM,
-    unit: Annotated[str, typer.Option(help="unit of file and size: m, cm or mm")] = "mm",
-    repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
-) -> None:
-    """Fill a closed surface with tetrahedra, keeping its facets."""
-    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
-    from palpate.meshes.kidney import shape_kidney
-    from palpate.meshes.quality import measure_quality
-    from palpate.meshes.tet_mesh import TetMesh
-    from palpate.validation.case_schema import MeshSpec
-    from palpate.validation.geometry import fill, load_surface
-    from palpate.validation.units import LENGTH, Units
-
-    if unit not in LENGTH:
-        raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
-    if output.suffix.lower() not in MESH_SUFFIXES:
-        raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
-    scale = LENGTH[unit]
-    if surface == "kidney":
-        body = shape_kidney(edge_length=size * scale if size else 0.008)
-    else:
-        body, notes = load_surface(Path(surface), scale=scale, repair=repair)
-        for note in notes:
-            _progress()(note)
-    units = Units.model_validate({"length": unit})
-    spec = MeshSpec.model_validate({"mesher": mesher.value, "edge_length": size})
-    built = fill(body, spec, units)
-    quality = measure_quality(built.mesh)
-    write_mesh(output, TetMesh(built.mesh.points / scale, built.mesh.cells))
-    print(
-        f"{output}: {built.origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
-        f" degrees, volume {built.mesh.volume:.6g} m3"
-    )
+app.command()(mesh)
 
 
 @app.command()
@@ -125,7 +74,7 @@ def solve(
     if output.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
     loaded = load_case(case)
-    problem, used, progress = loaded.problem, strain or loaded.strain, _progress()
+    problem, used, progress = loaded.problem, strain or loaded.strain, progress_lines()
     if simulator is Simulator.FASTSIM:
         try:
             displacement = run_fastsim(problem, used, progress).displacement
@@ -154,7 +103,7 @@ def gate(
     from palpate.validation.judge import exit_code, judge_case
 
     loaded = [load_case(name) for name in names]
-    progress = _progress()
+    progress = progress_lines()
     results = [judge_case(c, live=live, fault=fault, progress=progress) for c in loaded]
     texts = {
         json: outputs.results_json(results, _version()),
@@ -178,7 +127,7 @@ def report(names: Cases, output: Folder) -> None:
     from palpate.validation.run_folder import MARK, run_folder
 
     loaded = [load_case(name) for name in names]
-    progress = _progress()
+    progress = progress_lines()
     results = [judge_case(c, live=True, progress=progress) for c in loaded]
     with run_folder(output) as fresh:
         progress("drawing the report")
@@ -200,11 +149,14 @@ def study(
     from palpate.validation.run_folder import run_folder
     from palpate.validation.studies import run_study
 
-    progress = _progress()
+    progress = progress_lines()
     with run_folder(output) as fresh:
         code = run_study(name, fresh, progress, Console(highlight=False))
     print(f"{output / 'report.html'}")
     raise typer.Exit(code)
+
+
+app.command()(bench)
 
 
 @reference_app.command("build")
@@ -218,7 +170,7 @@ def reference_build(names: Cases) -> None:
 
     for name in names:
         case = load_case(name)
-        found = solve_for_storing(case.problem, _progress())
+        found = solve_for_storing(case.problem, progress_lines())
         provenance: dict[str, Any] = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "command": f"palpate reference build {case.name}",

@@ -113,6 +113,15 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
 def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
     """Fill a surface: by the mesher asked for, or fastsim's first and gmsh's otherwise."""
     size = units.metres(spec.edge_length) if spec.edge_length is not None else None
+    if spec.boundary_distance is not None:
+        from palpate.fastsim.surface_remesher import remesh_surface
+
+        surface, report = remesh_surface(
+            surface, distance=units.metres(spec.boundary_distance), edge_length=size
+        )
+        kept = spec.model_copy(update={"boundary": "kept", "boundary_distance": None})
+        built = fill(surface, kept, units)
+        return BuiltMesh(built.mesh, f"{built.origin}; {report.line()}")
     refusal = ""
     if spec.mesher in ("auto", "fastsim"):
         from palpate.fastsim.mesher import MeshingError, mesh_surface

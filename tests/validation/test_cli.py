@@ -100,6 +100,10 @@ def test_mesh_tells_what_it_finds_and_mends_on_request(tmp_path: Path) -> None:
     assert "closed by" in mended.stderr
     assert "turned round" in mended.stderr
     assert read_mesh(tmp_path / "k.vtu").volume == pytest.approx(kidney.volume, rel=1e-3)
+    free = palpate(*command, "--repair", "--free", 1e-3, folder=tmp_path)
+    assert free.returncode == 0, free.stderr
+    assert "re-triangulated within" in free.stdout
+    assert palpate(*command, "--repair", "--free", 0, folder=tmp_path).returncode == 2
 
 
 @pytest.mark.dolfinx
