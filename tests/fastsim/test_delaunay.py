@@ -63,6 +63,14 @@ def test_same_points_give_the_same_cells() -> None:
     np.testing.assert_array_equal(delaunay(points)[0], delaunay(points.copy())[0])
 
 
+@pytest.mark.parametrize("power", [-300, -40, 40, 100, 200])
+def test_cells_do_not_depend_on_the_unit(power: int) -> None:
+    # Powers of two change no digit; far up and down the stored determinants are not trusted.
+    points = np.random.default_rng(5).random((400, 3)) ** 3  # crowded towards a corner
+    points = np.vstack([points, _grid(4) / 4.0])
+    np.testing.assert_array_equal(delaunay(points)[0], delaunay(points * 2.0**power)[0])
+
+
 @pytest.mark.parametrize("points", [np.zeros((5, 3)), _grid(3)[:9], _grid(3)[:3], _grid(1)])
 def test_points_without_volume_are_refused(points: Array) -> None:
     with pytest.raises(FlatPointsError):

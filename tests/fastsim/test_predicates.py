@@ -82,3 +82,30 @@ def test_cube_corners_lie_on_one_sphere_until_one_is_moved() -> None:
     assert _core.in_sphere(a, b, c, d, [1.0, 1.0, 1.0]) == 0
     assert _core.in_sphere(a, b, c, d, [1.0, 1.0, 1.0 - 2.0**-53]) == 1
     assert _core.in_sphere(a, b, c, d, [1.0, 1.0, 1.0 + 2.0**-52]) == -1
+
+
+@pytest.mark.parametrize("scale", [2.0**-300, 2.0**-20, 1.0, 2.0**40, 2.0**200])
+def test_points_on_a_fine_grid_far_off_are_judged_exactly(scale: float) -> None:
+    # Offsets of up to 18, 19 and 20 bits: below and above what whole numbers of 64 bits carry.
+    rng = np.random.default_rng(5)
+    for bits in (2, 18, 19, 20):
+        for _ in range(20):
+            rows = scale * (2.0**30 + rng.integers(-(2 ** (bits - 1)), 2 ** (bits - 1), (5, 3)))
+            a, b, c, d, e = rows.tolist()
+            assert _core.orient3d(a, b, c, d) == _orient3d(a, b, c, d)
+            if _orient3d(a, b, c, d) < 0:
+                a, b = b, a
+            if _orient3d(a, b, c, d) != 0:
+                assert _core.in_sphere(a, b, c, d, e) == _in_sphere(a, b, c, d, e)
+
+
+def test_rounded_points_of_a_sphere_are_judged_exactly() -> None:
+    # All five lie on the unit sphere but for rounding: only the last digits decide.
+    rng = np.random.default_rng(6)
+    for _ in range(100):
+        rows = rng.normal(size=(5, 3))
+        rows /= np.linalg.norm(rows, axis=1)[:, None]
+        a, b, c, d, e = rows.tolist()
+        if _orient3d(a, b, c, d) < 0:
+            a, b = b, a
+        assert _core.in_sphere(a, b, c, d, e) == _in_sphere(a, b, c, d, e) != 0

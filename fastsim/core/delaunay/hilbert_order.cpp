@@ -67,7 +67,7 @@ std::vector<std::int32_t> insertion_order(std::span<const Point> points) {
     }
     const double scale = width > 0.0 ? static_cast<double>((1u << bits) - 1) / width : 0.0;
     unsigned last_round = 0;
-    while (last_round < 60 && (first_round << last_round) < points.size()) {
+    while (last_round < 17 && (first_round << (3 * last_round)) < points.size()) {
         ++last_round;
     }
     std::vector<std::pair<std::uint64_t, std::int32_t>> keys(points.size());
@@ -76,9 +76,10 @@ std::vector<std::int32_t> insertion_order(std::span<const Point> points) {
         for (std::size_t i = 0; i < 3; ++i) {
             x[i] = static_cast<std::uint32_t>((points[p][i] - low[i]) * scale);
         }
-        // Half of the points come in the last round, a quarter in the one before, and so on.
+        // Seven of eight points come in the last round, of the others again seven of eight in the
+        // one before, and so on.
         unsigned round = last_round;
-        for (std::uint64_t coin = scramble(p); round > 0 && (coin & 1u) != 0; coin >>= 1) {
+        for (std::uint64_t coin = scramble(p); round > 0 && (coin & 7u) == 0; coin >>= 3) {
             --round;
         }
         keys[p] = {(static_cast<std::uint64_t>(round) << (3 * bits)) | hilbert_position(x),

@@ -3,16 +3,48 @@
 #include "delaunay/hilbert_order.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <utility>
 
 namespace fastsim {
 namespace {
 
-// Facet k lies opposite vertex k; counter-clockwise seen from outside a positive cell.
+// Facet k lies opposite corner k; counter-clockwise seen from outside a positive cell.
 constexpr std::array<std::array<std::size_t, 3>, 4> facet_of{
     {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
+// Sets the facet of a cell that has a given corner at infinity; the cell stays positive.
+std::array<std::int32_t, 4> with_infinity_last(std::array<std::int32_t, 4> v) {
+    for (std::size_t k = 0; k < 3; ++k) {
+        if (v[k] == 0) {
+            std::swap(v[k], v[3]);
+            std::swap(v[(k + 1) % 3], v[(k + 2) % 3]);
+        }
+    }
+    return v;
+}
+
+// An entry of a determinant underflows by 2^-1074, and is then multiplied by up to three
+// coordinates. Where those are huge, only the exact predicates are asked.
+constexpr double smallest_trusted = 1e-250;
+constexpr double largest_trusted = 1e20;
+
 } // namespace
+
+Triangulation::Triangulation(std::span<const Point> points) : _order(insertion_order(points)) {
+    _vertices.reserve(points.size() + 1);
+    _vertices.push_back({{}, 0, 0});
+    _smallest_trusted = smallest_trusted;
+    for (const std::int32_t p : _order) {
+        _vertices.push_back({points[at(p)], 0, 0});
+        for (const double x : points[at(p)]) {
+            if (std::abs(x) > largest_trusted) {
+                _smallest_trusted = std::numeric_limits<double>::infinity();
+            }
+        }
+    }
+}
 
 Triangulation::Index Triangulation::new_cell() {
     if (!_free_cells.empty()) {
@@ -21,164 +53,98 @@ Triangulation::Index Triangulation::new_cell() {
         return c;
     }
     _cells.emplace_back();
-    _mark.push_back(0);
+    _corners.emplace_back();
     return static_cast<Index>(_cells.size() - 1);
 }
 
-bool Triangulation::start(const std::vector<Index> &order, std::array<Index, 4> &first) {
-    // Four points that span space, the first of the order that do.
+bool Triangulation::start(std::array<Index, 4> &first) {
+    // Four points that span space, the first that do.
     const auto off_line = [&](Index p) {
         // Collinear exactly when flat with every direction off the line: three unit steps do.
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            Point off = at(first[0]);
+            Point off = place(first[0]);
             off[axis] = off[axis] == 0.0 ? 1.0 : 2.0 * off[axis];
-            if (orient3d(at(first[0]), at(first[1]), at(p), off) != 0) {
+            if (orient3d(place(first[0]), place(first[1]), place(p), off) != 0) {
                 return true;
             }
         }
         return false;
     };
     std::size_t found = 0;
-    for (const Index p : order) {
+    for (Index p = 1; p < static_cast<Index>(_vertices.size()) && found < 4; ++p) {
         const bool fits = found == 0   ? true
-                          : found == 1 ? at(p) != at(first[0])
-                          : found == 2
-                              ? off_line(p)
-                              : orient3d(at(first[0]), at(first[1]), at(first[2]), at(p)) != 0;
+                          : found == 1 ? place(p) != place(first[0])
+                          : found == 2 ? off_line(p)
+                                       : orient3d(place(first[0]), place(first[1]), place(first[2]),
+                                                  place(p)) != 0;
         if (fits) {
             first[found++] = p;
-        }
-        if (found == 4) {
-            break;
         }
     }
     if (found < 4) {
         return false;
     }
-    if (orient3d(at(first[0]), at(first[1]), at(first[2]), at(first[3])) < 0) {
+    if (orient3d(place(first[0]), place(first[1]), place(first[2]), place(first[3])) < 0) {
         std::swap(first[0], first[1]);
     }
-    const Index inner = new_cell();
-    cell(inner).vertex = first;
-    _openings.clear();
-    ++_stamp;
-    std::array<Index, 4> ghosts{};
+    // The cell, and one at infinity on each facet; all five share their facets pairwise.
+    std::array<Corners, 5> corners{first, {}, {}, {}, {}};
     for (std::size_t k = 0; k < 4; ++k) {
         const auto &f = facet_of[k];
-        const Index ghost = new_cell();
-        ghosts[k] = ghost;
         // Seen from infinity the facet turns the other way.
-        cell(ghost).vertex = {infinite, first[f[0]], first[f[2]], first[f[1]]};
-        cell(ghost).neighbour[0] = 4 * inner + static_cast<Index>(k);
-        cell(inner).neighbour[k] = 4 * ghost;
-        for (Index m = 1; m < 4; ++m) {
-            const auto &g = facet_of[static_cast<std::size_t>(m)];
-            std::array<Index, 2> edge{};
-            std::size_t count = 0;
-            for (const std::size_t corner : g) {
-                if (cell(ghost).vertex[corner] != infinite) {
-                    edge[count++] = cell(ghost).vertex[corner];
-                }
-            }
-            join(edge[0], edge[1], 4 * ghost + m);
+        corners[k + 1] = with_infinity_last({infinite, first[f[0]], first[f[2]], first[f[1]]});
+    }
+    for (std::size_t c = 0; c < 5; ++c) {
+        const Index fresh = new_cell();
+        const Corners &v = corners[c];
+        _corners[at(fresh)] = v;
+        _cells[at(fresh)].origin = v[0];
+        const Spoke p = spoke(v[1], place(v[0])), q = spoke(v[2], place(v[0]));
+        if (v[3] == infinite) {
+            set_plane(fresh, p, q);
+        } else {
+            set_sphere(fresh, p, q, spoke(v[3], place(v[0])));
         }
     }
-    _hint = inner;
+    const auto facet_key = [&](std::size_t c, std::size_t k) {
+        const auto &f = facet_of[k];
+        std::array<Index, 3> key{corners[c][f[0]], corners[c][f[1]], corners[c][f[2]]};
+        std::sort(key.begin(), key.end());
+        return key;
+    };
+    for (std::size_t side = 0; side < 20; ++side) {
+        for (std::size_t other = 0; other < 20; ++other) {
+            if (side / 4 != other / 4 &&
+                facet_key(side / 4, side % 4) == facet_key(other / 4, other % 4)) {
+                _cells[side / 4].neighbour[side % 4] = static_cast<Index>(other);
+            }
+        }
+    }
+    _hint = 0;
     return true;
-}
-
-// Links the two new cells that meet at edge (a, b); the first to come waits in a hash table.
-void Triangulation::join(Index a, Index b, Index side) {
-    if (a > b) {
-        std::swap(a, b);
-    }
-    // Infinity is -1: shifted by one, both fit 32 bits.
-    const std::uint64_t key =
-        (static_cast<std::uint64_t>(static_cast<std::uint32_t>(a + 1)) << 32) |
-        static_cast<std::uint32_t>(b + 1);
-    std::size_t slot =
-        static_cast<std::size_t>((key * 0x9E3779B97F4A7C15ull) >> 40) & (_edges.size() - 1);
-    while (_edges[slot].stamp == _stamp) {
-        if (_edges[slot].key == key) {
-            const Index other = _edges[slot].side;
-            cell(side >> 2).neighbour[static_cast<std::size_t>(side & 3)] = other;
-            cell(other >> 2).neighbour[static_cast<std::size_t>(other & 3)] = side;
-            return;
-        }
-        slot = (slot + 1) & (_edges.size() - 1);
-    }
-    _edges[slot] = {key, _stamp, side};
-}
-
-int Triangulation::side_of_sphere(const std::array<Index, 4> &v, Index point) const {
-    const int sign = in_sphere(at(v[0]), at(v[1]), at(v[2]), at(v[3]), at(point));
-    if (sign != 0) {
-        return sign;
-    }
-    // On the sphere: the lift of the highest number decides. Raising the new point takes it out;
-    // raising corner k takes it in where its barycentric weight k is positive.
-    std::array<Index, 5> by_weight{v[0], v[1], v[2], v[3], point};
-    std::sort(by_weight.begin(), by_weight.end(), std::greater<>());
-    for (const Index heaviest : by_weight) {
-        if (heaviest == point) {
-            return -1;
-        }
-        std::array<Index, 4> w = v;
-        for (Index &corner : w) {
-            if (corner == heaviest) {
-                corner = point;
-            }
-        }
-        const int weight = orient3d(at(w[0]), at(w[1]), at(w[2]), at(w[3]));
-        if (weight != 0) {
-            return weight;
-        }
-    }
-    return -1;
-}
-
-bool Triangulation::is_in_conflict(Index c, Index point) {
-    const Cell &here = cell(c);
-    std::size_t at_infinity = 4;
-    for (std::size_t k = 0; k < 4; ++k) {
-        if (here.vertex[k] == infinite) {
-            at_infinity = k;
-        }
-    }
-    if (at_infinity == 4) {
-        return side_of_sphere(here.vertex, point) > 0;
-    }
-    std::array<Index, 4> v = here.vertex;
-    v[at_infinity] = point;
-    const int sign = orient3d(at(v[0]), at(v[1]), at(v[2]), at(v[3]));
-    if (sign != 0) {
-        return sign > 0;
-    }
-    return side_of_sphere(cell(here.neighbour[at_infinity] >> 2).vertex, point) > 0;
 }
 
 Triangulation::Index Triangulation::locate(const Point &point) {
     Index here = _hint;
-    for (std::size_t k = 0; k < 4; ++k) {
-        if (cell(here).vertex[k] == infinite) {
-            here = cell(here).neighbour[k] >> 2;
-            break;
-        }
+    if (_corners[at(here)][3] == infinite) {
+        here = _cells[at(here)].neighbour[3] >> 2;
     }
     // A visibility walk in a regular triangulation never comes back to a cell.
     Index from = -1;
     for (;;) {
-        const Cell &now = cell(here);
+        const Corners &v = _corners[at(here)];
+        if (v[3] == infinite) {
+            return here;
+        }
         Index next = -1;
         for (std::size_t k = 0; k < 4; ++k) {
-            const Index beyond = now.neighbour[k];
-            if ((beyond >> 2) == from) {
+            const Index beyond = _cells[at(here)].neighbour[k] >> 2;
+            if (beyond == from) {
                 continue;
             }
             const auto &f = facet_of[k];
-            if (orient3d(at(now.vertex[f[0]]), at(now.vertex[f[1]]), at(now.vertex[f[2]]), point) >
-                0) {
-                next = beyond >> 2;
+            if (orient3d(place(v[f[0]]), place(v[f[1]]), place(v[f[2]]), point) > 0) {
+                next = beyond;
                 break;
             }
         }
@@ -187,108 +153,60 @@ Triangulation::Index Triangulation::locate(const Point &point) {
         }
         from = here;
         here = next;
-        const auto &v = cell(here).vertex;
-        if (v[0] == infinite || v[1] == infinite || v[2] == infinite || v[3] == infinite) {
-            return here;
-        }
-    }
-}
-
-// Finds all cells in conflict with a point, and the facets around them.
-void Triangulation::dig(Index first, Index point) {
-    ++_stamp;
-    _cavity.clear();
-    _openings.clear();
-    _cavity.push_back(first);
-    const std::uint32_t safe = 2 * _stamp;
-    const std::uint32_t conflict = 2 * _stamp + 1;
-    _mark[static_cast<std::size_t>(first)] = conflict;
-    for (std::size_t i = 0; i < _cavity.size(); ++i) {
-        const Index c = _cavity[i];
-        for (std::size_t k = 0; k < 4; ++k) {
-            const Index beyond = cell(c).neighbour[k];
-            const Index n = beyond >> 2;
-            std::uint32_t &mark = _mark[static_cast<std::size_t>(n)];
-            if (mark < safe) {
-                mark = is_in_conflict(n, point) ? conflict : safe;
-                if (mark == conflict) {
-                    _cavity.push_back(n);
-                }
-            }
-            if (mark == safe) {
-                const auto &f = facet_of[k];
-                const auto &v = cell(c).vertex;
-                _openings.push_back({beyond, {v[f[0]], v[f[1]], v[f[2]]}});
-            }
-        }
-    }
-}
-
-// Replaces the cavity by the cells from the point to every facet around it.
-void Triangulation::fill(Index point) {
-    std::size_t wanted = 64;
-    while (wanted < 4 * _openings.size()) {
-        wanted *= 2;
-    }
-    if (_edges.size() < wanted) {
-        _edges.assign(wanted, EdgeSlot{0, 0, 0});
-    }
-    _free_cells.insert(_free_cells.end(), _cavity.rbegin(), _cavity.rend());
-    for (const Opening &opening : _openings) {
-        const Index fresh = new_cell();
-        const auto &[p, q, r] = opening.facet;
-        // (point, outward facet) is positive.
-        cell(fresh).vertex = {point, p, q, r};
-        cell(fresh).neighbour[0] = opening.outside;
-        cell(opening.outside >> 2).neighbour[static_cast<std::size_t>(opening.outside & 3)] =
-            4 * fresh;
-        _mark[static_cast<std::size_t>(fresh)] = 2 * _stamp;
-        join(q, r, 4 * fresh + 1);
-        join(p, r, 4 * fresh + 2);
-        join(p, q, 4 * fresh + 3);
-        _hint = fresh;
     }
 }
 
 DelaunayCells Triangulation::build() {
     DelaunayCells result;
-    const std::vector<Index> order = insertion_order(_points);
     std::array<Index, 4> first{};
-    _edges.assign(64, EdgeSlot{0, 0, 0});
-    _cells.reserve(8 * _points.size() + 64);
-    _mark.reserve(8 * _points.size() + 64);
-    if (!start(order, first)) {
+    // Random points have 6.77 cells each; what is not touched is not allocated.
+    _cells.reserve(8 * _vertices.size() + 64);
+    _corners.reserve(8 * _vertices.size() + 64);
+    if (!start(first)) {
         result.is_flat = true;
         return result;
     }
-    for (const Index p : order) {
+    for (Index p = 1; p < static_cast<Index>(_vertices.size()); ++p) {
         if (std::find(first.begin(), first.end(), p) != first.end()) {
             continue;
         }
-        const Index c = locate(at(p));
-        const auto &v = cell(c).vertex;
+        const Point here = place(p);
+        const Index c = locate(here);
+        const Corners &v = _corners[at(c)];
         // A point equal to a corner lies in that corner's cell, or on the hull beside it.
         const bool is_duplicate = std::any_of(v.begin(), v.end(), [&](Index corner) {
-            return corner != infinite && at(corner) == at(p);
+            return corner != infinite && place(corner) == here;
         });
         if (is_duplicate) {
-            result.duplicates.push_back(p);
+            result.duplicates.push_back(_order[at(p - 1)]);
             continue;
         }
-        dig(c, p);
+        dig(c, here);
         fill(p);
     }
-    // Free slots may lie anywhere: mark them, keep the rest.
-    for (const Index c : _free_cells) {
-        cell(c).vertex[0] = infinite;
-    }
-    for (const Cell &c : _cells) {
-        if (std::find(c.vertex.begin(), c.vertex.end(), infinite) == c.vertex.end()) {
-            result.cells.push_back(c.vertex);
-        }
-    }
     std::sort(result.duplicates.begin(), result.duplicates.end());
+    collect(result);
     return result;
+}
+
+// Hands over the corners' own memory, in the points' given numbers.
+void Triangulation::collect(DelaunayCells &result) {
+    for (const Index c : _free_cells) {
+        _corners[at(c)][3] = infinite;
+    }
+    std::vector<Cell>().swap(_cells);
+    std::vector<Vertex>().swap(_vertices);
+    std::size_t kept = 0;
+    for (const Corners &v : _corners) {
+        if (v[3] == infinite) {
+            continue;
+        }
+        Corners &out = _corners[kept++];
+        out = {_order[at(v[0] - 1)], _order[at(v[1] - 1)], _order[at(v[2] - 1)],
+               _order[at(v[3] - 1)]};
+    }
+    _corners.resize(kept);
+    result.cells = std::move(_corners);
 }
 
 } // namespace fastsim

@@ -1,8 +1,12 @@
 #include "mesher/predicates.hpp"
 
+#include "mesher/double_double.hpp"
 #include "mesher/exact_integer.hpp"
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <initializer_list>
 #include <limits>
 
@@ -60,6 +64,93 @@ int exact_in_sphere(const Point &a, const Point &b, const Point &c, const Point 
     return sum.sign();
 }
 
+// Second stage, for points on a grid: offsets that are small whole numbers of one unit.
+// 19 bits keep a determinant of degree 3 in 64 bits, and one of degree 5 in 128.
+constexpr int most_bits = 19;
+
+#ifdef __SIZEOF_INT128__
+__extension__ using Wide = __int128;
+#endif
+
+/// Writes offsets from the last point as small whole numbers; false when they are not.
+template <std::size_t n>
+bool small_offsets(const std::array<const Point *, n> &points,
+                   std::array<std::array<std::int64_t, 3>, n - 1> &out) {
+    std::array<Point, n - 1> offsets;
+    int lowest = std::numeric_limits<int>::max(), highest = std::numeric_limits<int>::min();
+    const Point &from = *points[n - 1];
+    for (std::size_t k = 0; k + 1 < n; ++k)
+        for (std::size_t i = 0; i < 3; ++i) {
+            const DoubleDouble x = exact_sum((*points[k])[i], -from[i]);
+            if (x.low != 0.0 || !std::isfinite(x.high))
+                return false;
+            offsets[k][i] = x.high;
+            if (x.high == 0.0)
+                continue;
+            const auto pattern = std::bit_cast<std::uint64_t>(x.high);
+            const int exponent = static_cast<int>((pattern >> 52) & 0x7ff);
+            if (exponent == 0)
+                return false;
+            const std::uint64_t mantissa = (pattern & 0xfffffffffffffull) | (1ull << 52);
+            lowest = std::min(lowest, exponent + std::countr_zero(mantissa) - 52);
+            highest = std::max(highest, exponent);
+        }
+    if (lowest > highest || highest - lowest >= most_bits || lowest <= 1 || lowest >= 2000)
+        return false; // all zero, or not small, or the unit's inverse is no double
+    const double unit = std::ldexp(1.0, 1023 - lowest);
+    for (std::size_t k = 0; k + 1 < n; ++k)
+        for (std::size_t i = 0; i < 3; ++i)
+            out[k][i] = static_cast<std::int64_t>(offsets[k][i] * unit);
+    return true;
+}
+
+using Small = std::array<std::int64_t, 3>;
+
+std::int64_t determinant(const Small &u, const Small &v, const Small &w) {
+    return u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) +
+           u[2] * (v[0] * w[1] - v[1] * w[0]);
+}
+
+std::int64_t squared_length(const Small &u) { return u[0] * u[0] + u[1] * u[1] + u[2] * u[2]; }
+
+template <typename T> int sign_of(T x) { return (x > 0) - (x < 0); }
+
+// Third stage, for points near a sphere: the same sum with 106 bits. The longest chain has eight
+// roundings of at most 7 u^2; underflow stays below the bound where offsets are moderate.
+constexpr double wide_bound = 200.0 * half_ulp * half_ulp;
+constexpr double largest_moderate = 1e50;
+constexpr double smallest_moderate = 1e-100;
+
+using WideVector = std::array<DoubleDouble, 3>;
+
+WideVector wide_offset(const Point &a, const Point &e) {
+    return {exact_sum(a[0], -e[0]), exact_sum(a[1], -e[1]), exact_sum(a[2], -e[2])};
+}
+
+DoubleDouble determinant(const WideVector &u, const WideVector &v, const WideVector &w) {
+    return u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) +
+           u[2] * (v[0] * w[1] - v[1] * w[0]);
+}
+
+DoubleDouble squared_length(const WideVector &u) { return u[0] * u[0] + u[1] * u[1] + u[2] * u[2]; }
+
+/// Sign of the in-sphere determinant, 0 when 106 bits cannot tell.
+int wide_in_sphere(const Point &a, const Point &b, const Point &c, const Point &d, const Point &e,
+                   double permanent) {
+    const WideVector p = wide_offset(a, e), q = wide_offset(b, e), r = wide_offset(c, e),
+                     s = wide_offset(d, e);
+    for (const WideVector &offset : {p, q, r, s})
+        for (const DoubleDouble &x : offset)
+            if (!(std::abs(x.high) < largest_moderate))
+                return 0;
+    if (!(permanent > smallest_moderate))
+        return 0;
+    const DoubleDouble sum =
+        squared_length(p) * determinant(q, r, s) - squared_length(q) * determinant(p, r, s) +
+        squared_length(r) * determinant(p, q, s) - squared_length(s) * determinant(p, q, r);
+    return std::abs(sum.high) > wide_bound * permanent ? sign_of(sum.high) : 0;
+}
+
 } // namespace
 
 int orient3d(const Point &a, const Point &b, const Point &c, const Point &d) {
@@ -75,6 +166,9 @@ int orient3d(const Point &a, const Point &b, const Point &c, const Point &d) {
     const double bound = orient_bound * permanent;
     if (permanent > smallest_safe && (det > bound || -det > bound))
         return det > 0.0 ? 1 : -1;
+    std::array<Small, 3> small;
+    if (small_offsets<4>({&b, &c, &d, &a}, small))
+        return sign_of(determinant(small[0], small[1], small[2]));
     return exact_orient3d(a, b, c, d);
 }
 
@@ -106,6 +200,21 @@ int in_sphere(const Point &a, const Point &b, const Point &c, const Point &d, co
     const double bound = sphere_bound * permanent;
     if (permanent > smallest_safe && (det > bound || -det > bound))
         return det > 0.0 ? 1 : -1;
+#ifdef __SIZEOF_INT128__
+    std::array<Small, 4> small;
+    if (small_offsets<5>({&a, &b, &c, &d, &e}, small)) {
+        const auto &[p, q, r, s] = small;
+        const auto term = [](std::int64_t square, std::int64_t volume) {
+            return static_cast<Wide>(square) * volume;
+        };
+        return sign_of(term(squared_length(p), determinant(q, r, s)) -
+                       term(squared_length(q), determinant(p, r, s)) +
+                       term(squared_length(r), determinant(p, q, s)) -
+                       term(squared_length(s), determinant(p, q, r)));
+    }
+#endif
+    if (const int sign = wide_in_sphere(a, b, c, d, e, permanent))
+        return sign;
     return exact_in_sphere(a, b, c, d, e);
 }
 
