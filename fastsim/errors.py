@@ -32,17 +32,69 @@ class NotConvergedError(FastsimError):
         cell: int,
         displacement: Points,
     ) -> None:
+        self.reason = reason
         self.load_factor = load_factor
         self.residual = residual
         self.iterations = iterations
         self.smallest_det_f = smallest_det_f
         self.cell = cell
         self.displacement = displacement
+        super().__init__(self._message())
+
+    def _message(self) -> str:
+        return (
+            f"no equilibrium beyond {self.load_factor:.4g} of the load ({self.reason}); smallest "
+            f"det F {self.smallest_det_f:.3g} in cell {self.cell}, after {self.iterations} "
+            "iterations; lower the load, or use a finer mesh if the place is a corner"
+        )
+
+
+class EquilibriumLostError(NotConvergedError):
+    """Saint-Venant-Kirchhoff has no stable equilibrium at the full load: the body gives way.
+
+    Attributes:
+        cell: The cell that is strained most as it gives way.
+        place: Its centre at rest [m].
+        smallest_stretch: Smallest principal stretch at the last equilibrium [-].
+        stiffness: What is left of the stiffness in the softest direction [-]: 1 without stress,
+            0 at the limit.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        load_factor: float,
+        residual: float,
+        iterations: int,
+        smallest_det_f: float,
+        cell: int,
+        place: tuple[float, float, float],
+        smallest_stretch: float,
+        stiffness: float,
+        displacement: Points,
+    ) -> None:
+        self.place = place
+        self.smallest_stretch = smallest_stretch
+        self.stiffness = stiffness
         super().__init__(
-            f"no equilibrium beyond {load_factor:.4g} of the load ({reason}); smallest det F "
-            f"{smallest_det_f:.3g} in cell {cell}, after {iterations} iterations. "
-            "Saint-Venant-Kirchhoff has none under strong compression: lower the load, or use a "
-            "finer mesh if the place is a corner"
+            reason,
+            load_factor=load_factor,
+            residual=residual,
+            iterations=iterations,
+            smallest_det_f=smallest_det_f,
+            cell=cell,
+            displacement=displacement,
+        )
+
+    def _message(self) -> str:
+        where = ", ".join(f"{x:.4g}" for x in self.place)
+        return (
+            f"equilibrium is lost beyond {self.load_factor:.4g} of the load ({self.reason}): the "
+            f"body has {max(self.stiffness, 0.0):.1%} of its stiffness left, softens in cell "
+            f"{self.cell} at ({where}) m, and its smallest principal stretch is "
+            f"{self.smallest_stretch:.3g} (Saint-Venant-Kirchhoff softens below 0.577 in free "
+            "compression); lower the load, or spread it"
         )
 
 

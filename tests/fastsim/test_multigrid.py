@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.fastsim import _core, statics
+from palpate.fastsim import _core, newton, statics
 from palpate.fastsim.forces import lame_parameters
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Material, Problem, Strain
@@ -32,7 +32,7 @@ def test_multigrid_and_diagonal_blocks_find_the_same_equilibrium(
     problem = cantilever(make_box((16, 4, 4), (4.0, 1.0, 1.0), ragged=0.15))
     found = []
     for threshold in (0, 10**9):
-        monkeypatch.setattr(statics, "MULTIGRID_FROM_POINTS", threshold)
+        monkeypatch.setattr(newton, "MULTIGRID_FROM_POINTS", threshold)
         found.append(statics.solve_static(problem, strain=strain))
     multigrid, blocks = found
     difference = np.linalg.norm(multigrid.displacement - blocks.displacement)

@@ -1,0 +1,145 @@
+"""Where a body has softened when it loses its equilibrium.
+
+At a limit point the tangent stiffness K loses its smallest eigenvalue. Beside it stands the same
+matrix without the stress that destabilises, K_m = sum of V B^T D B at the present F: the smallest
+x . K x / x . K_m x is 1 in a body without stress and 0 at the limit, at any rotation and scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Material, Problem
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+# Inverse iterations for the softest direction, whose ratio falls apart from the next near a limit.
+_ITERATIONS = 8
+# A body this soft is at its limit, to the step by which the load was raised.
+SOFT = 0.25
+
+
+@dataclass(frozen=True)
+class Softening:
+    """How near an equilibrium is to its limit, and where.
+
+    Attributes:
+        stiffness: Smallest x . K x / x . K_m x [-]; 1 without stress, 0 at the limit, below 0
+            where the equilibrium found is not stable.
+        cell: The cell that the softest direction strains most.
+        place: Its centre at rest [m].
+        smallest_stretch: Smallest principal stretch of all cells [-].
+        stretched_cell: The cell that has it.
+    """
+
+    stiffness: float
+    cell: int
+    place: tuple[float, float, float]
+    smallest_stretch: float
+    stretched_cell: int
+
+
+def smallest_stretches(mesh: TetMesh, displacement: Points) -> Points:
+    """Smallest principal stretch of each cell [-], shape (num_cells,): sqrt of C's eigenvalue."""
+    F = _deformation_gradients(mesh, displacement)
+    C = F.transpose(0, 2, 1) @ F
+    stretches: Points = np.sqrt(np.maximum(np.linalg.eigvalsh(C)[:, 0], 0.0))
+    return stretches
+
+
+def find_softening(
+    problem: Problem, displacement: Points, solve: Callable[[Points], Points | None]
+) -> Softening:
+    """Measure how far a body has softened at an equilibrium.
+
+    Args:
+        problem: Mesh and material.
+        displacement: The equilibrium [m], shape (num_points, 3).
+        solve: K x = b with the held components of x zero; None where K is not positive definite.
+    """
+    mesh = problem.mesh
+    stretches = smallest_stretches(mesh, displacement)
+    stretched = int(np.argmin(stretches))
+    form = _MaterialStiffness(problem.mesh, problem.material, displacement)
+    right_side = form.times(smooth_direction(mesh))
+    stiffness, mode = -1.0, None
+    for _ in range(_ITERATIONS):
+        x = solve(right_side)
+        if x is None:
+            break
+        next_side = form.times(x)
+        # K x = b, so that x . K x = x . b.
+        stiffness = float(np.sum(x * right_side) / np.sum(x * next_side))
+        mode = x
+        right_side = next_side / np.linalg.norm(next_side)
+    cell = stretched if mode is None else int(np.argmax(form.densities(mode)))
+    centre = mesh.points[mesh.cells[cell]].mean(axis=0)
+    place = float(centre[0]), float(centre[1]), float(centre[2])
+    return Softening(stiffness, cell, place, float(stretches[stretched]), stretched)
+
+
+def smooth_direction(mesh: TetMesh) -> Points:
+    """A displacement without symmetry: random polynomials of degree 3, so every mode is in it."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    x, y, z = (2.0 * (mesh.points - low) / np.maximum(high - low, 1e-300) - 1.0).T
+    powers = [x**i * y**j * z**k for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]
+    coefficients = np.random.default_rng(0).standard_normal((len(powers), 3))
+    direction: Points = np.array(powers).T @ coefficients
+    return direction / float(np.linalg.norm(direction))
+
+
+class _MaterialStiffness:
+    """K_m x = sum of V F (D : sym(F^T grad x)) grad N, cell by cell."""
+
+    def __init__(self, mesh: TetMesh, material: Material, displacement: Points) -> None:
+        E, nu = material.youngs_modulus, material.poissons_ratio
+        self._lmbda = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        self._mu = E / (2.0 * (1.0 + nu))
+        self._mesh = mesh
+        self._volumes = signed_volumes(mesh.points, mesh.cells)
+        self._gradients = _rest_gradients(mesh)
+        self._F = _deformation_gradients(mesh, displacement)
+
+    def times(self, x: Points) -> Points:
+        strain = self._strain_rates(x)
+        trace = np.trace(strain, axis1=1, axis2=2)
+        stress = 2.0 * self._mu * strain + self._lmbda * trace[:, None, None] * np.eye(3)
+        pull = self._volumes[:, None, None] * (self._F @ stress) @ self._gradients
+        product = np.zeros_like(x)
+        for a in range(3):
+            np.add.at(product, self._mesh.cells[:, a + 1], pull[:, :, a])
+        np.add.at(product, self._mesh.cells[:, 0], -pull.sum(axis=2))
+        return product
+
+    def densities(self, x: Points) -> Points:
+        strain = self._strain_rates(x)
+        trace = np.trace(strain, axis1=1, axis2=2)
+        values: Points = self._lmbda * trace**2 + 2.0 * self._mu * (strain**2).sum(axis=(1, 2))
+        return values
+
+    def _strain_rates(self, x: Points) -> Points:
+        product = self._F.transpose(0, 2, 1) @ _gradients_of(self._mesh, self._gradients, x)
+        rates: Points = 0.5 * (product + product.transpose(0, 2, 1))
+        return rates
+
+
+def _rest_gradients(mesh: TetMesh) -> Points:
+    """Inverse of the edge matrix, columns edge 1 to 3: row a is grad N_a; stored transposed."""
+    edges = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
+    gradients: Points = np.linalg.inv(edges)
+    return gradients
+
+
+def _gradients_of(mesh: TetMesh, gradients: Points, x: Points) -> Points:
+    differences = x[mesh.cells[:, 1:]] - x[mesh.cells[:, :1]]
+    # H_ij = sum over a of dx_a,i dN_a/dX_j; `gradients` holds dN_a/dX_j at [j, a].
+    H: Points = np.einsum("cai,cja->cij", differences, gradients)
+    return H
+
+
+def _deformation_gradients(mesh: TetMesh, displacement: Points) -> Points:
+    F: Points = _gradients_of(mesh, _rest_gradients(mesh), displacement) + np.eye(3)
+    return F

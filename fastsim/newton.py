@@ -1,0 +1,225 @@
+"""Newton-Raphson at one load factor (eq. 9-10): consistent tangent, inexact solves, line search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from palpate.fastsim import _core
+from palpate.fastsim.forces import STRAIN_MEASURE, constraints, external_force, lame_parameters
+from palpate.fastsim.limit_point import smooth_direction
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import Pressure
+from palpate.meshes.problem import Problem, Strain
+
+# Below this, diagonal blocks alone are as quick as multigrid.
+MULTIGRID_FROM_POINTS = 1500
+
+
+class Iteration(StrEnum):
+    """Matrix of each step: the consistent tangent dR/da, or K + P(a) as eq. 10 prints it.
+
+    P(a) is not unique; the symmetric one is used, so that conjugate gradients apply.
+    """
+
+    NEWTON = "newton"
+    SECANT = "secant"
+
+
+@dataclass
+class NewtonOutcome:
+    """Displacement at equilibrium, or the reason why there is none."""
+
+    displacement: Points | None
+    reason: str = ""
+    history: list[float] = field(default_factory=list)
+
+
+class Newton:
+    """Newton-Raphson on one problem; keeps the core's solid and the counts."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        strain: Strain,
+        relative_tolerance: float,
+        max_iterations: int,
+        iteration: Iteration = Iteration.NEWTON,
+    ) -> None:
+        self.problem = problem
+        self.iteration = iteration
+        self.strain = strain
+        self.tolerance = relative_tolerance
+        self.max_iterations = max_iterations
+        self.iterations = 0
+        self.linear_iterations = 0
+        self._measure = STRAIN_MEASURE[strain]
+        self._lmbda, self._mu = lame_parameters(problem.material)
+        self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
+        self._is_free, self._held = constraints(problem)
+        self._uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
+        self._is_stale = True
+        self._fresh_cost: float | None = None
+        self._load = external_force(problem)
+        # Pressure follows the body only where the strain measure knows finite rotations.
+        self._follows = strain is Strain.GREEN and any(
+            isinstance(load, Pressure) for load in problem.loads
+        )
+
+    def smallest_det_f(self, displacement: Points) -> tuple[float, int]:
+        """Smallest det F and its cell."""
+        values = np.empty(self.problem.mesh.num_cells)
+        self._solid.det_f(displacement, values)
+        cell = int(np.argmin(values))
+        return float(values[cell]), cell
+
+    def solve(self, start: Points, factor: float) -> NewtonOutcome:
+        """Equilibrium at a load factor, from the equilibrium at a smaller one."""
+        free = self._is_free.astype(bool)
+        displacement = start.copy()
+        # The held components' change goes through the tangent first: no cell is crushed by it.
+        jump = np.where(free, 0.0, factor * self._held - displacement)
+        history: list[float] = []
+        residual, internal = self._residual(displacement, factor)
+        outcome = NewtonOutcome(None, history=history)
+        for _ in range(self.max_iterations):
+            self._assemble_tangent(displacement, factor)
+            right_side = residual
+            if np.any(jump):
+                through = np.empty_like(jump)
+                self._solid.multiply_tangent(jump, through)
+                right_side = residual - through
+            step, reason = self._linear_solve(np.where(free, right_side, 0.0), history)
+            if step is None:
+                outcome.reason = reason
+                return outcome
+            step = step + jump
+            self.iterations += 1
+            accepted = self._line_search(displacement, step, factor, residual, bool(np.any(jump)))
+            if accepted is None:
+                outcome.reason = "the line search found no smaller residual with det F > 0"
+                return outcome
+            displacement, residual, internal = accepted
+            jump = np.where(free, 0.0, factor * self._held - displacement)
+            norm = float(np.linalg.norm(residual[free]))
+            history.append(norm / self._scale(internal, factor))
+            if not np.isfinite(history[-1]):
+                outcome.reason = "the residual is not finite"
+                return outcome
+            if history[-1] <= self.tolerance and not np.any(jump):
+                if self._is_stable():
+                    outcome.displacement = displacement
+                else:
+                    outcome.reason = "the equilibrium found is not stable"
+                return outcome
+            if len(history) >= 4 and history[-1] > 0.9 * history[-3] and self._at_rounding(history):
+                break
+        outcome.reason = f"relative residual {history[-1]:.2g} after {len(history)} iterations"
+        return outcome
+
+    def solver_at(self, displacement: Points, factor: float) -> Callable[[Points], Points | None]:
+        """Return a solver of the tangent at an equilibrium; it returns None where not definite."""
+        self._assemble_tangent(displacement, factor)
+        self._is_stale = True
+
+        def solve(right_side: Points) -> Points | None:
+            given = np.where(self._is_free != 0, right_side, 0.0)
+            return self._linear_solve(given, [1e-3])[0]
+
+        return solve
+
+    def _is_stable(self) -> bool:
+        """Is the last tangent positive definite? The last step was too small to change it.
+
+        Symmetric loads leave symmetric residuals, which never meet the direction in which a
+        column buckles: conjugate gradients are given a direction without symmetry.
+        """
+        if self.strain is Strain.LINEAR or self._follows or self.iteration is Iteration.SECANT:
+            return True
+        direction = np.where(self._is_free != 0, smooth_direction(self.problem.mesh), 0.0)
+        return self._linear_solve(direction, [1.0])[0] is not None
+
+    def _at_rounding(self, history: list[float]) -> bool:
+        return max(history[-3:]) < 1e-7
+
+    def _scale(self, internal: Points, factor: float) -> float:
+        """Norm of what drives the problem: the load, and the reactions to moved supports."""
+        scale = factor * float(np.linalg.norm(self._load))
+        if np.any(self._held) or scale == 0.0:
+            scale = max(scale, float(np.linalg.norm(internal[self._is_free == 0])))
+        return max(scale, float(np.finfo(float).tiny))
+
+    def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
+        internal = np.zeros_like(displacement)
+        self._solid.internal_force(displacement, self._lmbda, self._mu, self._measure, internal)
+        load = external_force(self.problem, displacement) if self._follows else self._load
+        return factor * load - internal, internal
+
+    def _assemble_tangent(self, displacement: Points, factor: float) -> None:
+        if self.iteration is Iteration.SECANT:
+            self._solid.assemble_secant(displacement, self._lmbda, self._mu, self._measure)
+        else:
+            self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
+        if not self._follows:
+            return
+        displaced = self.problem.mesh.points + displacement
+        for load in self.problem.loads:
+            if isinstance(load, Pressure):
+                facets = np.ascontiguousarray(load.facets, dtype=np.int32)
+                self._solid.add_pressure_tangent(displaced, facets, factor * load.pressure)
+
+    def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
+        """Solve K x = b; early Newton steps need few digits, the last ones many."""
+        norm = float(np.linalg.norm(right_side))
+        relative = 0.3 * self.tolerance
+        if self.strain is Strain.GREEN:
+            # Inexact Newton (Eisenstat and Walker 1996): as many digits as the last step gained,
+            # but none beyond the tolerance.
+            last = history[-1] if history else 1.0
+            enough = 0.3 * self.tolerance / max(last, self.tolerance)
+            relative = max(min(1e-2, 0.1 * last), enough)
+        if self._uses_multigrid and self._is_stale:
+            self._solid.build_multigrid(self._is_free)
+            self._fresh_cost = None
+        x = np.zeros_like(right_side)
+        limit = 20 * self.problem.mesh.num_points + 1000
+        status, iterations, _ = self._solid.solve_tangent(
+            right_side, self._is_free, relative * norm, limit, self._uses_multigrid, x
+        )
+        self.linear_iterations += iterations
+        # Iterations for each digit tell when the multigrid of an earlier tangent has aged.
+        cost = iterations / -np.log10(relative)
+        if self._fresh_cost is None:
+            self._fresh_cost = cost
+        self._is_stale = cost > 1.5 * self._fresh_cost + 2.0
+        if status == _core.SolveStatus.negative_curvature:
+            return None, "the tangent stiffness is not positive definite: a limit point"
+        if status == _core.SolveStatus.iteration_limit:
+            return None, f"conjugate gradients stopped at {limit} iterations"
+        return x, ""
+
+    def _line_search(
+        self, displacement: Points, step: Points, factor: float, residual: Points, moves_held: bool
+    ) -> tuple[Points, Points, Points] | None:
+        """Full step first; halve it while a cell is inverted or the residual explodes.
+
+        A full Newton step may raise the residual for a while in bending, so only a growth by
+        more than ten is refused when no cell is inverted.
+        """
+        free = self._is_free.astype(bool)
+        before = float(np.linalg.norm(residual[free]))
+        length = 1.0
+        for _ in range(12):
+            trial = displacement + length * step
+            trial_residual, internal = self._residual(trial, factor)
+            norm = float(np.linalg.norm(trial_residual[free]))
+            if self.strain is Strain.LINEAR:
+                return trial, trial_residual, internal
+            is_whole = self.smallest_det_f(trial)[0] > 0.0
+            if is_whole and np.isfinite(norm) and (moves_held or norm <= 10.0 * before):
+                return trial, trial_residual, internal
+            length *= 0.5
+        return None
