@@ -32,6 +32,7 @@ BENCHMARKS = {
     "steps": ("steps", "bench_steps"),
     "static": ("static", "bench_static"),
     "delaunay": ("delaunay", "bench_delaunay"),
+    "mesh": ("mesh", "bench_mesh"),
 }
 
 
