@@ -98,6 +98,32 @@ class EquilibriumLostError(NotConvergedError):
         )
 
 
+class RelaxationFailedError(FastsimError):
+    """Dynamic relaxation found no state of rest.
+
+    Attributes:
+        reason: What ended it.
+        steps: Explicit steps in all.
+        residual: Last relative residual [-].
+        load_factor: Part of the load that acted when it ended, 0 to 1.
+        displacement: The last good state [m], shape (num_points, 3); not an equilibrium.
+    """
+
+    def __init__(
+        self, reason: str, *, steps: int, residual: float, load_factor: float, displacement: Points
+    ) -> None:
+        self.reason = reason
+        self.steps = steps
+        self.residual = residual
+        self.load_factor = load_factor
+        self.displacement = displacement
+        super().__init__(
+            f"dynamic relaxation failed after {steps} steps: {reason} (relative residual "
+            f"{residual:.2g}, {load_factor:.4g} of the load); lower the load, or solve it by "
+            "Newton's method, which finds the load that can be borne"
+        )
+
+
 class UnstableStepError(FastsimError):
     """The chosen time step is above the critical one; `.time_step`, `.critical_time_step`."""
 

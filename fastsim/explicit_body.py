@@ -48,7 +48,7 @@ class ExplicitBody:
         time_step: [s].
         mass_damping: lambda in D = lambda M [1/s].
         histories: Amplitudes of the loads and supports.
-        lumped_mass: [kg], shape (num_points,); None is the material's.
+        mass: Lumped [kg], shape (num_points,); None is the material's.
         precision: Of the step.
         num_threads: At least 1.
         tracks_energy: Whether `advance` returns energies.
@@ -171,16 +171,20 @@ class ExplicitBody:
         speed: Points = (self._increment + ahead) / (2.0 * self.dt)
         return speed
 
+    def load(self) -> Points:
+        """All loads F(t) at the present state, pressure included [N], shape (num_points, 3)."""
+        factors = self._histories.at([self.steps * self.dt])[0]
+        load: Points = np.tensordot(factors, self._dead, axes=1)
+        for pressure, history in self._pressures:
+            pushed = Problem(self.problem.mesh, self.problem.material, (), (pressure,))
+            load += factors[history] * external_force(pushed, self.displacement)
+        return load
+
     def force(self) -> Points:
         """Loads minus internal force, F(t) - R(a), at the present state [N]."""
         internal = np.zeros_like(self.displacement)
         self._solid.internal_force(self.displacement, *self._lame, self._measure, internal)
-        factors = self._histories.at([self.steps * self.dt])[0]
-        load = np.tensordot(factors, self._dead, axes=1)
-        for pressure, history in self._pressures:
-            pushed = Problem(self.problem.mesh, self.problem.material, (), (pressure,))
-            load += factors[history] * external_force(pushed, self.displacement)
-        force: Points = load - internal
+        force: Points = self.load() - internal
         return force
 
     def set_mass_damping(self, mass_damping: float) -> None:
@@ -235,7 +239,11 @@ class ExplicitBody:
         elif point >= 0:
             cell = int(np.flatnonzero((mesh.cells == point).any(axis=1))[0])
         critical = sharp_critical_time_step(
-            mesh, self.problem.material, displacement=self.displacement, strain=self._strain
+            mesh,
+            self.problem.material,
+            displacement=self.displacement,
+            strain=self._strain,
+            mass=self._mass[:, 0],
         )
         return BlowUpError(
             _REASONS[reason],

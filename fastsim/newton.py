@@ -29,6 +29,20 @@ class Iteration(StrEnum):
     SECANT = "secant"
 
 
+def rounding_error(row_sums: Points, displacement: Points) -> float:
+    """Norm of the nodal forces that rounding alone can leave [N].
+
+    Differences of neighbouring displacements are exact to eps times these, and go into each force
+    with the stiffnesses of its row; slender bodies have large ones and small forces.
+
+    Args:
+        row_sums: Sums of magnitudes of the rows of the stiffness [N/m], shape (num_points, 3).
+        displacement: [m], shape (num_points, 3).
+    """
+    eps = float(np.finfo(float).eps)
+    return 4.0 * eps * float(np.linalg.norm(row_sums * np.abs(displacement).max(axis=1)[:, None]))
+
+
 @dataclass
 class NewtonOutcome:
     """Displacement at equilibrium, or the reason why there is none."""
@@ -109,14 +123,14 @@ class Newton:
             if not np.isfinite(history[-1]):
                 outcome.reason = "the residual is not finite"
                 return outcome
-            if history[-1] <= self.tolerance and not np.any(jump):
+            if not np.any(jump) and (
+                history[-1] <= self.tolerance or self._is_at_rounding(displacement, norm, history)
+            ):
                 if self._is_stable():
                     outcome.displacement = displacement
                 else:
                     outcome.reason = "the equilibrium found is not stable"
                 return outcome
-            if len(history) >= 4 and history[-1] > 0.9 * history[-3] and self._at_rounding(history):
-                break
         outcome.reason = f"relative residual {history[-1]:.2g} after {len(history)} iterations"
         return outcome
 
@@ -142,8 +156,13 @@ class Newton:
         direction = np.where(self._is_free != 0, smooth_direction(self.problem.mesh), 0.0)
         return self._linear_solve(direction, [1.0])[0] is not None
 
-    def _at_rounding(self, history: list[float]) -> bool:
-        return max(history[-3:]) < 1e-7
+    def _is_at_rounding(self, displacement: Points, norm: float, history: list[float]) -> bool:
+        """Has the residual [N] stopped falling, at what rounding alone can leave?"""
+        if len(history) < 2 or history[-1] <= 0.5 * history[-2]:
+            return False
+        sums = np.empty_like(displacement)
+        self._solid.absolute_row_sums(sums)
+        return norm <= rounding_error(sums, displacement)
 
     def _scale(self, internal: Points, factor: float) -> float:
         """Norm of what drives the problem: the load, and the reactions to moved supports."""

@@ -69,7 +69,8 @@ def solve_static(
         progress: Called with one line per load step.
 
     Returns:
-        The equilibrium; its relative residual is at most the tolerance.
+        The equilibrium; its relative residual is at most the tolerance, or, in a slender body, the
+        rounding error of its nodal forces: the last of `residual_history` says so.
 
     Raises:
         UnsupportedBodyError: The body can float.

@@ -54,6 +54,7 @@ def sharp_critical_time_step(
     *,
     displacement: Points | None = None,
     strain: Strain = Strain.GREEN,
+    mass: Points | None = None,
     relative_tolerance: float = 1e-4,
     max_iterations: int = 2000,
 ) -> float:
@@ -67,6 +68,7 @@ def sharp_critical_time_step(
         material: Isotropic solid with a density.
         displacement: State about which the body moves [m], shape (num_points, 3); None is rest.
         strain: Engineering or Green strain.
+        mass: Lumped mass [kg], shape (num_points,); None is the material's.
         relative_tolerance: Change of the eigenvalue over ten iterations at which to stop.
         max_iterations: Matrix products at most.
     """
@@ -77,7 +79,8 @@ def sharp_critical_time_step(
         *lame_parameters(material),
         STRAIN_MEASURE[strain],
     )
-    scale = 1.0 / np.sqrt(lumped_mass(mesh, material.density))[:, None]
+    lumped = lumped_mass(mesh, material.density) if mass is None else mass
+    scale = 1.0 / np.sqrt(lumped)[:, None]
     q = np.random.default_rng(0).standard_normal(mesh.points.shape)
     q /= np.linalg.norm(q)
     before = np.zeros_like(q)

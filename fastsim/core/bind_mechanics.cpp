@@ -126,6 +126,13 @@ void bind_mechanics(nb::module_ &module) {
             nb::arg("displaced_points").noconvert(), nb::arg("facets").noconvert(),
             nb::arg("pressure"))
         .def(
+            "absolute_row_sums",
+            [](const Solid &solid, Table3<double> sums) {
+                nb::gil_scoped_release release;
+                absolute_row_sums(solid.matrix, as_span(sums));
+            },
+            nb::arg("sums").noconvert())
+        .def(
             "multiply_tangent",
             [](const Solid &solid, Table3<const double> x, Table3<double> y) {
                 nb::gil_scoped_release release;

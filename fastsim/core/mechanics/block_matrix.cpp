@@ -1,6 +1,7 @@
 #include "mechanics/block_matrix.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace fastsim {
 
@@ -124,6 +125,17 @@ void add_pressure_tangent(std::span<const double> displaced_points, std::span<co
                 m[7] += v[0];
             }
     }
+}
+
+void absolute_row_sums(const BlockMatrix &matrix, std::span<double> sums) {
+    for (std::size_t i = 0; i < matrix.num_points; ++i)
+        for (std::size_t r = 0; r < 3; ++r) {
+            double sum = 0.0;
+            for (std::size_t k = matrix.row_start[i]; k < matrix.row_start[i + 1]; ++k)
+                for (std::size_t c = 0; c < 3; ++c)
+                    sum += std::abs(matrix.blocks[k][3 * r + c]);
+            sums[3 * i + r] = sum;
+        }
 }
 
 void multiply(const BlockMatrix &matrix, std::span<const double> x, std::span<double> y) {

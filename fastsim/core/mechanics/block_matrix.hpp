@@ -40,6 +40,9 @@ void assemble_secant(const RestCells &rest, std::span<const Index> cells,
 void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
                           double pressure, BlockMatrix &matrix);
 
+/// Sum of the magnitudes of each row: Gershgorin's bound on the eigenvalues.
+void absolute_row_sums(const BlockMatrix &matrix, std::span<double> sums);
+
 /// y = A x.
 void multiply(const BlockMatrix &matrix, std::span<const double> x, std::span<double> y);
 

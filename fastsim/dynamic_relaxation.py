@@ -1,0 +1,229 @@
+"""Static equilibrium by explicit steps: motion with made-up masses, damped until it rests.
+
+M a'' + c M a' + R(a) = F with dt = 1 and masses by Gershgorin's bound, so that every step is
+stable: m_i = sum_j |K_ij| / 4 (P. Underwood, "Dynamic relaxation", in Computational Methods for
+Transient Analysis, 1983). The damping is twice the frequency of what still moves, by Rayleigh's
+quotient of the last increment,
+
+    c = 2 omega,  omega^2 = du . (R(a + du) - R(a)) / du . M du,
+
+which damps the lowest frequency critically once the others have died. No matrix is ever solved:
+a step costs what a step of the dynamics costs, and their number grows with omega_max / omega_min.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fastsim import _core
+from palpate.fastsim.amplitudes import Histories, smooth_ramp
+from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
+from palpate.fastsim.explicit_body import ExplicitBody
+from palpate.fastsim.forces import STRAIN_MEASURE, constraints, lame_parameters
+from palpate.fastsim.newton import rounding_error
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.rigid_modes import require_supported
+
+# Steps between two looks at the residual, each with a force in double precision besides.
+WINDOW = 50
+# The load is raised over so many steps at first, and over four times as many at each new start.
+_FIRST_RAMP = 500
+_MOST_STARTS = 5
+# omega_max is 2 by the choice of masses: above this share of it nothing is left to be damped.
+_LARGEST_FREQUENCY = 0.5
+# Green strain stiffens under stretch; masses are larger than the bound asks by this factor, and
+# by its next power at each new start.
+_MASS_MARGIN = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxationResult:
+    """A static equilibrium found by dynamic relaxation.
+
+    Attributes:
+        displacement: [m], shape (num_points, 3).
+        strain: The strain measure used.
+        steps: Explicit steps in all, those of lost starts included.
+        relative_residual: Out-of-balance force over load or reactions [-].
+        history: (steps, relative residual) at each look of the last start.
+        smallest_det_f: Smallest det F of all cells [-].
+        starts: 1, or more if a start blew up.
+    """
+
+    displacement: Points
+    strain: Strain
+    steps: int
+    relative_residual: float
+    history: tuple[tuple[int, float], ...]
+    smallest_det_f: float
+    starts: int
+
+
+def relax(
+    problem: Problem,
+    *,
+    strain: Strain = Strain.GREEN,
+    relative_tolerance: float = 1e-10,
+    max_steps: int = 1_000_000,
+    num_threads: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> RelaxationResult:
+    """Find R(a) = F (eq. 1) by dynamic relaxation.
+
+    Args:
+        problem: Mesh, material, supports and loads; density and time are ignored.
+        strain: Engineering or Green strain.
+        relative_tolerance: Residual over the load's norm, or the reactions' where supports move.
+        max_steps: Where to give up.
+        num_threads: At least 1.
+        progress: Called with one line now and then.
+
+    Returns:
+        The equilibrium; its relative residual is at most the tolerance, or the rounding error of
+        the nodal forces where that is larger.
+
+    Raises:
+        UnsupportedBodyError: The body can float.
+        RelaxationFailedError: It did not come to rest, or blew up at every start; carries the last
+            good state. `palpate.fastsim.statics.solve_static` finds the load that can be borne.
+
+    Note:
+        Slender bodies take many steps: their number grows with the ratio of the highest to the
+        lowest frequency, Newton's hardly does.
+    """
+    require_supported(problem)
+    run = _Relaxation(problem, strain, relative_tolerance, num_threads)
+    blown: BlowUpError | None = None
+    ramp = _FIRST_RAMP
+    for start in range(1, _MOST_STARTS + 1):
+        try:
+            result = run.start(ramp, _MASS_MARGIN**start, max_steps, progress)
+        except BlowUpError as error:
+            blown = error
+            if progress:
+                progress(f"start {start}: {error.reason} after {error.step} steps; slower again")
+            ramp *= 4
+            continue
+        if result is None:
+            break
+        displacement, residual = result
+        return RelaxationResult(
+            displacement=displacement,
+            strain=strain,
+            steps=run.steps,
+            relative_residual=residual,
+            history=tuple(run.history),
+            smallest_det_f=run.smallest_det_f(displacement),
+            starts=start,
+        )
+    raise RelaxationFailedError(
+        f"{blown.reason} in cell {blown.cell} at every start"
+        if blown
+        else "it did not come to rest",
+        steps=run.steps,
+        residual=run.history[-1][1] if run.history else float("inf"),
+        load_factor=smooth_ramp(ramp / 4.0)(blown.time) if blown else 1.0,
+        displacement=run.last_good if blown is None else blown.displacement,
+    )
+
+
+class _Relaxation:
+    """One problem's masses and counts, over several starts."""
+
+    def __init__(
+        self, problem: Problem, strain: Strain, relative_tolerance: float, num_threads: int
+    ) -> None:
+        self.steps = 0
+        self.history: list[tuple[int, float]] = []
+        self.last_good = np.zeros_like(problem.mesh.points)
+        self._problem = problem
+        self._strain = strain
+        self._tolerance = relative_tolerance
+        self._num_threads = num_threads
+        self._is_free = constraints(problem)[0].astype(bool)
+        self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
+        self._bound = self._gershgorin()
+
+    def start(
+        self,
+        ramp_steps: int,
+        mass_factor: float,
+        max_steps: int,
+        progress: Callable[[str], None] | None,
+    ) -> tuple[Points, float] | None:
+        """Relax from rest; None if the steps do not suffice.
+
+        Raises:
+            BlowUpError: A cell inverted on the way, or the body stiffened beyond its masses.
+        """
+        ramp = smooth_ramp(float(ramp_steps))
+        mass = mass_factor * self._bound
+        body = ExplicitBody(
+            self._problem,
+            strain=self._strain,
+            time_step=1.0,
+            mass_damping=0.0,
+            histories=Histories(self._problem, ramp, ramp),
+            mass=mass,
+            num_threads=self._num_threads,
+        )
+        zero = np.zeros_like(self.last_good)
+        body.start(zero, zero)
+        self.history = []
+        before, force_before = body.displacement.copy(), body.force()
+        while self.steps < max_steps:
+            try:
+                body.advance(WINDOW, WINDOW)
+            except BlowUpError as error:
+                self.steps += WINDOW
+                self.last_good = error.displacement
+                raise
+            self.steps += WINDOW
+            now, force = body.displacement.copy(), body.force()
+            self.last_good = now
+            is_loaded = body.steps >= ramp_steps
+            scale = self._scale(body, force)
+            relative = float(np.linalg.norm(force[self._is_free])) / scale
+            self.history.append((body.steps, relative))
+            if progress and len(self.history) % 20 == 0:
+                progress(f"{body.steps} steps, relative residual {relative:.2e}")
+            rounding = rounding_error(4.0 * self._bound[:, None], now) / scale
+            if is_loaded and relative <= max(self._tolerance, 0.1 * rounding):
+                return now, relative
+            # While the load still grows the change of force is not the body's alone.
+            if is_loaded:
+                moved = np.where(self._is_free, now - before, 0.0)
+                mobile = float(np.sum(mass[:, None] * moved**2))
+                stiffness = float(np.sum(moved * (force_before - force)))
+                if mobile > 0.0 and stiffness > 0.0:
+                    omega = min(np.sqrt(stiffness / mobile), _LARGEST_FREQUENCY)
+                    body.set_mass_damping(2.0 * omega)
+            before, force_before = now, force
+        return None
+
+    def smallest_det_f(self, displacement: Points) -> float:
+        values = np.empty(self._problem.mesh.num_cells)
+        self._solid.det_f(displacement, values)
+        return float(values.min())
+
+    def _scale(self, body: ExplicitBody, force: Points) -> float:
+        """Norm of the load; of the reactions where supports move, or nothing else pushes."""
+        scale = float(np.linalg.norm(body.load()))
+        moves = any(any(support.displacement) for support in self._problem.supports)
+        if moves or scale == 0.0:
+            scale = max(scale, float(np.linalg.norm(force[~self._is_free])))
+        return max(scale, float(np.finfo(float).tiny))
+
+    def _gershgorin(self) -> Points:
+        """Masses for which omega_max <= 2 at rest, the largest of each point's three."""
+        rest = np.zeros_like(self.last_good)
+        measure = STRAIN_MEASURE[self._strain]
+        self._solid.assemble_tangent(rest, *lame_parameters(self._problem.material), measure)
+        sums = np.empty_like(rest)
+        self._solid.absolute_row_sums(sums)
+        bound: Points = 0.25 * sums.max(axis=1)
+        return bound

@@ -1,0 +1,123 @@
+"""Dynamic relaxation: Newton's equilibria without a matrix, and honest failure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamic_relaxation import relax
+from palpate.fastsim.errors import EquilibriumLostError, RelaxationFailedError
+from palpate.fastsim.forces import assemble_internal_force, constraints, external_force
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_modes import UnsupportedBodyError
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case import load_case
+
+MakeBox = Callable[..., TetMesh]
+SOFT = Material(1e4, 0.3, 1000.0)
+BOTH = pytest.mark.parametrize("strain", list(Strain))
+
+
+def facets_at(mesh: TetMesh, axis: int, value: float) -> np.ndarray:
+    corners = mesh.points[mesh.boundary_facets]
+    return mesh.boundary_facets[(np.abs(corners[:, :, axis] - value) < 1e-9).all(axis=1)]
+
+
+def held_block(mesh: TetMesh, *loads: Load, supports: tuple[Support, ...] = ()) -> Problem:
+    held = facets_at(mesh, 0, 0.0)
+    return Problem(
+        mesh, SOFT, (Support(np.unique(held).astype(np.int32), held), *supports), tuple(loads)
+    )
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+@BOTH
+@pytest.mark.parametrize("name", ["kidney", "beam"])
+def test_newtons_equilibrium_to_eight_digits(name: str, strain: Strain) -> None:
+    problem = load_case(name).problem
+    newton = solve_static(problem, strain=strain)
+    relaxed = relax(problem, strain=strain)
+    assert difference(relaxed.displacement, newton.displacement) < 1e-8
+    assert relaxed.smallest_det_f == pytest.approx(newton.smallest_det_f, rel=1e-6)
+    assert relaxed.history[-1] == (relaxed.steps, relaxed.relative_residual)
+    assert relaxed.starts == 1
+
+
+@BOTH
+def test_pressure_and_moved_supports(ragged_box: TetMesh, strain: Strain) -> None:
+    end = facets_at(ragged_box, 0, 1.6)
+    moved = Support(np.unique(end).astype(np.int32), displacement=(0.2, 0.1, 0.0))
+    press = Pressure(facets_at(ragged_box, 2, 1.2), 400.0)
+    problem = held_block(ragged_box, press, supports=(moved,))
+    relaxed = relax(problem, strain=strain)
+    assert (
+        difference(relaxed.displacement, solve_static(problem, strain=strain).displacement) < 1e-8
+    )
+    assert relaxed.displacement[np.unique(end)] == pytest.approx(
+        np.tile([0.2, 0.1, 0.0], (len(np.unique(end)), 1))
+    )
+
+
+def test_what_is_returned_balances(ragged_box: TetMesh) -> None:
+    problem = held_block(ragged_box, BodyForce((0.0, 100.0, -500.0)))
+    relaxed = relax(problem, relative_tolerance=1e-6)
+    load = external_force(problem)
+    residual = load - assemble_internal_force(ragged_box, relaxed.displacement, material=SOFT)
+    free = constraints(problem)[0].astype(bool)
+    relative = np.linalg.norm(residual[free]) / np.linalg.norm(load)
+    assert relative == pytest.approx(relaxed.relative_residual, rel=1e-6)
+    assert relative <= 1e-6
+
+
+def test_the_number_of_steps_grows_with_the_slenderness(make_box: MakeBox) -> None:
+    """As omega_max / omega_min does, with the square of the length of a beam."""
+    steps = []
+    for length in (4, 8, 16):
+        mesh = make_box((2 * length, 2, 2), (float(length), 1.0, 1.0))
+        weight = BodyForce((0.0, 0.0, -30.0 / length**3))
+        steps.append(relax(held_block(mesh, weight), strain=Strain.LINEAR).steps)
+    assert steps[2] > 2.5 * steps[1] > 2.5 * 1.5 * steps[0]
+
+
+def test_a_stiffening_pull_makes_it_start_again_with_larger_masses(ragged_box: TetMesh) -> None:
+    pull = Traction(facets_at(ragged_box, 0, 1.6), (2.2e4, 0.0, 0.0))
+    lines: list[str] = []
+    problem = held_block(ragged_box, pull)
+    relaxed = relax(problem, progress=lines.append)
+    assert relaxed.starts > 1
+    assert any("slower again" in line for line in lines)
+    assert difference(relaxed.displacement, solve_static(problem).displacement) < 1e-8
+
+
+def test_a_crushing_load_fails_with_the_last_good_state(ragged_box: TetMesh) -> None:
+    push = Traction(facets_at(ragged_box, 0, 1.6), (-SOFT.youngs_modulus, 0.0, 0.0))
+    problem = held_block(ragged_box, push)
+    with pytest.raises(RelaxationFailedError, match="inverted") as caught:
+        relax(problem)
+    error = caught.value
+    assert np.isfinite(error.displacement).all()
+    # Raised slowly, the load passes the limit that Newton's method finds, and not by much.
+    with pytest.raises(EquilibriumLostError) as newton:
+        solve_static(problem)
+    assert 1.0 < error.load_factor / newton.value.load_factor < 1.1
+    assert "Newton" in str(error)
+
+
+def test_too_few_steps_are_no_answer(ragged_box: TetMesh) -> None:
+    problem = held_block(ragged_box, BodyForce((0.0, 0.0, -300.0)))
+    with pytest.raises(RelaxationFailedError, match="did not come to rest") as caught:
+        relax(problem, max_steps=100)
+    assert caught.value.steps == 100
+    assert np.isfinite(caught.value.displacement).all()
+
+
+def test_a_floating_body_is_refused(ragged_box: TetMesh) -> None:
+    with pytest.raises(UnsupportedBodyError):
+        relax(Problem(ragged_box, SOFT, (), (BodyForce((0.0, 0.0, -1.0)),)))
