@@ -37,12 +37,20 @@ double cell_quality(const TetComplex &complex, const Cell &cell) {
     const double fa = squared(cross(bc, bd)), fb = squared(normal_b);
     const double fc = squared(cross(ab, ad)), fd = squared(normal_d);
     // sin(dihedral at an edge) = 6 V |edge| / (2 A_i 2 A_j), facets i and j opposite the other
-    // edge's ends; squared, so that one root does for all six.
+    // edge's ends; squared, and over one denominator, so that one root and one division do.
+    const double fab = fa * fb, fcd = fc * fd;
     const double smallest =
-        std::min({squared(ab) / (fc * fd), squared(ac) / (fb * fd), squared(ad) / (fb * fc),
-                  squared(bc) / (fa * fd), squared(bd) / (fa * fc), squared(cd) / (fa * fb)});
-    // A facet without area leaves no number: such a cell is as bad as a flat one.
-    return std::isfinite(smallest) ? six_volumes * std::sqrt(smallest) : 0.0;
+        std::min({squared(ab) * fab, squared(ac) * (fa * fc), squared(ad) * (fa * fd),
+                  squared(bc) * (fb * fc), squared(bd) * (fb * fd), squared(cd) * fcd});
+    const double sine = six_volumes * std::sqrt(smallest / (fab * fcd));
+    if (sine != 0.0 && std::isfinite(sine))
+        return sine;
+    // Lengths so small or large that products of areas leave the range, or a facet without area:
+    // such a cell is as bad as a flat one.
+    const double each =
+        std::min({squared(ab) / fcd, squared(ac) / (fb * fd), squared(ad) / (fb * fc),
+                  squared(bc) / (fa * fd), squared(bd) / (fa * fc), squared(cd) / fab});
+    return std::isfinite(each) ? six_volumes * std::sqrt(each) : 0.0;
 }
 
 bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protection,

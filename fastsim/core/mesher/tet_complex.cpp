@@ -1,7 +1,9 @@
 #include "mesher/tet_complex.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <stdexcept>
+#include <tuple>
 
 namespace fastsim {
 
@@ -47,14 +49,47 @@ Index TetComplex::new_slot() {
 }
 
 void TetComplex::set_cells(std::span<const Cell> cells) {
-    std::unordered_map<Triple, Side, TripleHash> open;
-    _fresh_cells.clear();
-    for (const Cell &c : cells) {
-        const Index slot_number = new_slot();
-        _cells[at(slot_number)] = c;
-        _fresh_cells.push_back(slot_number);
+    for (const Cell &c : cells)
+        _cells[at(new_slot())] = c;
+    // Two sides are one facet when their sorted corners agree: sides are gathered by the smallest
+    // corner, of which there are few, and sorted there by the other two.
+    struct GatheredSide {
+        Index middle, largest, side;
+    };
+    std::vector<std::size_t> first(points.size() + 1, 0);
+    const auto sorted_side = [&](std::size_t side) {
+        const Triple f = facet(static_cast<Index>(side / 4), static_cast<int>(side % 4));
+        return sorted_triple(f[0], f[1], f[2]);
+    };
+    const std::size_t num_sides = 4 * _cells.size();
+    for (std::size_t side = 0; side < num_sides; ++side)
+        ++first[at(sorted_side(side)[0]) + 1];
+    for (std::size_t v = 0; v < points.size(); ++v)
+        first[v + 1] += first[v];
+    std::vector<GatheredSide> sides(num_sides);
+    std::vector<std::size_t> next(first.begin(), first.end() - 1);
+    for (std::size_t side = 0; side < num_sides; ++side) {
+        const Triple t = sorted_side(side);
+        sides[next[at(t[0])]++] = {t[1], t[2], static_cast<Index>(side)};
     }
-    link(_fresh_cells, open);
+    for (std::size_t v = 0; v < points.size(); ++v) {
+        const auto begin = sides.begin() + static_cast<std::ptrdiff_t>(first[v]);
+        const auto end = sides.begin() + static_cast<std::ptrdiff_t>(first[v + 1]);
+        std::sort(begin, end, [](const GatheredSide &x, const GatheredSide &y) {
+            return std::tie(x.middle, x.largest, x.side) < std::tie(y.middle, y.largest, y.side);
+        });
+        for (auto here = begin; here != end; ++here) {
+            const auto there = std::next(here);
+            if (there == end || there->middle != here->middle || there->largest != here->largest)
+                continue;
+            _neighbours[at(here->side / 4)][slot(here->side % 4)] = there->side / 4;
+            _neighbours[at(there->side / 4)][slot(there->side % 4)] = here->side / 4;
+            here = there;
+        }
+    }
+    for (std::size_t c = 0; c < _cells.size(); ++c)
+        for (const Index v : _cells[c])
+            _cell_of_point[at(v)] = static_cast<Index>(c);
 }
 
 Triple TetComplex::facet(Index c, int k) const {
@@ -75,23 +110,27 @@ int TetComplex::orientation(const Cell &c) const {
     return orient3d(points[at(c[0])], points[at(c[1])], points[at(c[2])], points[at(c[3])]);
 }
 
-void TetComplex::link(std::span<const Index> cells,
-                      std::unordered_map<Triple, Side, TripleHash> &open) {
+// Links new cells among each other and to the sides left open around them.
+void TetComplex::link(std::span<const Index> cells) {
     for (const Index c : cells) {
         for (int k = 0; k < 4; ++k) {
             const Triple f = facet(c, k);
             const Triple key = sorted_triple(f[0], f[1], f[2]);
-            const auto found = open.find(key);
-            if (found == open.end()) {
+            // A change has few sides: a search from the last is quicker than a hash table.
+            std::size_t i = _open.size();
+            while (i > 0 && _open[i - 1].key != key)
+                --i;
+            if (i == 0) {
                 _neighbours[at(c)][slot(k)] = none;
-                open.emplace(key, Side{c, k});
+                _open.push_back({key, {c, k}});
                 continue;
             }
-            const Side other = found->second;
+            const Side other = _open[i - 1].side;
             _neighbours[at(c)][slot(k)] = other.cell;
             if (other.cell != none)
                 _neighbours[at(other.cell)][slot(other.facet)] = c;
-            open.erase(found);
+            _open[i - 1] = _open.back();
+            _open.pop_back();
         }
         for (const Index v : _cells[at(c)])
             _cell_of_point[at(v)] = c;
@@ -102,8 +141,7 @@ void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fres
     ++_visit_stamp;
     for (const Index c : dead)
         _visit[at(c)] = _visit_stamp;
-    std::unordered_map<Triple, Side, TripleHash> open;
-    open.reserve(4 * fresh.size());
+    _open.clear();
     for (const Index c : dead)
         for (int k = 0; k < 4; ++k) {
             const Index n = neighbour(c, k);
@@ -118,7 +156,7 @@ void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fres
                         if (sorted_triple(g[0], g[1], g[2]) == sorted_triple(f[0], f[1], f[2]))
                             back = m;
                     }
-            open.emplace(sorted_triple(f[0], f[1], f[2]), Side{n, back});
+            _open.push_back({sorted_triple(f[0], f[1], f[2]), {n, back}});
         }
     for (const Index c : dead) {
         _cells[at(c)] = {none, none, none, none};
@@ -130,8 +168,8 @@ void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fres
         _cells[at(slot_number)] = c;
         _fresh_cells.push_back(slot_number);
     }
-    link(_fresh_cells, open);
-    if (!open.empty())
+    link(_fresh_cells);
+    if (!_open.empty())
         throw std::logic_error("the new cells do not fill the same space as the old ones");
 }
 

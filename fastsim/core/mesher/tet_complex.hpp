@@ -76,13 +76,19 @@ class TetComplex {
   private:
     static std::size_t slot(int k) { return static_cast<std::size_t>(k); }
     Index new_slot();
-    void link(std::span<const Index> cells, std::unordered_map<Triple, Side, TripleHash> &open);
+    void link(std::span<const Index> cells);
+
+    struct OpenSide {
+        Triple key; // sorted
+        Side side;
+    };
 
     std::vector<Cell> _cells;
     std::vector<Cell> _neighbours;
     std::vector<Index> _cell_of_point;
     std::vector<Index> _free_slots;
     std::vector<Index> _fresh_cells;
+    std::vector<OpenSide> _open;
     mutable std::vector<std::uint32_t> _visit;
     mutable std::uint32_t _visit_stamp = 0;
 };
