@@ -17,6 +17,9 @@ from palpate.meshes.problem import Problem, Strain
 
 # Below this, diagonal blocks alone are as quick as multigrid.
 MULTIGRID_FROM_POINTS = 1500
+# A full step may raise the residual for a while: in bending, stretching is so much stiffer that a
+# search for a smaller residual costs twice the iterations; freed altogether, hard loads need more.
+LARGEST_GROWTH = 1e3
 
 
 class Iteration(StrEnum):
@@ -53,7 +56,17 @@ class NewtonOutcome:
 
 
 class Newton:
-    """Newton-Raphson on one problem; keeps the core's solid and the counts."""
+    """Newton-Raphson on one problem; keeps the core's solid and the counts.
+
+    Args:
+        problem: Mesh, material, supports and loads.
+        strain: Strain measure.
+        relative_tolerance: Where to stop.
+        max_iterations: Where to give up, in one call of `solve`.
+        iteration: Consistent tangent, or the secant matrix of eq. 10.
+        is_guarded: Whether steps that invert a cell or blow up the residual are shortened; not
+            for eq. 9-10 as printed.
+    """
 
     def __init__(
         self,
@@ -62,8 +75,11 @@ class Newton:
         relative_tolerance: float,
         max_iterations: int,
         iteration: Iteration = Iteration.NEWTON,
+        *,
+        is_guarded: bool = True,
     ) -> None:
         self.problem = problem
+        self.is_guarded = is_guarded
         self.iteration = iteration
         self.strain = strain
         self.tolerance = relative_tolerance
@@ -215,6 +231,8 @@ class Newton:
             self._fresh_cost = cost
         self._is_stale = cost > 1.5 * self._fresh_cost + 2.0
         if status == _core.SolveStatus.negative_curvature:
+            if self.iteration is Iteration.SECANT:
+                return None, "the secant matrix is not positive definite"
             return None, "the tangent stiffness is not positive definite: a limit point"
         if status == _core.SolveStatus.iteration_limit:
             return None, f"conjugate gradients stopped at {limit} iterations"
@@ -223,11 +241,7 @@ class Newton:
     def _line_search(
         self, displacement: Points, step: Points, factor: float, residual: Points, moves_held: bool
     ) -> tuple[Points, Points, Points] | None:
-        """Full step first; halve it while a cell is inverted or the residual explodes.
-
-        A full Newton step may raise the residual for a while in bending, so only a growth by
-        more than ten is refused when no cell is inverted.
-        """
+        """Full step first; halve it while a cell is inverted or the residual explodes."""
         free = self._is_free.astype(bool)
         before = float(np.linalg.norm(residual[free]))
         length = 1.0
@@ -235,10 +249,10 @@ class Newton:
             trial = displacement + length * step
             trial_residual, internal = self._residual(trial, factor)
             norm = float(np.linalg.norm(trial_residual[free]))
-            if self.strain is Strain.LINEAR:
+            if self.strain is Strain.LINEAR or not self.is_guarded:
                 return trial, trial_residual, internal
             is_whole = self.smallest_det_f(trial)[0] > 0.0
-            if is_whole and np.isfinite(norm) and (moves_held or norm <= 10.0 * before):
+            if is_whole and np.isfinite(norm) and (moves_held or norm <= LARGEST_GROWTH * before):
                 return trial, trial_residual, internal
             length *= 0.5
         return None

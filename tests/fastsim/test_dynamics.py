@@ -187,6 +187,32 @@ def test_damped_motion_comes_to_rest_at_the_static_solution(make_box: MakeBox) -
         assert np.linalg.norm(moved - static) < limit * np.linalg.norm(static)
 
 
+@pytest.mark.slow
+def test_single_precision_is_safe_in_a_beam_that_hangs_by_half_its_length(
+    make_box: MakeBox,
+) -> None:
+    """The quasi-static beam of TARGETS.md: 6 000 cells, 15 000 steps, tip down by 53 %.
+
+    An update by 2 a(t) - a(t-dt) rounds to 1e-2 here; increments keep the digits.
+    """
+    mesh = make_box((40, 5, 5), (0.4, 0.05, 0.05))
+    assert mesh.num_cells == 6000
+    held = np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32)
+    problem = Problem(
+        mesh,
+        Material(5e5, 0.3, 1000.0),
+        (Support(held),),
+        (BodyForce((0.0, 0.0, -9810.0)),),
+        TimeSpan(3.0, mass_damping=14.2, num_outputs=1),
+    )
+    single, double = (simulate(problem, precision=p).displacements[-1] for p in Precision)
+    assert double[:, 2].min() == pytest.approx(-0.53 * 0.4, rel=0.02)
+    assert 0.0 < np.linalg.norm(single - double) < 1e-5 * np.linalg.norm(double)
+    # And it is the static solution that both come to rest at.
+    static = solve_static(problem).displacement
+    assert np.linalg.norm(double - static) < 1e-8 * np.linalg.norm(static)
+
+
 def test_a_free_body_keeps_its_momentum(ragged_box: TetMesh) -> None:
     mass = lumped_mass(ragged_box, 1000.0)[:, None]
     velocity = np.random.default_rng(3).standard_normal(ragged_box.points.shape) * 0.2
