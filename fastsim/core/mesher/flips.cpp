@@ -16,9 +16,11 @@ Point cross(const Point &a, const Point &b) {
 }
 double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/// Quality of a cell, or impossible when it is not positive by the exact predicate.
-double safe_quality(const TetComplex &complex, const Cell &cell) {
-    return complex.orientation(cell) > 0 ? cell_quality(complex, cell) : impossible;
+/// Quality of a cell, or impossible when it does not beat what must be beaten, or is not positive
+/// by the exact predicate.
+double safe_quality(const TetComplex &complex, const Cell &cell, double quality_to_beat) {
+    const double quality = cell_quality(complex, cell);
+    return quality > quality_to_beat && complex.orientation(cell) > 0 ? quality : impossible;
 }
 
 } // namespace
@@ -60,9 +62,15 @@ bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protec
     std::vector<Index> cells, ring;
     bool is_closed = false;
     complex.edge_ring(a, b, cells, ring, is_closed);
-    const std::size_t n = ring.size();
-    if (!is_closed || n < 3 || n > max_ring)
+    if (!is_closed || ring.size() < 3 || ring.size() > max_ring)
         return false;
+    return retriangulate_ring(complex, a, b, cells, ring, quality_to_beat, wanted_a, wanted_b);
+}
+
+bool retriangulate_ring(TetComplex &complex, Index a, Index b, const std::vector<Index> &cells,
+                        std::vector<Index> &ring, double quality_to_beat, Index wanted_a,
+                        Index wanted_b) {
+    const std::size_t n = ring.size();
     // Make the ring run so that (ring[i], ring[i+1], a, b) is positive: then triangle (i, j, k)
     // with i < j < k gives cells (i, j, k, b) and (j, i, k, a).
     const Cell first{ring[0], ring[1], a, b};
@@ -71,10 +79,11 @@ bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protec
     }
     // Two ring corners that already share an edge elsewhere may not get a second one.
     const auto triangle_quality = [&](std::size_t i, std::size_t j, std::size_t k) {
-        const double above = safe_quality(complex, {ring[i], ring[j], ring[k], b});
+        const double above = safe_quality(complex, {ring[i], ring[j], ring[k], b}, quality_to_beat);
         if (above == impossible)
             return impossible;
-        return std::min(above, safe_quality(complex, {ring[j], ring[i], ring[k], a}));
+        return std::min(above,
+                        safe_quality(complex, {ring[j], ring[i], ring[k], a}, quality_to_beat));
     };
     std::size_t wanted_i = n, wanted_j = n;
     if (wanted_a >= 0) {
@@ -155,8 +164,7 @@ bool flip_facet(TetComplex &complex, Side side, const Protection &protection,
     std::vector<Cell> fresh;
     for (std::size_t k = 0; k < 3; ++k) {
         const Cell c{f[k], f[(k + 1) % 3], inner, outer};
-        const double quality = safe_quality(complex, c);
-        if (!(quality > quality_to_beat))
+        if (safe_quality(complex, c, quality_to_beat) == impossible)
             return false;
         fresh.push_back(c);
     }

@@ -27,6 +27,12 @@ double cell_quality(const TetComplex &complex, const Cell &cell);
 bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protection,
                  std::size_t max_ring, double quality_to_beat, Index wanted_a, Index wanted_b);
 
+/// The same for an edge whose closed ring is known, see TetComplex::edge_ring; `ring` may come out
+/// reversed.
+bool retriangulate_ring(TetComplex &complex, Index a, Index b, const std::vector<Index> &cells,
+                        std::vector<Index> &ring, double quality_to_beat, Index wanted_a,
+                        Index wanted_b);
+
 /// Replaces the two cells at a facet by three around the edge of their far corners.
 bool flip_facet(TetComplex &complex, Side side, const Protection &protection,
                 double quality_to_beat);

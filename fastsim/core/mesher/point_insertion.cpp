@@ -1,7 +1,5 @@
 #include "mesher/point_insertion.hpp"
 
-#include "mesher/flips.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,176 +8,152 @@ namespace fastsim {
 
 namespace {
 
-constexpr std::size_t largest_cavity = 36;
+constexpr std::size_t largest_cavity = 30;
+// Growing without getting better is given up after as many cells.
+constexpr int most_vain_steps = 6;
 // A point costs cells: it must be worth more than a flip.
 constexpr double least_gain = 0.01;
+// Steps of the search for a place, in parts of the cavity's reach: coarse while it grows.
+constexpr double first_step = 0.3, coarse_step = 0.14, fine_step = 0.02;
 constexpr double nothing = -std::numeric_limits<double>::infinity();
-
-class Insertion {
-  public:
-    Insertion(TetComplex &complex, Index point) : _complex(complex), _point(point) {}
-
-    /// Tries one place with one set of cells to start from.
-    bool attempt(const std::vector<Index> &seeds) {
-        _cavity = seeds;
-        _before = std::numeric_limits<double>::infinity();
-        for (const Index c : _cavity)
-            _before = std::min(_before, cell_quality(_complex, _complex.cell(c)));
-        place_at_centre();
-        // Grow over facets that the point sees badly, placing it anew each time.
-        while (_cavity.size() <= largest_cavity) {
-            list_facets();
-            optimise();
-            if (worst(_before) > _before + least_gain && is_positive() && keeps_all_points())
-                return commit();
-            if (!grow())
-                return false;
-        }
-        return false;
-    }
-
-  private:
-    struct Wall {
-        Triple facet;
-        Index beyond;
-    };
-
-    Point &place() { return _complex.points[TetComplex::at(_point)]; }
-    Cell fresh_cell(const Triple &f) const { return {f[1], f[0], f[2], _point}; }
-
-    bool holds(Index c) const {
-        return std::find(_cavity.begin(), _cavity.end(), c) != _cavity.end();
-    }
-
-    void place_at_centre() {
-        Point sum{};
-        for (const Index c : _cavity)
-            for (const Index v : _complex.cell(c))
-                for (std::size_t i = 0; i < 3; ++i)
-                    sum[i] += _complex.points[TetComplex::at(v)][i];
-        for (std::size_t i = 0; i < 3; ++i)
-            place()[i] = sum[i] / (4.0 * static_cast<double>(_cavity.size()));
-    }
-
-    void list_facets() {
-        _walls.clear();
-        for (const Index c : _cavity)
-            for (int k = 0; k < 4; ++k) {
-                const Index n = _complex.neighbour(c, k);
-                if (n == none || !holds(n))
-                    _walls.push_back({_complex.facet(c, k), n});
-            }
-    }
-
-    /// Worst quality of the new cells; any value not above `floor` once that is known.
-    double worst(double floor) {
-        double result = std::numeric_limits<double>::infinity();
-        for (std::size_t i = 0; i < _walls.size(); ++i) {
-            result = std::min(result, cell_quality(_complex, fresh_cell(_walls[i].facet)));
-            if (!(result > floor)) {
-                // The facet that spoils one place mostly spoils the next: ask it first.
-                std::swap(_walls[0], _walls[i]);
-                return result;
-            }
-        }
-        return result;
-    }
-
-    /// Pattern search for the place.
-    void optimise() {
-        double reach = 0.0;
-        for (const Wall &w : _walls)
-            for (std::size_t i = 0; i < 3; ++i)
-                reach = std::max(
-                    reach, std::abs(_complex.points[TetComplex::at(w.facet[0])][i] - place()[i]));
-        double best = worst(nothing);
-        for (double step = 0.3 * reach; step > 0.02 * reach; step *= 0.5)
-            for (std::size_t axis = 0; axis < 3; ++axis)
-                for (const double way : {1.0, -1.0}) {
-                    const double old = place()[axis];
-                    place()[axis] = old + way * step;
-                    const double now = worst(best);
-                    if (now > best)
-                        best = now;
-                    else
-                        place()[axis] = old;
-                }
-    }
-
-    /// Takes in the cell beyond the facet seen worst; false when all bad ones are outer facets.
-    bool grow() {
-        double lowest = _before + least_gain;
-        Index next = none;
-        for (const Wall &w : _walls) {
-            if (w.beyond == none)
-                continue;
-            const double quality = cell_quality(_complex, fresh_cell(w.facet));
-            if (quality < lowest || quality < 0.0) {
-                lowest = quality;
-                next = w.beyond;
-            }
-        }
-        if (next == none)
-            return false;
-        _cavity.push_back(next);
-        _before = std::min(_before, cell_quality(_complex, _complex.cell(next)));
-        return true;
-    }
-
-    bool is_positive() const {
-        return std::all_of(_walls.begin(), _walls.end(), [&](const Wall &w) {
-            return _complex.orientation(fresh_cell(w.facet)) > 0;
-        });
-    }
-
-    /// No corner of the old cells may be lost: surface points have to stay.
-    bool keeps_all_points() const {
-        for (const Index c : _cavity)
-            for (const Index v : _complex.cell(c))
-                if (std::none_of(_walls.begin(), _walls.end(), [&](const Wall &w) {
-                        return w.facet[0] == v || w.facet[1] == v || w.facet[2] == v;
-                    }))
-                    return false;
-        return true;
-    }
-
-    bool commit() {
-        std::vector<Cell> fresh;
-        for (const Wall &w : _walls)
-            fresh.push_back(fresh_cell(w.facet));
-        _complex.replace(_cavity, fresh);
-        return true;
-    }
-
-    TetComplex &_complex;
-    Index _point;
-    double _before = 0.0;
-    std::vector<Index> _cavity;
-    std::vector<Wall> _walls;
-};
 
 } // namespace
 
-bool insert_point_at(TetComplex &complex, Index bad_cell, Index &spare) {
-    if (spare == none) {
-        spare = static_cast<Index>(complex.points.size());
-        complex.add_point({});
+bool PointInsertion::insert_at(Index bad_cell, const std::vector<double> &quality) {
+    if (_point == none) {
+        _point = static_cast<Index>(_complex.points.size());
+        _complex.add_point({});
     }
-    const Cell v = complex.cell(bad_cell);
-    Insertion insertion(complex, spare);
-    bool is_done = insertion.attempt({bad_cell});
+    const Cell v = _complex.cell(bad_cell);
+    bool is_done = attempt({bad_cell}, quality);
     // The rings of its edges; outer edges have no closed ring, and are only grown into.
     for (std::size_t i = 0; i < 4 && !is_done; ++i)
         for (std::size_t j = i + 1; j < 4 && !is_done; ++j) {
-            std::vector<Index> cells, ring;
             bool is_closed = false;
-            complex.edge_ring(v[i], v[j], cells, ring, is_closed);
+            _complex.edge_ring_from(bad_cell, v[i], v[j], _ring_cells, _ring, is_closed);
             if (is_closed)
-                is_done = insertion.attempt(cells);
+                is_done = attempt(_ring_cells, quality);
         }
     if (is_done)
-        spare = none;
+        _point = none;
     return is_done;
+}
+
+/// Tries one set of cells to start from.
+bool PointInsertion::attempt(const std::vector<Index> &seeds, const std::vector<double> &quality) {
+    _cavity.clear();
+    _walls.clear();
+    _before = std::numeric_limits<double>::infinity();
+    for (const Index c : seeds)
+        take_in(c, quality);
+    place_at_centre();
+    double best = nothing;
+    int vain_steps = 0;
+    // Grow over facets that the point sees badly, placing it anew each time.
+    while (_cavity.size() <= largest_cavity) {
+        fill_star();
+        const double worst = optimise(first_step, coarse_step);
+        if (worst > _before + least_gain && is_valid()) {
+            const Point start = place();
+            optimise(coarse_step / 2.0, fine_step);
+            if (!is_valid())
+                place() = start;
+            _fresh.clear();
+            for (const Wall &w : _walls)
+                _fresh.push_back(fresh_cell(w.facet, _point));
+            _complex.replace(_cavity, _fresh);
+            return true;
+        }
+        vain_steps = worst > best ? 0 : vain_steps + 1;
+        best = std::max(best, worst);
+        const Index next = vain_steps < most_vain_steps ? next_cell() : none;
+        if (next == none)
+            return false;
+        take_in(next, quality);
+    }
+    return false;
+}
+
+bool PointInsertion::holds(Index cell) const {
+    return std::find(_cavity.begin(), _cavity.end(), cell) != _cavity.end();
+}
+
+void PointInsertion::take_in(Index cell, const std::vector<double> &quality) {
+    std::erase_if(_walls, [&](const Wall &w) { return w.beyond == cell; });
+    _cavity.push_back(cell);
+    for (int k = 0; k < 4; ++k) {
+        const Index beyond = _complex.neighbour(cell, k);
+        if (beyond == none || !holds(beyond))
+            _walls.push_back({_complex.facet(cell, k), beyond});
+    }
+    _before = std::min(_before, quality[TetComplex::at(cell)]);
+}
+
+void PointInsertion::place_at_centre() {
+    Point sum{};
+    for (const Index c : _cavity)
+        for (const Index v : _complex.cell(c))
+            for (std::size_t i = 0; i < 3; ++i)
+                sum[i] += _complex.points[TetComplex::at(v)][i];
+    for (std::size_t i = 0; i < 3; ++i)
+        place()[i] = sum[i] / (4.0 * static_cast<double>(_cavity.size()));
+    _reach = 0.0;
+}
+
+void PointInsertion::fill_star() {
+    for (const Wall &w : _walls)
+        for (std::size_t i = 0; i < 3; ++i)
+            _reach = std::max(
+                _reach, std::abs(_complex.points[TetComplex::at(w.facet[0])][i] - place()[i]));
+    _star.clear(_reach);
+    for (const Wall &w : _walls)
+        _star.add(_complex.points[TetComplex::at(w.facet[0])],
+                  _complex.points[TetComplex::at(w.facet[1])],
+                  _complex.points[TetComplex::at(w.facet[2])]);
+}
+
+/// Pattern search for the place; the worst quality there.
+double PointInsertion::optimise(double first, double last) {
+    double best = _star.worst(place(), nothing);
+    for (double step = first * _reach; step > last * _reach; step *= 0.5)
+        for (std::size_t axis = 0; axis < 3; ++axis)
+            for (const double way : {1.0, -1.0}) {
+                const double old = place()[axis];
+                place()[axis] = old + way * step;
+                const double now = _star.worst(place(), best);
+                if (now > best)
+                    best = now;
+                else
+                    place()[axis] = old;
+            }
+    return best;
+}
+
+/// The cell beyond the facet seen worst; none when all bad ones are outer facets.
+Index PointInsertion::next_cell() {
+    _star.list_qualities(place(), _qualities);
+    double lowest = _before + least_gain;
+    Index next = none;
+    for (std::size_t i = 0; i < _walls.size(); ++i)
+        if (_walls[i].beyond != none && _qualities[i] < std::max(lowest, 0.0)) {
+            lowest = _qualities[i];
+            next = _walls[i].beyond;
+        }
+    return next;
+}
+
+/// Every new cell is positive, and no corner of the old cells is lost: surface points have to stay.
+bool PointInsertion::is_valid() const {
+    for (const Wall &w : _walls)
+        if (_complex.orientation(fresh_cell(w.facet, _point)) <= 0)
+            return false;
+    for (const Index c : _cavity)
+        for (const Index v : _complex.cell(c))
+            if (std::none_of(_walls.begin(), _walls.end(), [&](const Wall &w) {
+                    return w.facet[0] == v || w.facet[1] == v || w.facet[2] == v;
+                }))
+                return false;
+    return true;
 }
 
 } // namespace fastsim

@@ -1,6 +1,7 @@
 #include "mesher/sliver_removal.hpp"
 
 #include "mesher/point_insertion.hpp"
+#include "mesher/star.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -12,163 +13,207 @@ namespace {
 
 constexpr std::size_t largest_ring = 9;
 // A change must be worth it, or passes never end.
-constexpr double least_gain = 1e-6;
+constexpr double least_flip_gain = 1e-6;
+constexpr double least_move_gain = 1e-3;
 // Points are inserted for the worst cells only: below about 25 degrees for a target of 30.
 constexpr double insertion_share = 0.84;
+// Steps of the search for a place, in parts of the longest edge at the point.
+constexpr double first_step = 0.2, last_step = 0.01;
 
-/// Worst quality; any value not above `floor` once that is known.
-double worst_of(const TetComplex &complex, const std::vector<Index> &cells,
-                double floor = -std::numeric_limits<double>::infinity()) {
-    double worst = std::numeric_limits<double>::infinity();
-    for (const Index c : cells) {
-        worst = std::min(worst, cell_quality(complex, complex.cell(c)));
-        if (!(worst > floor))
-            break;
+class SliverRemoval {
+  public:
+    SliverRemoval(TetComplex &complex, Index num_fixed, double target)
+        : _complex(complex), _num_fixed(num_fixed), _target(target), _insertion(complex),
+          _most_insertions(complex.num_slots() / 10) {
+        _quality.resize(complex.num_slots());
+        _tried.assign(complex.num_slots(), 0);
+        _changed.assign(complex.points.size(), 1);
+        for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
+            if (complex.is_alive(static_cast<Index>(slot)))
+                _quality[slot] = cell_quality(complex, complex.cell(static_cast<Index>(slot)));
     }
-    return worst;
-}
 
-bool flip_around(TetComplex &complex, Index c, const Protection &protection) {
-    const Cell v = complex.cell(c);
-    std::vector<Index> cells, ring;
-    bool is_closed = false;
-    for (std::size_t i = 0; i < 4; ++i)
-        for (std::size_t j = i + 1; j < 4; ++j) {
-            complex.edge_ring(v[i], v[j], cells, ring, is_closed);
-            if (!is_closed || ring.size() > largest_ring)
-                continue;
-            const double before = worst_of(complex, cells);
-            if (remove_edge(complex, v[i], v[j], protection, largest_ring, before + least_gain,
-                            none, none))
-                return true;
+    /// Works on every bad cell once, the worst first; false when nothing could be changed.
+    bool pass(SliverReport &report) {
+        std::vector<std::pair<double, Index>> bad;
+        for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
+            const auto c = static_cast<Index>(slot);
+            if (_complex.is_alive(c) && _quality[slot] < _target && has_news(c))
+                bad.emplace_back(_quality[slot], c);
         }
-    for (int k = 0; k < 4; ++k) {
-        const Index n = complex.neighbour(c, k);
-        if (n == none)
-            continue;
-        const double before = std::min(cell_quality(complex, complex.cell(c)),
-                                       cell_quality(complex, complex.cell(n)));
-        if (flip_facet(complex, {c, k}, protection, before + least_gain))
-            return true;
+        std::sort(bad.begin(), bad.end());
+        std::size_t changes = 0;
+        for (const auto &[quality, c] : bad)
+            if (_complex.is_alive(c) && _quality[TetComplex::at(c)] < _target && has_news(c))
+                changes += improve(c, report) ? 1 : 0;
+        return changes > 0;
     }
-    return false;
-}
 
-/// Moves a point to make the worst cell around it better: to its neighbours' centre, then by a
-/// pattern of steps along the axes, halved until they are small.
-bool move_point(TetComplex &complex, Index point, std::vector<Index> &around) {
-    complex.cells_around(point, around);
-    if (around.empty())
+  private:
+    double quality_of(Index c) const { return _quality[TetComplex::at(c)]; }
+
+    /// Whether something near a cell has changed since it was worked on in vain.
+    bool has_news(Index c) const {
+        for (const Index v : _complex.cell(c))
+            if (_changed[TetComplex::at(v)] > _tried[TetComplex::at(c)])
+                return true;
         return false;
-    Point &place = complex.points[TetComplex::at(point)];
-    const Point start = place;
-    const double before = worst_of(complex, around);
-    double best = before;
-    Point best_place = start;
-    const auto try_place = [&](const Point &candidate) {
-        place = candidate;
-        const double worst = worst_of(complex, around, best);
-        if (worst > best)
-            // Quality is rounded; positivity is asked of the exact predicate.
-            if (std::all_of(around.begin(), around.end(),
-                            [&](Index c) { return complex.orientation(complex.cell(c)) > 0; })) {
+    }
+
+    bool improve(Index c, SliverReport &report) {
+        if (flip_around(c)) {
+            ++report.flips;
+            return true;
+        }
+        bool has_moved = false;
+        const Cell corners = _complex.cell(c);
+        for (const Index v : corners)
+            if (v >= _num_fixed && move_point(v)) {
+                ++report.moves;
+                has_moved = true;
+            }
+        if (has_moved)
+            return true;
+        if (quality_of(c) < insertion_share * _target && report.insertions < _most_insertions &&
+            _insertion.insert_at(c, _quality)) {
+            note_fresh_cells();
+            ++report.insertions;
+            return true;
+        }
+        _tried[TetComplex::at(c)] = _turn;
+        return false;
+    }
+
+    bool flip_around(Index c) {
+        const Cell v = _complex.cell(c);
+        bool is_closed = false;
+        for (std::size_t i = 0; i < 4; ++i)
+            for (std::size_t j = i + 1; j < 4; ++j) {
+                _complex.edge_ring_from(c, v[i], v[j], _cells, _ring, is_closed);
+                if (!is_closed || _ring.size() > largest_ring)
+                    continue;
+                double before = std::numeric_limits<double>::infinity();
+                for (const Index around : _cells)
+                    before = std::min(before, quality_of(around));
+                if (retriangulate_ring(_complex, v[i], v[j], _cells, _ring,
+                                       before + least_flip_gain, none, none)) {
+                    note_fresh_cells();
+                    return true;
+                }
+            }
+        for (int k = 0; k < 4; ++k) {
+            const Index n = _complex.neighbour(c, k);
+            if (n != none && flip_facet(_complex, {c, k}, _nothing_more,
+                                        std::min(quality_of(c), quality_of(n)) + least_flip_gain)) {
+                note_fresh_cells();
+                return true;
+            }
+        }
+        return false;
+    }
+
+    /// Moves a point to make the worst cell around it better: to its neighbours' centre, then by a
+    /// pattern of steps along the axes, halved until they are small.
+    bool move_point(Index point) {
+        _complex.cells_around(point, _cells);
+        if (_cells.empty())
+            return false;
+        Point &place = _complex.points[TetComplex::at(point)];
+        const Point start = place;
+        double before = std::numeric_limits<double>::infinity();
+        Point centre{};
+        double count = 0.0, reach = 0.0;
+        for (const Index c : _cells) {
+            before = std::min(before, quality_of(c));
+            for (const Index v : _complex.cell(c)) {
+                if (v == point)
+                    continue;
+                double squared = 0.0;
+                for (std::size_t i = 0; i < 3; ++i) {
+                    const double x = _complex.points[TetComplex::at(v)][i];
+                    centre[i] += x;
+                    squared += (x - start[i]) * (x - start[i]);
+                }
+                reach = std::max(reach, squared);
+                count += 1.0;
+            }
+        }
+        reach = std::sqrt(reach);
+        _star.clear(reach);
+        for (const Index c : _cells) {
+            const Triple f = _complex.facet(c, _complex.corner_of(c, point));
+            _star.add(_complex.points[TetComplex::at(f[0])], _complex.points[TetComplex::at(f[1])],
+                      _complex.points[TetComplex::at(f[2])]);
+        }
+        double best = before;
+        Point best_place = start;
+        const auto try_place = [&](const Point &candidate) {
+            const double worst = _star.worst(candidate, best);
+            if (worst > best) {
                 best = worst;
                 best_place = candidate;
-                place = candidate;
-                return true;
             }
+        };
+        try_place({centre[0] / count, centre[1] / count, centre[2] / count});
+        for (double step = first_step * reach; step > last_step * reach; step *= 0.5)
+            for (std::size_t axis = 0; axis < 3; ++axis)
+                for (const double way : {1.0, -1.0}) {
+                    Point candidate = best_place;
+                    candidate[axis] += way * step;
+                    try_place(candidate);
+                }
+        if (!(best > before + least_move_gain))
+            return false;
+        // Quality is rounded; positivity is asked of the exact predicate.
         place = best_place;
-        return false;
-    };
-    Point centre{};
-    double count = 0.0, reach = 0.0;
-    for (const Index c : around)
-        for (const Index v : complex.cell(c)) {
-            if (v == point)
-                continue;
-            double squared = 0.0;
-            for (std::size_t i = 0; i < 3; ++i) {
-                const double x = complex.points[TetComplex::at(v)][i];
-                centre[i] += x;
-                squared += (x - start[i]) * (x - start[i]);
-            }
-            reach = std::max(reach, std::sqrt(squared));
-            count += 1.0;
+        if (!std::all_of(_cells.begin(), _cells.end(),
+                         [&](Index c) { return _complex.orientation(_complex.cell(c)) > 0; })) {
+            place = start;
+            return false;
         }
-    Point candidate;
-    for (std::size_t i = 0; i < 3; ++i)
-        candidate[i] = centre[i] / count;
-    try_place(candidate);
-    for (double step = 0.2 * reach; step > 0.01 * reach; step *= 0.5)
-        for (std::size_t axis = 0; axis < 3; ++axis)
-            for (const double way : {1.0, -1.0}) {
-                candidate = best_place;
-                candidate[axis] += way * step;
-                try_place(candidate);
-            }
-    place = best_place;
-    return best > before + least_gain;
-}
+        note(_cells);
+        return true;
+    }
+
+    void note_fresh_cells() {
+        _quality.resize(_complex.num_slots());
+        _tried.resize(_complex.num_slots());
+        _changed.resize(_complex.points.size());
+        for (const Index c : _complex.fresh_cells())
+            _tried[TetComplex::at(c)] = 0;
+        note(_complex.fresh_cells());
+    }
+
+    void note(const std::vector<Index> &cells) {
+        ++_turn;
+        for (const Index c : cells) {
+            _quality[TetComplex::at(c)] = cell_quality(_complex, _complex.cell(c));
+            for (const Index v : _complex.cell(c))
+                _changed[TetComplex::at(v)] = _turn;
+        }
+    }
+
+    TetComplex &_complex;
+    Index _num_fixed;
+    double _target;
+    PointInsertion _insertion;
+    // Bounds the work and the growth of the mesh.
+    std::size_t _most_insertions;
+    std::vector<double> _quality;        // by slot
+    std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
+    std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
+    std::uint64_t _turn = 1;
+    std::vector<Index> _cells, _ring;
+    Star _star;
+    const Protection _nothing_more; // outer edges and facets have no ring or neighbour to flip
+};
 
 } // namespace
 
 SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes) {
     SliverReport report;
-    const Protection nothing_more; // boundary edges and facets have no ring or neighbour to flip
-    std::vector<Index> around;
-    Index spare = none;
-    std::vector<std::pair<Cell, int>> failures; // insertions tried in vain, by slot
-    // Bounds the work and the growth of the mesh.
-    const std::size_t most_insertions = complex.num_slots() / 10;
-    for (int pass = 0; pass < max_passes; ++pass) {
-        std::size_t changes = 0;
-        std::vector<std::pair<double, Index>> bad;
-        for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
-            const auto c = static_cast<Index>(slot);
-            if (!complex.is_alive(c))
-                continue;
-            const double quality = cell_quality(complex, complex.cell(c));
-            if (quality < target)
-                bad.emplace_back(quality, c);
-        }
-        std::sort(bad.begin(), bad.end());
-        for (const auto &[quality, c] : bad) {
-            if (!complex.is_alive(c) || cell_quality(complex, complex.cell(c)) >= target)
-                continue;
-            if (flip_around(complex, c, nothing_more)) {
-                ++report.flips;
-                ++changes;
-                continue;
-            }
-            bool has_moved = false;
-            for (const Index v : Cell(complex.cell(c)))
-                if (v >= num_fixed && move_point(complex, v, around)) {
-                    ++report.moves;
-                    ++changes;
-                    has_moved = true;
-                }
-            if (has_moved || quality > insertion_share * target ||
-                report.insertions >= most_insertions)
-                continue;
-            // What failed once fails again unless something near has changed; twice is enough.
-            if (TetComplex::at(c) >= failures.size())
-                failures.resize(2 * complex.num_slots(), {Cell{}, 0});
-            auto &[failed, times] = failures[TetComplex::at(c)];
-            if (failed != complex.cell(c)) {
-                failed = complex.cell(c);
-                times = 0;
-            }
-            if (times == 2)
-                continue;
-            if (insert_point_at(complex, c, spare)) {
-                ++report.insertions;
-                ++changes;
-            } else {
-                ++times;
-            }
-        }
-        if (changes == 0)
-            break;
+    SliverRemoval removal(complex, num_fixed, target);
+    for (int pass = 0; pass < max_passes && removal.pass(report); ++pass) {
     }
     return report;
 }

@@ -225,9 +225,15 @@ void TetComplex::edge_ring(Index a, Index b, std::vector<Index> &cells, std::vec
     cells_around(a, around);
     const auto found =
         std::find_if(around.begin(), around.end(), [&](Index c) { return corner_of(c, b) >= 0; });
-    if (found == around.end())
-        return;
-    const Index start = *found;
+    if (found != around.end())
+        edge_ring_from(*found, a, b, cells, ring, is_closed);
+}
+
+void TetComplex::edge_ring_from(Index start, Index a, Index b, std::vector<Index> &cells,
+                                std::vector<Index> &ring, bool &is_closed) const {
+    cells.clear();
+    ring.clear();
+    is_closed = false;
     Index others[2] = {none, none};
     int count = 0;
     for (const Index v : cell(start))

@@ -67,6 +67,9 @@ class TetComplex {
     /// ring[i + 1]. Empty when there is no such edge; `is_closed` false at the outer boundary.
     void edge_ring(Index a, Index b, std::vector<Index> &cells, std::vector<Index> &ring,
                    bool &is_closed) const;
+    /// The same from a cell that has the edge.
+    void edge_ring_from(Index start, Index a, Index b, std::vector<Index> &cells,
+                        std::vector<Index> &ring, bool &is_closed) const;
     bool has_edge(Index a, Index b) const;
     /// A cell with facet (a, b, c) in either orientation; cell none when there is none.
     Side find_facet(Index a, Index b, Index c) const;

@@ -1,0 +1,43 @@
+#pragma once
+// The cells between one point that may move and the facets around it: what smoothing and the
+// insertion of a point ask about many places of the point.
+
+#include "mesher/predicates.hpp"
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+namespace fastsim {
+
+class Star {
+  public:
+    /// Forgets all facets. `scale` is a length of the star's size; it keeps products in range.
+    void clear(double scale);
+    /// A facet; with the point behind it, seen counter-clockwise from beyond, its cell is positive.
+    void add(const Point &a, const Point &b, const Point &c);
+    std::size_t size() const { return _size; }
+
+    /// Worst quality (smallest sine of a dihedral angle, negative when inverted) with the point
+    /// at a place; some value not above `floor` as soon as that is certain.
+    double worst(const Point &place, double floor);
+    /// Quality of each cell, in the order of `add`.
+    void list_qualities(const Point &place, std::vector<double> &out) const;
+
+    static constexpr std::size_t lanes = 4;
+    using Lane = std::array<double, lanes>;
+    // Four facets, entry by entry, so that the compiler computes them at once.
+    struct Block {
+        std::array<Lane, 3> a, b, c;
+        Lane squared_area; // four times the square
+        Lane ab, bc, ca;   // squared lengths
+    };
+
+  private:
+    std::vector<Block> _blocks;
+    std::size_t _size = 0;
+    std::size_t _culprit = 0; // block that spoiled the last place: mostly it spoils the next
+    double _unit = 1.0;       // power of two: scaling rounds nothing
+};
+
+} // namespace fastsim
