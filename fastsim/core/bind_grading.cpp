@@ -1,0 +1,87 @@
+// Bindings of local refinement: no logic, no defaults. Python has checked every array.
+#include "grading/bisected_mesh.hpp"
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
+
+#include <cstring>
+#include <tuple>
+
+namespace nb = nanobind;
+using namespace fastsim;
+
+namespace {
+
+using Index = BisectedMesh::Index;
+using Points =
+    nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
+using Marks =
+    nb::ndarray<const std::uint8_t, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+
+template <typename T, std::size_t width>
+nb::ndarray<nb::numpy, T> as_table(std::span<const std::array<T, width>> rows) {
+    T *copy = new T[rows.size() * width];
+    std::memcpy(copy, rows.data(), rows.size() * width * sizeof(T));
+    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
+    return nb::ndarray<nb::numpy, T>(copy, {rows.size(), width}, owner);
+}
+
+nb::ndarray<nb::numpy, Index> as_column(const std::vector<Index> &values) {
+    Index *copy = new Index[values.size()];
+    std::memcpy(copy, values.data(), values.size() * sizeof(Index));
+    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<Index *>(p); });
+    return nb::ndarray<nb::numpy, Index>(copy, {values.size()}, owner);
+}
+
+template <typename Row, typename Array> std::span<const Row> as_rows(const Array &array) {
+    return {reinterpret_cast<const Row *>(array.data()), array.shape(0)};
+}
+
+} // namespace
+
+void bind_grading(nb::module_ &module);
+
+void bind_grading(nb::module_ &module) {
+    nb::class_<BisectedMesh>(module, "BisectedMesh")
+        .def(
+            "__init__",
+            [](BisectedMesh *self, Points points, Cells cells, Cells facet_tags) {
+                new (self) BisectedMesh(as_rows<BisectedMesh::Point>(points),
+                                        as_rows<BisectedMesh::Cell>(cells),
+                                        as_rows<BisectedMesh::Cell>(facet_tags));
+            },
+            nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
+            nb::arg("facet_tags").noconvert())
+        .def(
+            "refine",
+            [](BisectedMesh &self, Marks marked) {
+                nb::gil_scoped_release release;
+                self.refine({marked.data(), marked.shape(0)});
+            },
+            nb::arg("marked").noconvert())
+        .def(
+            "coarsen",
+            [](BisectedMesh &self, Marks marked) {
+                nb::gil_scoped_release release;
+                return self.coarsen({marked.data(), marked.shape(0)});
+            },
+            nb::arg("marked").noconvert())
+        .def("leaves",
+             [](const BisectedMesh &self) {
+                 BisectedMesh::Leaves leaves;
+                 {
+                     nb::gil_scoped_release release;
+                     leaves = self.leaves();
+                 }
+                 return std::make_tuple(as_table<Index, 4>(leaves.cells),
+                                        as_table<Index, 4>(leaves.facet_tags),
+                                        as_column(leaves.given_cell), as_column(leaves.generation));
+             })
+        .def("points", [](const BisectedMesh &self) { return as_table<double, 3>(self.points()); })
+        .def("point_parents",
+             [](const BisectedMesh &self) { return as_table<Index, 2>(self.point_parents()); })
+        .def("move_point", &BisectedMesh::move_point, nb::arg("point"), nb::arg("place"));
+}
