@@ -1,10 +1,12 @@
 // Bindings of local refinement: no logic, no defaults. Python has checked every array.
 #include "grading/bisected_mesh.hpp"
+#include "grading/symbolic_cube.hpp"
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include <cstring>
 #include <tuple>
@@ -84,4 +86,40 @@ void bind_grading(nb::module_ &module) {
         .def("point_parents",
              [](const BisectedMesh &self) { return as_table<Index, 2>(self.point_parents()); })
         .def("move_point", &BisectedMesh::move_point, nb::arg("point"), nb::arg("place"));
+
+    nb::class_<CellName>(module, "CellName")
+        .def_ro("generation", &CellName::generation)
+        .def_ro("corner", &CellName::corner)
+        .def_ro("axis", &CellName::axis)
+        .def("corners", &CellName::corners)
+        .def("children", &CellName::children)
+        .def("parent", &CellName::parent)
+        .def("neighbour", &CellName::neighbour, nb::arg("k"))
+        .def("is_inside", &CellName::is_inside)
+        .def("code", &CellName::code);
+    nb::class_<SymbolicCube>(module, "SymbolicCube")
+        .def(nb::init<>())
+        .def(
+            "refine",
+            [](SymbolicCube &self, Marks marked) {
+                nb::gil_scoped_release release;
+                return self.refine({marked.data(), marked.shape(0)});
+            },
+            nb::arg("marked").noconvert())
+        .def("cells", &SymbolicCube::cells)
+        .def("num_cells", &SymbolicCube::num_cells)
+        .def("corners", [](const SymbolicCube &self) {
+            std::vector<std::array<Index, 12>> rows;
+            {
+                nb::gil_scoped_release release;
+                for (const CellName &cell : self.cells()) {
+                    std::array<Index, 12> row;
+                    const auto corners = cell.corners();
+                    for (std::size_t k = 0; k < 12; ++k)
+                        row[k] = corners[k / 3][k % 3];
+                    rows.push_back(row);
+                }
+            }
+            return as_table<Index, 12>(rows);
+        });
 }
