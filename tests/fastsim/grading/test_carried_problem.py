@@ -1,0 +1,64 @@
+"""Supports and loads survive refinement: the same total force, the same held region."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.forces import external_force
+from palpate.fastsim.grading.carried_problem import carry_problem
+from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.fastsim.mesher import mesh_surface
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.shapes import shape_box
+
+
+def make_problem() -> Problem:
+    mesh = mesh_surface(shape_box((2.0, 1.0, 1.0), edge_length=0.5))
+    facets, points = mesh.boundary_facets, mesh.points
+    left = facets[(points[facets][:, :, 0] == 0.0).all(axis=1)]
+    right = facets[(points[facets][:, :, 0] == 2.0).all(axis=1)]
+    top = facets[(points[facets][:, :, 2] == 1.0).all(axis=1)]
+    corner = np.flatnonzero((points == [2.0, 1.0, 1.0]).all(axis=1))
+    return Problem(
+        mesh,
+        Material(1e3, 0.3),
+        (Support(np.unique(left), left),),
+        (
+            Traction(right, (1.0, -2.0, 0.5)),
+            Pressure(top, 3.0),
+            BodyForce((0.0, 0.0, -4.0)),
+            PointForce(corner, np.array([[0.1, 0.2, 0.3]])),
+        ),
+    )
+
+
+def test_forces_and_the_held_region_are_the_same() -> None:
+    problem = make_problem()
+    graded = GradedMesh(problem.mesh)
+    for k in range(6):
+        middle = graded.points[graded.cells].mean(axis=1)
+        graded.refine(np.linalg.norm(middle - [2.0, 1.0, 1.0], axis=1) < 1.5 * 0.8**k)
+    carried = carry_problem(problem, graded)
+    held = carried.supports[0].points
+    assert np.array_equal(held, np.flatnonzero(carried.mesh.points[:, 0] == 0.0))
+    before = external_force(problem)
+    after = external_force(carried)
+    assert after.sum(axis=0) == pytest.approx(before.sum(axis=0), rel=1e-12)
+    turn = np.cross(problem.mesh.points, before).sum(axis=0)
+    assert np.cross(carried.mesh.points, after).sum(axis=0) == pytest.approx(turn, rel=1e-12)
+
+
+def test_refinement_lets_the_body_yield_more() -> None:
+    # By the principle of least potential energy: nested spaces, linear strain, dead loads.
+    problem = make_problem()
+    graded = GradedMesh(problem.mesh)
+    work = []
+    for _ in range(4):
+        carried = carry_problem(problem, graded)
+        displacement = solve_static(carried, strain=Strain.LINEAR).displacement
+        work.append(float((external_force(carried) * displacement).sum()))
+        graded.refine(np.ones(len(graded.cells), dtype=bool))
+    assert np.all(np.diff(work) > 0.0)
