@@ -151,15 +151,17 @@ void bind_mechanics(nb::module_ &module) {
             "apply_multigrid",
             [](const Solid &solid, Table3<const double> b, Table3<double> x) {
                 nb::gil_scoped_release release;
-                solid.multigrid.value().apply(as_span(b), as_span(x));
+                solid.multigrid.value().apply(solid.matrix, as_span(b), as_span(x));
             },
             nb::arg("b").noconvert(), nb::arg("x").noconvert())
         .def(
             "solve_tangent",
-            [](const Solid &solid, Table3<const double> b, Table3<const std::uint8_t> is_free,
+            [](Solid &solid, Table3<const double> b, Table3<const std::uint8_t> is_free,
                double absolute_tolerance, std::int64_t max_iterations, bool uses_multigrid,
                Table3<double> x) {
                 nb::gil_scoped_release release;
+                if (uses_multigrid)
+                    solid.multigrid.value().set_finest(solid.matrix, as_span(is_free));
                 const SolveResult result = conjugate_gradient(
                     solid.matrix, as_span(b), as_span(is_free), absolute_tolerance, max_iterations,
                     uses_multigrid ? &solid.multigrid.value() : nullptr, as_span(x));

@@ -127,3 +127,14 @@ def test_a_rival_that_fails_while_timed_leaves_and_is_named(tmp_path, monkeypatc
         children.take_turns(found, 2, lambda _child, turn: turn + 1, lines.append)
         assert found == []
     assert lines == ["brittle failed: OverflowError: too many"]
+
+
+def test_a_rival_that_hangs_is_ended(tmp_path, monkeypatch):
+    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
+    monkeypatch.setattr(children, "FOLDER", tmp_path)
+    monkeypatch.setattr(children, "TIME_LIMIT", 1.0)
+    (tmp_path / "child.py").write_text("import time\ntime.sleep(60)\n", "utf-8")
+    lines = []
+    with children.started([("slow.py", {})], lines.append) as found:
+        assert found == []
+    assert lines == ["slow.py failed: the process ended without a word"]

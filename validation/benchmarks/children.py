@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 
 FOLDER = Path(__file__).parent / "rivals"
+TIME_LIMIT = 300.0  # of one set-up or one timing [s]
 _THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "CCX_NPROC_EQUATION_SOLVER")
 
 
@@ -83,8 +85,7 @@ class TimedChild:
 
     def close(self) -> None:
         """End the child."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        self._end()
         self._process.wait()
         for stream in (self._process.stdin, self._process.stdout, self._errors):
             assert stream is not None
@@ -92,9 +93,17 @@ class TimedChild:
                 stream.close()
         self._folder.cleanup()
 
+    def _end(self) -> None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
     def _read(self) -> dict[str, Any]:
         assert self._process.stdout is not None
+        # Whoever hangs is ended, and has failed.
+        watch = threading.Timer(TIME_LIMIT, self._end)
+        watch.start()
         line = self._process.stdout.readline()
+        watch.cancel()
         if line:
             answer: dict[str, Any] = json.loads(line)
             return answer

@@ -2,8 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <stdexcept>
 
 namespace fastsim {
+
+namespace {
+
+/// Block k = 4 a + b of a cell in the matrix.
+Matrix3 &cell_block(BlockMatrix &matrix, std::span<const Index> cells, std::size_t cell,
+                    std::size_t k) {
+    const auto row = static_cast<std::size_t>(cells[4 * cell + k / 4]);
+    return matrix.blocks[matrix.row_start[row] + matrix.cell_position[16 * cell + k]];
+}
+
+} // namespace
 
 BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells) {
     const std::size_t num_cells = cells.size() / 4;
@@ -36,7 +49,12 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
             matrix.columns.push_back(*it);
         }
         matrix.row_start[i + 1] = matrix.columns.size();
+        if (matrix.row_start[i + 1] - matrix.row_start[i] >
+            std::numeric_limits<std::uint16_t>::max())
+            throw std::length_error("a point has more than 65535 neighbours");
     }
+    matrix.columns.shrink_to_fit();
+    std::vector<Index>().swap(listed);
     matrix.blocks.assign(matrix.columns.size(), Matrix3{});
     matrix.cell_position.resize(16 * num_cells);
     for (std::size_t c = 0; c < num_cells; ++c)
@@ -47,8 +65,8 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
             const auto last =
                 matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row + 1]);
             for (std::size_t b = 0; b < 4; ++b)
-                matrix.cell_position[16 * c + 4 * a + b] = static_cast<std::size_t>(
-                    std::lower_bound(first, last, cells[4 * c + b]) - matrix.columns.begin());
+                matrix.cell_position[16 * c + 4 * a + b] = static_cast<std::uint16_t>(
+                    std::lower_bound(first, last, cells[4 * c + b]) - first);
         }
     return matrix;
 }
@@ -62,7 +80,7 @@ void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
             displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]);
         const auto local = tangent_blocks(h, rest.gradients[c], rest.volumes[c], lame, strain);
         for (std::size_t k = 0; k < 16; ++k) {
-            Matrix3 &block = matrix.blocks[matrix.cell_position[16 * c + k]];
+            Matrix3 &block = cell_block(matrix, cells, c, k);
             for (std::size_t e = 0; e < 9; ++e)
                 block[e] += local[k][e];
         }
@@ -84,7 +102,7 @@ void assemble_secant(const RestCells &rest, std::span<const Index> cells,
         };
         const auto there = blocks_at(h), opposite = blocks_at(mirrored), rest_state = blocks_at({});
         for (std::size_t k = 0; k < 16; ++k) {
-            Matrix3 &block = matrix.blocks[matrix.cell_position[16 * c + k]];
+            Matrix3 &block = cell_block(matrix, cells, c, k);
             for (std::size_t e = 0; e < 9; ++e)
                 block[e] += (8.0 * rest_state[k][e] + 5.0 * there[k][e] - opposite[k][e]) / 12.0;
         }

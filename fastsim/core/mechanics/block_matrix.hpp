@@ -4,6 +4,7 @@
 #include "mechanics/tet4.hpp"
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -14,11 +15,14 @@ struct BlockMatrix {
     std::vector<std::size_t> row_start; // num_points + 1
     std::vector<Index> columns;         // ascending in each row
     std::vector<Matrix3> blocks;
-    std::vector<std::size_t> diagonal;      // position of each row's diagonal block
-    std::vector<std::size_t> cell_position; // 16 positions for each cell
+    std::vector<std::size_t> diagonal;        // position of each row's diagonal block
+    std::vector<std::uint16_t> cell_position; // 16 for each cell, counted from the row's start
+
+    std::size_t num_rows() const { return num_points; }
 };
 
-/// The pattern of a mesh; blocks are zero.
+/// The pattern of a mesh; blocks are zero. Throws std::length_error if a point has more than
+/// 65 535 neighbours.
 BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells);
 
 /// Sets the matrix to the tangent stiffness at a displacement.

@@ -56,7 +56,7 @@ SolveResult conjugate_gradient(const BlockMatrix &matrix, std::span<const double
         r[i] = is_free[i] ? b[i] : 0.0;
     const auto precondition = [&]() {
         if (multigrid != nullptr) {
-            multigrid->apply(r, z);
+            multigrid->apply(matrix, r, z);
             return;
         }
         for (std::size_t i = 0; i < matrix.num_points; ++i) {

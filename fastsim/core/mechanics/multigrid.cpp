@@ -46,19 +46,33 @@ template <std::size_t R> Block<R, R> inverse_of(Block<R, R> m) {
     return inverse;
 }
 
-template <std::size_t R>
-std::vector<Block<R, R>> inverse_diagonal_of(const BlockSparse<R, R> &matrix) {
-    std::vector<Block<R, R>> inverse(matrix.num_rows());
+std::vector<Block<6, 6>> inverse_diagonal_of(const BlockSparse<6, 6> &matrix) {
+    std::vector<Block<6, 6>> inverse(matrix.num_rows());
     for (std::size_t i = 0; i < matrix.num_rows(); ++i)
         for (std::size_t k = matrix.row_start[i]; k < matrix.row_start[i + 1]; ++k)
             if (at(matrix.columns[k]) == i)
-                inverse[i] = inverse_of<R>(matrix.blocks[k]);
+                inverse[i] = inverse_of<6>(matrix.blocks[k]);
+    return inverse;
+}
+
+/// Held components are cut out: zero rows and columns.
+std::vector<Matrix3> inverse_diagonal_of(const BlockMatrix &matrix,
+                                         std::span<const std::uint8_t> is_free) {
+    std::vector<Matrix3> inverse(matrix.num_points);
+    for (std::size_t i = 0; i < matrix.num_points; ++i) {
+        Matrix3 block = matrix.blocks[matrix.diagonal[i]];
+        for (std::size_t r = 0; r < 3; ++r)
+            for (std::size_t s = 0; s < 3; ++s)
+                if (is_free[3 * i + r] == 0 || is_free[3 * i + s] == 0)
+                    block[3 * r + s] = 0.0;
+        inverse[i] = inverse_of<3>(block);
+    }
     return inverse;
 }
 
 /// Greedy aggregates: whole neighbourhoods first, then what is left joins a neighbour's.
-template <std::size_t R>
-std::vector<Index> aggregate(const BlockSparse<R, R> &matrix, const std::vector<bool> &is_active,
+template <typename Matrix>
+std::vector<Index> aggregate(const Matrix &matrix, const std::vector<bool> &is_active,
                              std::size_t &num_aggregates) {
     const std::size_t n = matrix.num_rows();
     std::vector<Index> of(n, unassigned);
@@ -144,22 +158,31 @@ BlockSparse<R, 6> tentative_basis(const std::vector<Index> &of, std::size_t num_
     return basis;
 }
 
+/// y = A x.
+template <std::size_t R, typename Matrix>
+void multiply_into(const Matrix &a, const std::vector<double> &x, std::vector<double> &y) {
+    for (std::size_t i = 0; i < a.num_rows(); ++i) {
+        std::array<double, R> sum{};
+        for (std::size_t k = a.row_start[i]; k < a.row_start[i + 1]; ++k)
+            add_product<R, R, double>(a.blocks[k], &x[R * at(a.columns[k])], 1.0, sum.data());
+        std::copy(sum.begin(), sum.end(), &y[R * i]);
+    }
+}
+
 /// Largest eigenvalue of D^-1 A by power iteration from a fixed start.
-template <std::size_t R>
-double largest_eigenvalue(const BlockSparse<R, R> &matrix,
-                          const std::vector<Block<R, R>> &inverse_diagonal) {
+template <std::size_t R, typename Matrix>
+double largest_eigenvalue(const Matrix &matrix, const std::vector<Block<R, R>> &inverse_diagonal) {
     const std::size_t n = R * matrix.num_rows();
     std::vector<double> x(n), y(n);
     for (std::size_t i = 0; i < n; ++i)
         x[i] = 0.5 + static_cast<double>((i * 2654435761u) % 1024u) / 1024.0 - (i % 2 ? 1.5 : 0.0);
     double value = 1.0;
     for (int iteration = 0; iteration < 12; ++iteration) {
-        std::fill(y.begin(), y.end(), 0.0);
-        add_product(matrix, x, 1.0, y);
+        multiply_into<R>(matrix, x, y);
         std::fill(x.begin(), x.end(), 0.0);
         double squared = 0.0;
         for (std::size_t i = 0; i < matrix.num_rows(); ++i)
-            add_product<R, R>(inverse_diagonal[i], &y[R * i], 1.0, &x[R * i]);
+            add_product<R, R, double>(inverse_diagonal[i], &y[R * i], 1.0, &x[R * i]);
         for (const double v : x)
             squared += v * v;
         value = std::sqrt(squared);
@@ -171,65 +194,58 @@ double largest_eigenvalue(const BlockSparse<R, R> &matrix,
     return value;
 }
 
-/// Fills a level whose matrix is set; returns the next matrix.
-template <std::size_t R>
-BlockSparse<6, 6> coarsen(MultigridLevel<R> &level, const std::vector<bool> &is_active,
-                          std::vector<Block<R, 6>> &modes, std::vector<Block<6, 6>> &coarse_modes) {
-    std::size_t num_aggregates = 0;
-    const std::vector<Index> of = aggregate(level.matrix, is_active, num_aggregates);
-    BlockSparse<R, 6> basis = tentative_basis<R>(of, num_aggregates, modes, coarse_modes);
-    level.inverse_diagonal = inverse_diagonal_of(level.matrix);
+/// (I - omega D^-1 A) times the tentative basis, in single precision.
+template <std::size_t R, typename Matrix>
+BlockSparse<R, 6, float> smoothed_basis(const Matrix &matrix,
+                                        const std::vector<Block<R, R>> &inverse_diagonal,
+                                        const BlockSparse<R, 6> &basis) {
     // The power iteration comes from below: 1.1 on its value.
-    const double omega =
-        4.0 / (3.0 * 1.1 * largest_eigenvalue(level.matrix, level.inverse_diagonal));
-    BlockSparse<R, 6> smoothed = product<R, R, 6>(level.matrix, basis);
-    for (std::size_t i = 0; i < smoothed.num_rows(); ++i)
-        for (std::size_t k = smoothed.row_start[i]; k < smoothed.row_start[i + 1]; ++k) {
+    const double omega = 4.0 / (3.0 * 1.1 * largest_eigenvalue<R>(matrix, inverse_diagonal));
+    BlockSparse<R, 6> whole = product<R, R, 6>(matrix, basis);
+    BlockSparse<R, 6, float> smoothed;
+    smoothed.num_columns = basis.num_columns;
+    smoothed.blocks.resize(whole.blocks.size());
+    for (std::size_t i = 0; i < whole.num_rows(); ++i)
+        for (std::size_t k = whole.row_start[i]; k < whole.row_start[i + 1]; ++k) {
             Block<R, 6> result{};
-            add_product<R, R, 6>(level.inverse_diagonal[i], smoothed.blocks[k], -omega, result);
-            if (of[i] == smoothed.columns[k])
+            add_product<R, R, 6, double>(inverse_diagonal[i], whole.blocks[k], -omega, result);
+            const std::size_t own = basis.row_start[i];
+            if (own < basis.row_start[i + 1] && basis.columns[own] == whole.columns[k])
                 for (std::size_t e = 0; e < R * 6; ++e)
-                    result[e] += basis.blocks[basis.row_start[i]][e];
-            smoothed.blocks[k] = result;
+                    result[e] += basis.blocks[own][e];
+            for (std::size_t e = 0; e < R * 6; ++e)
+                smoothed.blocks[k][e] = static_cast<float>(result[e]);
         }
-    level.prolongation = std::move(smoothed);
-    level.restriction = transpose<R, 6>(level.prolongation);
-    level.residual.resize(R * level.matrix.num_rows());
+    smoothed.row_start = std::move(whole.row_start);
+    smoothed.columns = std::move(whole.columns);
+    return smoothed;
+}
+
+/// Fills a level whose inverse diagonal is set; returns the next matrix.
+template <std::size_t R, typename Matrix>
+BlockSparse<6, 6> coarsen(const Matrix &matrix, MultigridLevel<R> &level,
+                          const std::vector<bool> &is_active, std::vector<Block<R, 6>> &modes,
+                          std::vector<Block<6, 6>> &coarse_modes) {
+    std::size_t num_aggregates = 0;
+    {
+        const std::vector<Index> of = aggregate(matrix, is_active, num_aggregates);
+        const BlockSparse<R, 6> basis = tentative_basis<R>(of, num_aggregates, modes, coarse_modes);
+        std::vector<Block<R, 6>>().swap(modes);
+        level.prolongation = smoothed_basis<R>(matrix, level.inverse_diagonal, basis);
+    }
     level.coarse_right.resize(6 * num_aggregates);
     level.coarse_x.resize(6 * num_aggregates);
-    return product<6, R, 6>(level.restriction, product<R, R, 6>(level.matrix, level.prolongation));
+    BlockSparse<6, 6> next = transposed_product<6, R, 6>(
+        level.prolongation, product<R, R, 6>(matrix, level.prolongation));
+    sort_columns(next);
+    return next;
 }
 
-/// One block Gauss-Seidel sweep over rows in ascending or descending order.
-template <std::size_t R>
-void sweep(const MultigridLevel<R> &level, std::span<const double> b, std::span<double> x,
-           bool is_forward) {
-    const std::size_t n = level.matrix.num_rows();
-    for (std::size_t count = 0; count < n; ++count) {
-        const std::size_t i = is_forward ? count : n - 1 - count;
-        std::array<double, R> rest{};
-        for (std::size_t r = 0; r < R; ++r)
-            rest[r] = b[R * i + r];
-        for (std::size_t k = level.matrix.row_start[i]; k < level.matrix.row_start[i + 1]; ++k)
-            add_product<R, R>(level.matrix.blocks[k], &x[R * at(level.matrix.columns[k])], -1.0,
-                              rest.data());
-        add_product<R, R>(level.inverse_diagonal[i], rest.data(), 1.0, &x[R * i]);
-    }
-}
-
-template <std::size_t R, typename Next>
-void cycle(const MultigridLevel<R> &level, std::span<const double> b, std::span<double> x,
-           const Next &solve_coarse) {
-    std::fill(x.begin(), x.end(), 0.0);
-    sweep(level, b, x, true);
-    std::copy(b.begin(), b.end(), level.residual.begin());
-    add_product(level.matrix, std::span<const double>(x), -1.0, std::span(level.residual));
-    std::fill(level.coarse_right.begin(), level.coarse_right.end(), 0.0);
-    add_product(level.restriction, std::span<const double>(level.residual), 1.0,
-                std::span(level.coarse_right));
-    solve_coarse(level.coarse_right, level.coarse_x);
-    add_product(level.prolongation, std::span<const double>(level.coarse_x), 1.0, x);
-    sweep(level, b, x, false);
+void transpose_blocks(BlockSparse<6, 6> &matrix) {
+    for (Block<6, 6> &block : matrix.blocks)
+        for (std::size_t r = 0; r < 6; ++r)
+            for (std::size_t c = 0; c < r; ++c)
+                std::swap(block[6 * r + c], block[6 * c + r]);
 }
 
 } // namespace
@@ -237,8 +253,6 @@ void cycle(const MultigridLevel<R> &level, std::span<const double> b, std::span<
 Multigrid::Multigrid(const BlockMatrix &matrix, std::span<const double> points,
                      std::span<const std::uint8_t> is_free) {
     const std::size_t n = matrix.num_points;
-    BlockSparse<3, 3> &fine = _fine.matrix;
-    fine.num_columns = n;
     std::vector<bool> is_active(n);
     std::array<double, 3> centre{};
     for (std::size_t i = 0; i < n; ++i) {
@@ -246,24 +260,11 @@ Multigrid::Multigrid(const BlockMatrix &matrix, std::span<const double> points,
         for (std::size_t j = 0; j < 3; ++j)
             centre[j] += points[3 * i + j] / static_cast<double>(n);
     }
-    std::vector<Block<3, 6>> modes(n);
     double size = 0.0;
     for (std::size_t i = 0; i < points.size(); ++i)
         size = std::max(size, std::abs(points[i] - centre[i % 3]));
+    std::vector<Block<3, 6>> modes(n);
     for (std::size_t i = 0; i < n; ++i) {
-        for (std::size_t k = matrix.row_start[i]; k < matrix.row_start[i + 1]; ++k) {
-            const std::size_t j = at(matrix.columns[k]);
-            if (i != j && !(is_active[i] && is_active[j]))
-                continue;
-            Matrix3 block = matrix.blocks[k];
-            for (std::size_t r = 0; r < 3; ++r)
-                for (std::size_t s = 0; s < 3; ++s)
-                    if (is_free[3 * i + r] == 0 || is_free[3 * j + s] == 0)
-                        block[3 * r + s] = 0.0;
-            fine.columns.push_back(matrix.columns[k]);
-            fine.blocks.push_back(block);
-        }
-        fine.row_start.push_back(fine.columns.size());
         const double x = (points[3 * i] - centre[0]) / size;
         const double y = (points[3 * i + 1] - centre[1]) / size;
         const double z = (points[3 * i + 2] - centre[2]) / size;
@@ -273,71 +274,25 @@ Multigrid::Multigrid(const BlockMatrix &matrix, std::span<const double> points,
                 for (std::size_t c = 0; c < 6; ++c)
                     modes[i][6 * r + c] = 0.0;
     }
+    set_finest(matrix, is_free);
     std::vector<Block<6, 6>> coarse_modes, next_modes;
-    BlockSparse<6, 6> next = coarsen<3>(_fine, is_active, modes, coarse_modes);
+    BlockSparse<6, 6> next = coarsen<3>(matrix, _fine, is_active, modes, coarse_modes);
     while (next.num_rows() > largest_coarsest && _coarse.size() + 2 < most_levels) {
+        _matrices.push_back(std::move(next));
         MultigridLevel<6> level;
-        level.matrix = std::move(next);
-        const std::vector<bool> all(level.matrix.num_rows(), true);
-        next = coarsen<6>(level, all, coarse_modes, next_modes);
+        level.inverse_diagonal = inverse_diagonal_of(_matrices.back());
+        const std::vector<bool> all(_matrices.back().num_rows(), true);
+        next = coarsen<6>(_matrices.back(), level, all, coarse_modes, next_modes);
         coarse_modes = next_modes;
         _coarse.push_back(std::move(level));
     }
+    for (BlockSparse<6, 6> &coarse : _matrices)
+        transpose_blocks(coarse);
     factor_coarsest(next);
 }
 
-void Multigrid::factor_coarsest(const BlockSparse<6, 6> &matrix) {
-    const std::size_t n = 6 * matrix.num_rows();
-    _coarsest_size = n;
-    _cholesky.assign(n * n, 0.0);
-    for (std::size_t i = 0; i < matrix.num_rows(); ++i)
-        for (std::size_t k = matrix.row_start[i]; k < matrix.row_start[i + 1]; ++k)
-            for (std::size_t r = 0; r < 6; ++r)
-                for (std::size_t s = 0; s < 6; ++s)
-                    _cholesky[n * (6 * i + r) + 6 * at(matrix.columns[k]) + s] =
-                        matrix.blocks[k][6 * r + s];
-    double largest = 0.0;
-    for (std::size_t i = 0; i < n; ++i)
-        largest = std::max(largest, _cholesky[n * i + i]);
-    for (std::size_t i = 0; i < n; ++i)
-        for (std::size_t j = 0; j <= i; ++j) {
-            double sum = _cholesky[n * i + j];
-            for (std::size_t k = 0; k < j; ++k)
-                sum -= _cholesky[n * i + k] * _cholesky[n * j + k];
-            // A missing basis vector, or a tangent that is not positive definite: leave it out.
-            if (i == j)
-                _cholesky[n * i + i] =
-                    sum > 1e-13 * largest ? std::sqrt(sum) : std::sqrt(largest) * 1e100;
-            else
-                _cholesky[n * i + j] = sum / _cholesky[n * j + j];
-        }
-}
-
-void Multigrid::descend(std::size_t depth, std::span<const double> b, std::span<double> x) const {
-    if (depth < _coarse.size()) {
-        cycle(_coarse[depth], b, x, [&](std::span<const double> right, std::span<double> result) {
-            descend(depth + 1, right, result);
-        });
-        return;
-    }
-    const std::size_t n = _coarsest_size;
-    for (std::size_t i = 0; i < n; ++i) {
-        double sum = b[i];
-        for (std::size_t k = 0; k < i; ++k)
-            sum -= _cholesky[n * i + k] * x[k];
-        x[i] = sum / _cholesky[n * i + i];
-    }
-    for (std::size_t i = n; i-- > 0;) {
-        x[i] /= _cholesky[n * i + i];
-        for (std::size_t k = 0; k < i; ++k)
-            x[k] -= _cholesky[n * i + k] * x[i];
-    }
-}
-
-void Multigrid::apply(std::span<const double> b, std::span<double> x) const {
-    cycle(_fine, b, x, [&](std::span<const double> right, std::span<double> result) {
-        descend(0, right, result);
-    });
+void Multigrid::set_finest(const BlockMatrix &matrix, std::span<const std::uint8_t> is_free) {
+    _fine.inverse_diagonal = inverse_diagonal_of(matrix, is_free);
 }
 
 } // namespace fastsim

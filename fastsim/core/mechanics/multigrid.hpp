@@ -5,7 +5,7 @@
 //  3. one step of damped Jacobi smooths that basis
 //  4. Galerkin products give the next matrix; again, until it is small; that one is factored
 // One V-cycle with a forward sweep of block Gauss-Seidel down and a backward one up: symmetric,
-// so conjugate gradients may use it.
+// so conjugate gradients may use it. The finest matrix is the caller's own, not a copy.
 
 #include "mechanics/block_matrix.hpp"
 #include "mechanics/block_sparse.hpp"
@@ -16,22 +16,25 @@
 
 namespace fastsim {
 
+/// What a level needs besides its matrix.
 template <std::size_t R> struct MultigridLevel {
-    BlockSparse<R, R> matrix;
     std::vector<Block<R, R>> inverse_diagonal;
-    BlockSparse<R, 6> prolongation;
-    BlockSparse<6, R> restriction;
-    mutable std::vector<double> residual, coarse_right, coarse_x;
+    BlockSparse<R, 6, float> prolongation; // its transpose restricts
+    mutable std::vector<double> coarse_right, coarse_x;
 };
 
 class Multigrid {
   public:
-    /// Pre-conditions: `matrix` is symmetric; held components are cut out here.
+    /// Pre-conditions: `matrix` is symmetric, its columns ascend; held components are cut out here.
     Multigrid(const BlockMatrix &matrix, std::span<const double> points,
               std::span<const std::uint8_t> is_free);
 
-    /// x = approximate inverse of A times b; held components of b must be 0.
-    void apply(std::span<const double> b, std::span<double> x) const;
+    /// Takes over another matrix of the same pattern, coarse levels unchanged.
+    void set_finest(const BlockMatrix &matrix, std::span<const std::uint8_t> is_free);
+
+    /// x = approximate inverse of A times b; held components of b must be 0. `matrix` is the one
+    /// last given.
+    void apply(const BlockMatrix &matrix, std::span<const double> b, std::span<double> x) const;
 
     std::size_t num_levels() const { return _coarse.size() + 2; }
 
@@ -41,6 +44,7 @@ class Multigrid {
 
     MultigridLevel<3> _fine;
     std::vector<MultigridLevel<6>> _coarse;
+    std::vector<BlockSparse<6, 6>> _matrices; // of the coarse levels
     std::size_t _coarsest_size = 0;
     std::vector<double> _cholesky; // lower, row-major
 };

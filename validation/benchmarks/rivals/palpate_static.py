@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.statics import MULTIGRID_FROM_POINTS, solve_static
+from palpate.fastsim.newton import MULTIGRID_FROM_POINTS
+from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import PointForce, Support
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
