@@ -1,0 +1,115 @@
+"""Where a solution on linear tetrahedra is wrong: recovered against computed stress.
+
+The stress of linear tetrahedra is constant in each cell. Averaged to the points it is nearer the
+truth (Zienkiewicz, Zhu 1987), so the difference tells where cells are too large.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.fastsim.forces import checked_displacement, lame_parameters
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+
+def displacement_gradients(mesh: TetMesh, displacement: Points) -> NDArray[np.float64]:
+    """du/dX of each cell [-], shape (num_cells, 3, 3)."""
+    corners, moved = mesh.points[mesh.cells], displacement[mesh.cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    # Rows of both are along the same three edges: du = (du/dX) dX.
+    gradients: NDArray[np.float64] = np.linalg.solve(edges, moved[:, 1:] - moved[:, :1])
+    return gradients.transpose(0, 2, 1)
+
+
+def cell_stress(
+    mesh: TetMesh, displacement: ArrayLike, *, material: Material, strain: Strain = Strain.GREEN
+) -> NDArray[np.float64]:
+    """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7).
+
+    Args:
+        mesh: Rest mesh [m].
+        displacement: [m], shape (num_points, 3), finite.
+        material: Isotropic solid.
+        strain: Engineering strain (S is Cauchy's stress) or Green strain (second
+            Piola-Kirchhoff stress).
+
+    Returns:
+        [Pa], shape (num_cells, 3, 3), symmetric.
+    """
+    u = checked_displacement(mesh, displacement)
+    gradient = displacement_gradients(mesh, u)
+    E = 0.5 * (gradient + gradient.transpose(0, 2, 1))
+    if strain is Strain.GREEN:
+        E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
+    lmbda, mu = lame_parameters(material)
+    trace = np.einsum("cii->c", E)
+    stress: NDArray[np.float64] = lmbda * trace[:, None, None] * np.eye(3) + 2.0 * mu * E
+    return stress
+
+
+def recovered_stress(mesh: TetMesh, stress: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stress at the points: the mean of the cells around, by volume, (num_points, 3, 3) [Pa]."""
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    total = np.zeros((mesh.num_points, 9))
+    weight = np.zeros(mesh.num_points)
+    rows = volumes[:, None] * stress.reshape(-1, 9)
+    for k in range(4):
+        np.add.at(total, mesh.cells[:, k], rows)
+        np.add.at(weight, mesh.cells[:, k], volumes)
+    means: NDArray[np.float64] = (total / weight[:, None]).reshape(-1, 3, 3)
+    return means
+
+
+def estimate_error(
+    mesh: TetMesh, displacement: ArrayLike, *, material: Material, strain: Strain = Strain.GREEN
+) -> NDArray[np.float64]:
+    """Estimated error of each cell in the energy norm [J^(1/2)], shape (num_cells,).
+
+    The root of the integral of (S* - S) : C^-1 : (S* - S) over the rest cell, S* linear between
+    recovered values at the points. An indicator, not a bound: it finds where to refine.
+
+    Args:
+        mesh, displacement, material, strain: As for `cell_stress`.
+    """
+    stress = cell_stress(mesh, displacement, material=material, strain=strain)
+    at_points = recovered_stress(mesh, stress)
+    gap = at_points[mesh.cells] - stress[:, None]
+    E, nu = material.youngs_modulus, material.poissons_ratio
+
+    def product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        # a : C^-1 : b = ((1 + nu) a : b - nu tr a tr b) / E
+        whole = np.einsum("cij,cij->c", a, b)
+        traces = np.einsum("cii->c", a) * np.einsum("cii->c", b)
+        out: NDArray[np.float64] = ((1.0 + nu) * whole - nu * traces) / E
+        return out
+
+    # Linear functions on a tetrahedron: int N_a N_b = V (1 + delta_ab) / 20.
+    total = product(gap.sum(axis=1), gap.sum(axis=1))
+    for k in range(4):
+        total += product(gap[:, k], gap[:, k])
+    return np.sqrt(np.maximum(total, 0.0) * signed_volumes(mesh.points, mesh.cells) / 20.0)
+
+
+def mark_largest(errors: ArrayLike, *, share: float = 0.5) -> NDArray[np.bool_]:
+    """The fewest cells that hold a share of the squared error (Doerfler 1996).
+
+    Args:
+        errors: Of each cell, >= 0, shape (num_cells,).
+        share: Above 0, at most 1.
+    """
+    squared = np.asarray(errors, dtype=np.float64) ** 2
+    if not 0.0 < share <= 1.0:
+        raise InputError(f"share = {share:g}: needs a value above 0, at most 1")
+    if squared.ndim != 1 or not np.isfinite(squared).all():
+        raise InputError("errors need one finite value for each cell")
+    order = np.argsort(-squared, kind="stable")
+    summed = np.cumsum(squared[order])
+    marked = np.zeros(len(squared), dtype=bool)
+    if summed.size and summed[-1] > 0.0:
+        needed = int(np.searchsorted(summed, share * summed[-1] * (1.0 - 1e-12))) + 1
+        marked[order[:needed]] = True
+    return marked
