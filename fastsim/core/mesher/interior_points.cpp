@@ -1,5 +1,7 @@
 #include "mesher/interior_points.hpp"
 
+#include "mesher/graded_lattice.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,6 +9,11 @@
 namespace fastsim {
 
 namespace {
+
+// Body-centred cells have edges a and sqrt(3)/2 a, 0.923 a in the mean.
+constexpr double body_centred_edge = 0.923;
+// Bounds the places that guard one facet, where the wanted size is far below its own.
+constexpr double most_parts = 64.0;
 
 /// splitmix64: the same sequence on every machine.
 class Random {
@@ -26,15 +33,16 @@ class Random {
     std::uint64_t _state;
 };
 
-/// Points in cubic bins, to find those near a place.
-class Bins {
+/// Places with a distance that others keep from them, in cubic bins.
+class Guards {
   public:
-    Bins(std::vector<Point> points, double width) : _points(std::move(points)), _width(width) {
-        for (std::size_t i = 0; i < _points.size(); ++i)
-            _bins[key(_points[i])].push_back(i);
+    explicit Guards(double largest_distance) : _width(std::max(largest_distance, 1e-300)) {}
+
+    void add(const Point &place, double distance) {
+        _bins[key(place)].push_back({place, distance * distance});
     }
 
-    bool any_within(const Point &p, double distance) const {
+    bool keep_off(const Point &p) const {
         const auto middle = key(p);
         for (Index i = -1; i <= 1; ++i)
             for (Index j = -1; j <= 1; ++j)
@@ -42,10 +50,10 @@ class Bins {
                     const auto found = _bins.find({middle[0] + i, middle[1] + j, middle[2] + k});
                     if (found == _bins.end())
                         continue;
-                    for (const std::size_t q : found->second) {
-                        const double dx = _points[q][0] - p[0], dy = _points[q][1] - p[1],
-                                     dz = _points[q][2] - p[2];
-                        if (dx * dx + dy * dy + dz * dz < distance * distance)
+                    for (const Guard &guard : found->second) {
+                        const double dx = guard.place[0] - p[0], dy = guard.place[1] - p[1],
+                                     dz = guard.place[2] - p[2];
+                        if (dx * dx + dy * dy + dz * dz < guard.squared_distance)
                             return true;
                     }
                 }
@@ -53,15 +61,19 @@ class Bins {
     }
 
   private:
+    struct Guard {
+        Point place;
+        double squared_distance;
+    };
+
     Triple key(const Point &p) const {
         return {static_cast<Index>(std::floor(p[0] / _width)),
                 static_cast<Index>(std::floor(p[1] / _width)),
                 static_cast<Index>(std::floor(p[2] / _width))};
     }
 
-    std::vector<Point> _points;
     double _width;
-    std::unordered_map<Triple, std::vector<std::size_t>, TripleHash> _bins;
+    std::unordered_map<Triple, std::vector<Guard>, TripleHash> _bins;
 };
 
 /// Crossings of the surface by the line through (x, y) along z, in order of height.
@@ -121,53 +133,96 @@ class Columns {
     std::unordered_map<Triple, std::vector<std::size_t>, TripleHash> _bins;
 };
 
+double distance(const Point &a, const Point &b) {
+    return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+}
+
+/// Mean length of the edges at each point of the surface, `longest` at most.
+std::vector<double> local_sizes(std::span<const Point> points, std::span<const Triple> facets,
+                                double longest) {
+    std::vector<double> sum(points.size(), 0.0), count(points.size(), 0.0);
+    for (const Triple &f : facets)
+        for (std::size_t k = 0; k < 3; ++k) {
+            const std::size_t a = TetComplex::at(f[k]), b = TetComplex::at(f[(k + 1) % 3]);
+            const double length = distance(points[a], points[b]);
+            for (const std::size_t end : {a, b}) {
+                sum[end] += length;
+                count[end] += 1.0;
+            }
+        }
+    for (std::size_t v = 0; v < sum.size(); ++v)
+        sum[v] = count[v] > 0.0 ? std::min(sum[v] / count[v], longest) : longest;
+    return sum;
+}
+
+/// Guards the surface: its points, and the facets by places not farther apart than the size.
+Guards guard_surface(std::span<const Point> points, std::span<const Triple> facets,
+                     std::span<const double> sizes, double clearance) {
+    Guards guards(clearance * *std::max_element(sizes.begin(), sizes.end()));
+    for (std::size_t v = 0; v < points.size(); ++v)
+        guards.add(points[v], clearance * sizes[v]);
+    for (const Triple &f : facets) {
+        const Point &a = points[TetComplex::at(f[0])], &b = points[TetComplex::at(f[1])],
+                    &c = points[TetComplex::at(f[2])];
+        const double size = (sizes[TetComplex::at(f[0])] + sizes[TetComplex::at(f[1])] +
+                             sizes[TetComplex::at(f[2])]) /
+                            3.0;
+        const double longest = std::max({distance(a, b), distance(b, c), distance(c, a)});
+        const auto parts =
+            static_cast<int>(std::clamp(std::ceil(longest / (1.5 * size)), 1.0, most_parts));
+        // Centroids of the triangles that the facet is cut into, parts of each edge to a side.
+        for (int i = 0; i < parts; ++i)
+            for (int j = 0; i + j < parts; ++j)
+                for (int turned = 0; turned < (i + j + 1 < parts ? 2 : 1); ++turned) {
+                    const double third = (1.0 + turned) / 3.0;
+                    const double u = (i + third) / parts, v = (j + third) / parts;
+                    Point place;
+                    for (std::size_t axis = 0; axis < 3; ++axis)
+                        place[axis] = a[axis] + u * (b[axis] - a[axis]) + v * (c[axis] - a[axis]);
+                    guards.add(place, clearance * size);
+                }
+    }
+    return guards;
+}
+
 } // namespace
 
 std::vector<Point> interior_points(std::span<const Point> surface_points,
                                    std::span<const Triple> facets, LatticeSettings settings) {
     const double h = settings.edge_length;
-    // Body-centred cells have edges a and sqrt(3)/2 a, 0.923 a in the mean.
-    const double cube = settings.lattice == Lattice::body_centred ? h / 0.923 : h;
-    Point low = surface_points.front(), high = low;
+    const bool is_graded = settings.lattice == Lattice::body_centred;
+    const double cube = is_graded ? h / body_centred_edge : h;
+    CubeGrid grid{surface_points.front(), cube, {}};
+    Point high = grid.low;
     for (const Point &p : surface_points)
         for (std::size_t i = 0; i < 3; ++i) {
-            low[i] = std::min(low[i], p[i]);
+            grid.low[i] = std::min(grid.low[i], p[i]);
             high[i] = std::max(high[i], p[i]);
         }
-    std::vector<Point> guarded(surface_points.begin(), surface_points.end());
-    for (const Triple &f : facets) {
-        Point centroid{};
-        for (const Index v : f)
-            for (std::size_t i = 0; i < 3; ++i)
-                centroid[i] += surface_points[TetComplex::at(v)][i] / 3.0;
-        guarded.push_back(centroid);
+    for (std::size_t i = 0; i < 3; ++i) {
+        const double count = std::ceil((high[i] - grid.low[i]) / cube);
+        grid.count[i] = static_cast<Index>(count);
+        // The lattice is centred on the box.
+        grid.low[i] -= 0.5 * (count * cube - (high[i] - grid.low[i]));
     }
-    const double clearance = settings.clearance * h;
-    const Bins bins(std::move(guarded), std::max(clearance, 1e-300));
+    // The paper's cubes are all alike, and know the surface by one distance.
+    const std::vector<double> sizes = is_graded ? local_sizes(surface_points, facets, h)
+                                                : std::vector<double>(surface_points.size(), h);
+    std::vector<double> wanted(sizes);
+    for (double &edge : wanted)
+        edge /= is_graded ? body_centred_edge : 1.0;
+    const GradedLattice lattice(grid, surface_points, wanted);
+    const Guards guards = guard_surface(surface_points, facets, sizes, settings.clearance);
     const Columns columns(surface_points, facets, h);
     Random random(settings.seed);
     std::vector<Point> points;
-    const int centres = settings.lattice == Lattice::body_centred ? 2 : 1;
-    std::array<long, 3> count{};
-    for (std::size_t i = 0; i < 3; ++i)
-        count[i] = static_cast<long>(std::ceil((high[i] - low[i]) / cube));
-    for (long i = 0; i <= count[0]; ++i)
-        for (long j = 0; j <= count[1]; ++j)
-            for (long k = 0; k <= count[2]; ++k)
-                for (int centre = 0; centre < centres; ++centre) {
-                    const std::array<double, 3> step{static_cast<double>(i), static_cast<double>(j),
-                                                     static_cast<double>(k)};
-                    Point p;
-                    for (std::size_t axis = 0; axis < 3; ++axis) {
-                        // The lattice is centred on the box.
-                        const double slack =
-                            static_cast<double>(count[axis]) * cube - (high[axis] - low[axis]);
-                        p[axis] = low[axis] - 0.5 * slack + (step[axis] + 0.5 * centre) * cube +
-                                  settings.jitter * h * random.next();
-                    }
-                    if (columns.is_inside(p) && !bins.any_within(p, clearance))
-                        points.push_back(p);
-                }
+    lattice.visit(is_graded, [&](const Point &place, double edge) {
+        Point p = place;
+        for (double &x : p)
+            x += settings.jitter * edge * random.next();
+        if (columns.is_inside(p) && !guards.keep_off(p))
+            points.push_back(p);
+    });
     return points;
 }
 

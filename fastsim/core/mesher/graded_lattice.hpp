@@ -1,0 +1,45 @@
+#pragma once
+// A lattice of cubes and their centres that is finer where the surface is: cubes are halved near
+// small edges, and neighbours differ by one halving at most, so that sizes change gradually.
+
+#include "mesher/tet_complex.hpp"
+
+#include <functional>
+#include <span>
+#include <unordered_set>
+#include <vector>
+
+namespace fastsim {
+
+/// Cubes of one size over a box.
+struct CubeGrid {
+    Point low;
+    double edge;
+    std::array<Index, 3> count; // cubes along each axis
+};
+
+class GradedLattice {
+  public:
+    /// Halves cubes until they are about as large as wanted at each of some places.
+    GradedLattice(const CubeGrid &grid, std::span<const Point> places,
+                  std::span<const double> wanted_edges);
+
+    /// Calls with every corner of a cube, and with every centre where `has_centres`, and the edge
+    /// of a cube there; in an order that depends on nothing else.
+    void visit(bool has_centres, const std::function<void(const Point &, double)> &take) const;
+
+  private:
+    using Key = std::uint64_t;
+    using Cube = std::array<Index, 3>;
+    using Level = std::unordered_set<Key>;
+
+    static Key pack(const Cube &cube);
+    static Cube unpack(Key key);
+    bool is_split(std::size_t level, const Cube &cube) const;
+    Point corner(const Cube &cube, double edge, double shift) const;
+
+    CubeGrid _grid;
+    std::vector<Level> _split; // cubes that are halved, by level
+};
+
+} // namespace fastsim
