@@ -90,7 +90,7 @@ class EquilibriumLostError(NotConvergedError):
     def _message(self) -> str:
         where = ", ".join(f"{x:.4g}" for x in self.place)
         return (
-            f"equilibrium is lost beyond {self.load_factor:.4g} of the load ({self.reason}): the "
+            f"no equilibrium beyond {self.load_factor:.4g} of the load ({self.reason}): the "
             f"body has {max(self.stiffness, 0.0):.1%} of its stiffness left, softens in cell "
             f"{self.cell} at ({where}) m, and its smallest principal stretch is "
             f"{self.smallest_stretch:.3g} (Saint-Venant-Kirchhoff softens below 0.577 in free "
