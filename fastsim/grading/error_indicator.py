@@ -73,7 +73,10 @@ def estimate_error(
     recovered values at the points. An indicator, not a bound: it finds where to refine.
 
     Args:
-        mesh, displacement, material, strain: As for `cell_stress`.
+        mesh: Rest mesh [m].
+        displacement: [m], shape (num_points, 3), finite.
+        material: Isotropic solid.
+        strain: Engineering or Green strain.
     """
     stress = cell_stress(mesh, displacement, material=material, strain=strain)
     at_points = recovered_stress(mesh, stress)
