@@ -63,6 +63,7 @@ class TimedChild:
             text=True,
             env=_environment(interpreter),
             start_new_session=True,
+            cwd=self._folder.name,  # some write log files
         )
         self.answers: list[dict[str, Any]] = []
         self.about = self._read()
