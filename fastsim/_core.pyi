@@ -152,12 +152,8 @@ def mesh_surface(
     NDArray[np.int32],
     NDArray[np.int32],
     list[int],
-    int,
-    int,
     list[int],
-    int,
-    int,
-    int,
+    list[int],
 ]: ...
 
 class InstructionSet(Enum):

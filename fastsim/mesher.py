@@ -15,22 +15,20 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.surface_remesher import RemeshReport, remesh_surface
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
-from palpate.meshes.errors import InputError, SelfIntersectionError
+from palpate.meshes.errors import InputError, InvertedCellError, SelfIntersectionError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
-# Other lattices to try when flips do not bring the whole boundary back: another jitter, then
-# points nearer to the surface, then other sizes. (Shift of the seed, clearance, share of size.)
+# Other lattices to try in the rare case that the boundary does not come back at all: another
+# jitter, then points nearer to the surface, then another size. (Shift of the seed, clearance,
+# share of size.)
 _ATTEMPTS = (
     (0, 0.80, 1.0),
     (1, 0.75, 1.0),
-    (2, 0.70, 1.0),
-    (3, 0.65, 1.0),
-    (4, 0.60, 0.7),
-    (5, 0.80, 0.5),
-    (6, 0.80, 2.0),
+    (2, 0.60, 0.7),
+    (3, 0.80, 2.0),
 )
 # Cells with a dihedral angle below about 30 degrees are worked on: sin 30 = 0.5.
 _SLIVER_TARGET = 0.5
@@ -79,6 +77,17 @@ class Boundary(StrEnum):
     FREE = "free"
 
 
+class FlatCellError(MeshingError):
+    """Cells positive by the exact predicate, but flat to rounding; `.cells` holds them."""
+
+    def __init__(self, cells: Sequence[int]) -> None:
+        self.cells = [int(c) for c in cells]
+        super().__init__(
+            f"{len(self.cells)} cell(s) have no volume to rounding; parts of the surface are "
+            "within roundings of each other: thicken them or merge points"
+        )
+
+
 class Lattice(StrEnum):
     """Where the candidates for inner points lie."""
 
@@ -96,6 +105,11 @@ class MeshingReport:
         sliver_flips: Flips that made the worst cell better.
         sliver_moves: Inner points moved for the same end.
         sliver_insertions: Inner points added for the same end.
+        steiner_points: Points put on edges and facets that flips alone did not bring back; all
+            but `boundary_steiner_points` of them were moved inside or removed afterwards.
+        boundary_steiner_points: Those that had to stay on the surface, at its facets to
+            rounding; they follow the surface's points. With any, the mesh's boundary has more
+            facets than were given.
         attempts: Lattices tried.
         remesh: What was done to a free boundary; None where it was kept.
     """
@@ -105,6 +119,8 @@ class MeshingReport:
     sliver_flips: int
     sliver_moves: int
     sliver_insertions: int
+    steiner_points: int
+    boundary_steiner_points: int
     attempts: int
     remesh: RemeshReport | None = None
 
@@ -124,8 +140,7 @@ def mesh_surface(
 
     Args:
         surface: Closed, outward, without self-intersection [m].
-        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean. Where
-            the surface does not come back with it, half and twice of it are tried too.
+        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean.
         lattice: The paper's cubes, or body-centred ones, whose cells are better shaped.
         improve: Re-mesh slivers with their neighbours (the paper's last step).
         boundary: Whether the surface's facets are kept, or may be replaced by better ones.
@@ -135,8 +150,11 @@ def mesh_surface(
         progress: Called with one line per attempt.
 
     Returns:
-        A mesh whose boundary facets are the surface's; every cell is positive by the exact
-        predicate, and the volume is the surface's.
+        A mesh whose first points are the surface's and whose boundary facets are the
+        surface's; every cell is positive by the exact predicate, and the volume is the
+        surface's. Only where a point had to be left on a facet (never seen on a surface whose
+        facets are clear of each other by more than roundings; `mesh_surface_with_report` says)
+        is that facet cut at it.
 
     Raises:
         SurfaceError: The surface does not bound a solid, or intersects itself.
@@ -187,7 +205,6 @@ def mesh_surface_with_report(
     renumber = np.full(len(surface.points), -1, dtype=np.int32)
     renumber[used] = np.arange(len(used), dtype=np.int32)
     facets = np.ascontiguousarray(renumber[surface.facets])
-    # A local origin: a far-off one would cost the mesh's volume its last digits.
     points = np.ascontiguousarray(surface.points[used])
     corners = points[facets]
     mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
@@ -197,31 +214,43 @@ def mesh_surface_with_report(
     kind = _core.Lattice.cubic if lattice is Lattice.PAPER else _core.Lattice.body_centred
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
-    failure: BoundaryRecoveryError | None = None
+    failure: MeshingError | None = None
+    second_best: tuple[TetMesh, MeshingReport] | None = None
     for attempt, (shift, clearance, share) in enumerate(_ATTEMPTS, start=1):
         if progress:
             progress(f"meshing {len(facets)} facets, edge length {size:.3g} m, try {attempt}")
-        out_points, cells, edges, lost, back_edges, back_facets, twins, flips, moves, new = (
-            _core.mesh_surface(
-                points,
-                facets,
-                kind,
-                share * size,
-                jitter,
-                clearance,
-                seed + shift,
-                _SLIVER_TARGET,
-                20 if improve else 0,
-            )
+        out_points, cells, edges, lost, twins, counts = _core.mesh_surface(
+            points,
+            facets,
+            kind,
+            share * size,
+            jitter,
+            clearance,
+            seed + shift,
+            _SLIVER_TARGET,
+            20 if improve else 0,
         )
         if twins[0] >= 0:
             raise DuplicatePointError(int(used[twins[0]]), int(used[twins[1]]))
         if len(cells) == 0:
             failure = BoundaryRecoveryError(lost, [(int(used[a]), int(used[b])) for a, b in edges])
             continue
-        mesh = TetMesh(out_points, cells)
-        _require_boundary(facets, mesh)
-        return mesh, MeshingReport(back_edges, back_facets, flips, moves, new, attempt)
+        try:
+            mesh = TetMesh(out_points, cells)
+        except InvertedCellError as error:
+            failure = FlatCellError(error.cells)
+            continue
+        recovered_edges, recovered_facets, flips, moves, new, steiner, steiner_left = counts
+        report = MeshingReport(
+            recovered_edges, recovered_facets, flips, moves, new, steiner, steiner_left, attempt
+        )
+        if steiner_left == 0:
+            _require_boundary(facets, mesh)
+            return mesh, report
+        if second_best is None:
+            second_best = mesh, report
+    if second_best is not None:
+        return second_best
     assert failure is not None
     raise failure
 

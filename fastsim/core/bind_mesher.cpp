@@ -105,11 +105,16 @@ void bind_mesher(nb::module_ &module) {
                                      sliver_target,
                                      sliver_passes});
             }
+            const std::vector<std::size_t> counts{mesh.recovery.recovered_edges,
+                                                  mesh.recovery.recovered_facets,
+                                                  mesh.slivers.flips,
+                                                  mesh.slivers.moves,
+                                                  mesh.slivers.insertions,
+                                                  mesh.recovery.steiner_points.size(),
+                                                  mesh.num_boundary_steiner};
             return std::make_tuple(as_table<double, 3>(mesh.points), as_table<Index, 4>(mesh.cells),
                                    as_table<Index, 2>(mesh.recovery.missing_edges),
-                                   mesh.recovery.missing_facets, mesh.recovery.recovered_edges,
-                                   mesh.recovery.recovered_facets, mesh.twins, mesh.slivers.flips,
-                                   mesh.slivers.moves, mesh.slivers.insertions);
+                                   mesh.recovery.missing_facets, mesh.twins, counts);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),

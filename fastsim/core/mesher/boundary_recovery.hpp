@@ -1,16 +1,17 @@
 #pragma once
 // "Check boundary points and topology preservation" (section II, step 5): every edge and facet
-// of the given surface is brought into the tetrahedralisation by flips, none is ever split.
+// of the given surface is brought into the tetrahedralisation, edges first.
 //
-//   1. edges: what crosses a missing edge (facets, edges) is flipped away, from both its ends;
-//   2. facets: with its three edges there, edges that pierce a missing facet are removed;
-//   3. whatever is recovered is protected from later flips.
-//
-// Flips do not always suffice (Schoenhardt's prism has no tetrahedralisation at all); what is
-// left is reported, not hidden.
+//   1. by flips; what is there is protected from later flips;
+//   2. where flips are stuck, by points on the edge or facet, where cells cross it. Coordinates
+//      are rounded, so such an edge or facet bends by roundings; what is inside is decided by
+//      the bent triangles, exactly. The points are moved off the surface after carving
+//      (steiner_removal.hpp; after George, Borouchaki and Saltel 2003, Si 2015).
 
 #include "mesher/flips.hpp"
+#include "mesher/refined_surface.hpp"
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -19,16 +20,17 @@ namespace fastsim {
 struct RecoveryReport {
     std::vector<std::array<Index, 2>> missing_edges;
     std::vector<Index> missing_facets; // indices of the given facets
-    std::size_t recovered_edges = 0;
-    std::size_t recovered_facets = 0;
+    std::size_t recovered_edges = 0;   // by flips alone
+    std::size_t recovered_facets = 0;  // by flips alone
+    // Only where points were put on the surface: its parts, and those points in order of
+    // insertion.
+    std::optional<RefinedSurface> refined;
+    std::vector<Index> steiner_points;
 };
 
-/// Brings the facets into the complex; `protection` comes out holding what is there.
+/// Brings the facets into the complex; `protection` comes out holding what is there. Points from
+/// `first_inner` on are not the surface's.
 RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> facets,
-                                Protection &protection);
-
-/// Keeps the cells that lie behind the facets, which face outwards; in the result the boundary
-/// has no neighbours. Throws std::runtime_error when sides contradict each other.
-std::vector<Cell> carve(const TetComplex &complex, std::span<const Triple> facets);
+                                Index first_inner, Protection &protection);
 
 } // namespace fastsim

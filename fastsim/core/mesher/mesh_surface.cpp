@@ -1,6 +1,8 @@
 #include "mesher/mesh_surface.hpp"
 
 #include "delaunay/triangulation.hpp"
+#include "mesher/carve.hpp"
+#include "mesher/steiner_removal.hpp"
 
 #include <algorithm>
 
@@ -31,6 +33,58 @@ std::array<Point, 8> cube_corners_around(std::span<const Point> points, double m
             corners[corner][i] = (corner >> i) & 1 ? centre + reach : centre - reach;
         }
     return corners;
+}
+
+/// Numbers points `chosen` from `first` on, in their order; the rest keep theirs among themselves.
+void bring_forward(TetComplex &complex, std::span<const Index> chosen, Index first) {
+    const auto count = static_cast<Index>(complex.points.size());
+    std::vector<Index> number(complex.points.size(), none);
+    Index next = first;
+    for (const Index v : chosen)
+        number[TetComplex::at(v)] = next++;
+    for (Index v = 0; v < count; ++v)
+        if (number[TetComplex::at(v)] == none)
+            number[TetComplex::at(v)] = v < first ? v : next++;
+    std::vector<Point> points(complex.points.size());
+    for (std::size_t v = 0; v < points.size(); ++v)
+        points[TetComplex::at(number[v])] = complex.points[v];
+    std::vector<Cell> cells;
+    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
+        if (complex.is_alive(static_cast<Index>(slot))) {
+            Cell cell = complex.cell(static_cast<Index>(slot));
+            for (Index &v : cell)
+                v = number[TetComplex::at(v)];
+            cells.push_back(cell);
+        }
+    complex = TetComplex();
+    for (const Point &p : points)
+        complex.add_point(p);
+    complex.set_cells(cells);
+}
+
+/// Points on the boundary keep their order, without the cube; inner points that no cell uses are
+/// dropped.
+void collect(const TetComplex &inside, Index num_fixed, SurfaceMesh &result) {
+    std::vector<Index> number(inside.points.size(), none);
+    for (Index v = cube_corners; v < num_fixed; ++v) {
+        number[TetComplex::at(v)] = v - cube_corners;
+        result.points.push_back(inside.points[TetComplex::at(v)]);
+    }
+    for (std::size_t slot = 0; slot < inside.num_slots(); ++slot) {
+        const auto c = static_cast<Index>(slot);
+        if (!inside.is_alive(c))
+            continue;
+        Cell cell = inside.cell(c);
+        for (Index &v : cell) {
+            Index &n = number[TetComplex::at(v)];
+            if (n == none) {
+                n = static_cast<Index>(result.points.size());
+                result.points.push_back(inside.points[TetComplex::at(v)]);
+            }
+            v = n;
+        }
+        result.cells.push_back(cell);
+    }
 }
 
 } // namespace
@@ -71,47 +125,39 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
         for (Index &v : f)
             v += cube_corners;
     Protection protection;
-    result.recovery = recover_boundary(complex, shifted, protection);
-    if (!result.recovery.missing_edges.empty() || !result.recovery.missing_facets.empty()) {
-        for (auto &e : result.recovery.missing_edges)
+    RecoveryReport &recovery = result.recovery;
+    recovery = recover_boundary(complex, shifted, cube_corners + num_surface, protection);
+    if (!recovery.missing_edges.empty() || !recovery.missing_facets.empty()) {
+        for (auto &e : recovery.missing_edges)
             for (Index &v : e)
                 v -= cube_corners;
         return result;
     }
-    std::vector<Cell> cells = carve(complex, shifted);
 
-    // Slivers, on the inside alone: the boundary has no neighbours there, so no flip touches it.
+    const std::vector<Triple> walls = recovery.refined ? recovery.refined->triangles() : shifted;
+    const std::vector<Cell> kept = carve(complex, walls);
+    if (kept.empty()) {
+        for (std::size_t f = 0; f < facets.size(); ++f)
+            recovery.missing_facets.push_back(static_cast<Index>(f));
+        return result;
+    }
+
+    // On the inside alone from here: the boundary has no neighbours, so no flip touches it.
     TetComplex inside;
-    for (const Point &p : all)
+    for (const Point &p : complex.points)
         inside.add_point(p);
-    for (Cell &c : cells)
-        for (Index &v : c)
-            v -= cube_corners;
-    inside.set_cells(cells);
+    inside.set_cells(kept);
+    std::vector<Index> stuck;
+    if (recovery.refined)
+        stuck = remove_steiner_points(inside, *recovery.refined, shifted, recovery.steiner_points);
+    if (!stuck.empty())
+        bring_forward(inside, stuck, cube_corners + num_surface);
+    result.num_boundary_steiner = stuck.size();
+    const Index num_fixed = cube_corners + num_surface + static_cast<Index>(stuck.size());
     if (settings.sliver_passes > 0)
         result.slivers =
-            remove_slivers(inside, num_surface, settings.sliver_target, settings.sliver_passes);
-
-    // Surface points keep their numbers; inner points that no cell uses are dropped.
-    std::vector<Index> number(inside.points.size(), none);
-    for (Index v = 0; v < num_surface; ++v)
-        number[TetComplex::at(v)] = v;
-    result.points.assign(points.begin(), points.end());
-    for (std::size_t slot = 0; slot < inside.num_slots(); ++slot) {
-        const auto c = static_cast<Index>(slot);
-        if (!inside.is_alive(c))
-            continue;
-        Cell cell = inside.cell(c);
-        for (Index &v : cell) {
-            Index &n = number[TetComplex::at(v)];
-            if (n == none) {
-                n = static_cast<Index>(result.points.size());
-                result.points.push_back(inside.points[TetComplex::at(v)]);
-            }
-            v = n;
-        }
-        result.cells.push_back(cell);
-    }
+            remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes);
+    collect(inside, num_fixed, result);
     return result;
 }
 

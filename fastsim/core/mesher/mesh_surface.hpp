@@ -18,6 +18,8 @@ struct SurfaceMesh {
     std::vector<Cell> cells;
     RecoveryReport recovery;
     SliverReport slivers;
+    // Points that had to stay on the surface's edges and facets; they follow the surface's own.
+    std::size_t num_boundary_steiner = 0;
     std::array<Index, 2> twins{none, none}; // two equal points, when there are any
 };
 

@@ -137,7 +137,8 @@ void TetComplex::link(std::span<const Index> cells) {
     }
 }
 
-void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fresh) {
+void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fresh,
+                         bool may_change_boundary) {
     ++_visit_stamp;
     for (const Index c : dead)
         _visit[at(c)] = _visit_stamp;
@@ -146,6 +147,8 @@ void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fres
         for (int k = 0; k < 4; ++k) {
             const Index n = neighbour(c, k);
             if (n != none && _visit[at(n)] == _visit_stamp)
+                continue;
+            if (n == none && may_change_boundary)
                 continue;
             const Triple f = facet(c, k);
             int back = -1;
@@ -158,7 +161,10 @@ void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fres
                     }
             _open.push_back({sorted_triple(f[0], f[1], f[2]), {n, back}});
         }
+    std::vector<Index> dead_corners;
     for (const Index c : dead) {
+        if (may_change_boundary)
+            dead_corners.insert(dead_corners.end(), _cells[at(c)].begin(), _cells[at(c)].end());
         _cells[at(c)] = {none, none, none, none};
         _free_slots.push_back(c);
     }
@@ -169,8 +175,27 @@ void TetComplex::replace(std::span<const Index> dead, std::span<const Cell> fres
         _fresh_cells.push_back(slot_number);
     }
     link(_fresh_cells);
-    if (!_open.empty())
+    if (may_change_boundary)
+        close_boundary(dead_corners);
+    else if (!_open.empty())
         throw std::logic_error("the new cells do not fill the same space as the old ones");
+}
+
+void TetComplex::close_boundary(std::span<const Index> corners) {
+    const auto is_lost = [&](Index v) {
+        const Index c = cell_at(v);
+        return c == none || corner_of(c, v) < 0;
+    };
+    // What found no partner is boundary now.
+    for (const auto &[key, side] : _open) {
+        _neighbours[at(side.cell)][slot(side.facet)] = none;
+        for (const Index v : key)
+            if (is_lost(v))
+                _cell_of_point[at(v)] = side.cell;
+    }
+    for (const Index v : corners)
+        if (is_lost(v))
+            _cell_of_point[at(v)] = none;
 }
 
 void TetComplex::cells_around(Index point, std::vector<Index> &out) const {

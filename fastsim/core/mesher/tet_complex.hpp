@@ -57,8 +57,10 @@ class TetComplex {
     int orientation(const Cell &c) const;
 
     /// Replaces `dead` by `fresh`. Pre-condition: both have the same outer facets.
-    /// The new cells' numbers are left in `fresh_cells`.
-    void replace(std::span<const Index> dead, std::span<const Cell> fresh);
+    /// The new cells' numbers are left in `fresh_cells`. With `may_change_boundary`, facets
+    /// without a neighbour may come and go, and so may a neighbour's.
+    void replace(std::span<const Index> dead, std::span<const Cell> fresh,
+                 bool may_change_boundary = false);
     const std::vector<Index> &fresh_cells() const { return _fresh_cells; }
 
     /// All living cells at a point.
@@ -79,6 +81,7 @@ class TetComplex {
   private:
     static std::size_t slot(int k) { return static_cast<std::size_t>(k); }
     Index new_slot();
+    void close_boundary(std::span<const Index> corners);
     void link(std::span<const Index> cells);
 
     struct OpenSide {
