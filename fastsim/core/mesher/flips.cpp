@@ -45,8 +45,13 @@ double cell_quality(const TetComplex &complex, const Cell &cell) {
         std::min({squared(ab) * fab, squared(ac) * (fa * fc), squared(ad) * (fa * fd),
                   squared(bc) * (fb * fc), squared(bd) * (fb * fd), squared(cd) * fcd});
     const double sine = six_volumes * std::sqrt(smallest / (fab * fcd));
-    if (sine != 0.0 && std::isfinite(sine))
-        return sine;
+    if (sine != 0.0 && std::isfinite(sine)) {
+        if (complex.wanted_altitude <= 0.0)
+            return sine;
+        // 3 V over the largest area.
+        const double altitude = six_volumes / std::sqrt(std::max({fa, fb, fc, fd}));
+        return std::min(sine, quality_at_wanted_altitude * altitude / complex.wanted_altitude);
+    }
     // Lengths so small or large that products of areas leave the range, or a facet without area:
     // such a cell is as bad as a flat one.
     const double each =

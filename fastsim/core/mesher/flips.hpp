@@ -17,7 +17,12 @@ struct Protection {
     FacetSet facets;                         // by sorted_triple
 };
 
-/// Smallest sine of a dihedral angle of a cell, negative when inverted; the quality here.
+/// A cell of the wanted altitude is rated as one whose smallest angle is 30 degrees.
+constexpr double quality_at_wanted_altitude = 0.5;
+
+/// Smallest sine of a dihedral angle of a cell, negative when inverted; the quality here. Where
+/// the complex has a wanted altitude, a cell is no better than its smallest altitude is in parts
+/// of that: small cells set the critical time step.
 double cell_quality(const TetComplex &complex, const Cell &cell);
 
 /// Removes edge (a, b), re-triangulating its ring of at most `max_ring` cells.

@@ -1,5 +1,7 @@
 #include "mesher/point_insertion.hpp"
 
+#include "mesher/flips.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -105,7 +107,7 @@ void PointInsertion::fill_star() {
         for (std::size_t i = 0; i < 3; ++i)
             _reach = std::max(
                 _reach, std::abs(_complex.points[TetComplex::at(w.facet[0])][i] - place()[i]));
-    _star.clear(_reach);
+    _star.clear(_reach, _complex.wanted_altitude / quality_at_wanted_altitude);
     for (const Wall &w : _walls)
         _star.add(_complex.points[TetComplex::at(w.facet[0])],
                   _complex.points[TetComplex::at(w.facet[1])],

@@ -17,30 +17,79 @@ constexpr double least_flip_gain = 1e-6;
 constexpr double least_move_gain = 1e-3;
 // Points are inserted for the worst cells only: below about 25 degrees for a target of 30.
 constexpr double insertion_share = 0.84;
+// An insertion that failed mostly fails again, and is the dearest thing to try.
+constexpr int most_refusals = 2;
+// Wanted altitude in parts of the thinnest facet's, and of the mean edge: a regular cell has 0.82.
+constexpr double share_of_thinnest = 0.85, share_of_edge = 0.4;
+// A pass that takes away less of what is wanting is the last but for hopeless cases.
+constexpr double least_progress = 0.02;
 // Steps of the search for a place, in parts of the longest edge at the point.
 constexpr double first_step = 0.2, last_step = 0.01;
+
+/// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a share of
+/// the mean edge.
+double altitude_wanted(const TetComplex &complex) {
+    double thinnest = std::numeric_limits<double>::infinity(), sum = 0.0, count = 0.0;
+    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
+        const auto c = static_cast<Index>(slot);
+        for (int k = 0; k < 4; ++k) {
+            if (!complex.is_alive(c) || complex.neighbour(c, k) != none)
+                continue;
+            const Triple f = complex.facet(c, k);
+            double longest = 0.0;
+            Point edges[2];
+            for (std::size_t m = 0; m < 3; ++m) {
+                const Point &a = complex.points[TetComplex::at(f[m])];
+                const Point &b = complex.points[TetComplex::at(f[(m + 1) % 3])];
+                for (std::size_t i = 0; i < 3; ++i)
+                    edges[m % 2][i] = b[i] - a[i];
+                const Point &e = edges[m % 2];
+                const double length = std::hypot(e[0], e[1], e[2]);
+                longest = std::max(longest, length);
+                sum += length;
+                count += 1.0;
+            }
+            const auto &[u, v] = edges;
+            const double area = std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2],
+                                           u[0] * v[1] - u[1] * v[0]);
+            thinnest = std::min(thinnest, area / longest);
+        }
+    }
+    return count > 0.0 ? std::min(share_of_thinnest * thinnest, share_of_edge * sum / count) : 0.0;
+}
 
 class SliverRemoval {
   public:
     SliverRemoval(TetComplex &complex, Index num_fixed, double target)
         : _complex(complex), _num_fixed(num_fixed), _target(target), _insertion(complex),
           _most_insertions(complex.num_slots() / 10) {
+        complex.wanted_altitude = altitude_wanted(complex);
         _quality.resize(complex.num_slots());
         _tried.assign(complex.num_slots(), 0);
+        _refusals.assign(complex.num_slots(), 0);
         _changed.assign(complex.points.size(), 1);
         for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
             if (complex.is_alive(static_cast<Index>(slot)))
                 _quality[slot] = cell_quality(complex, complex.cell(static_cast<Index>(slot)));
     }
 
-    /// Works on every bad cell once, the worst first; false when nothing could be changed.
+    /// Works on every bad cell once, the worst first; false when little was gained by the last
+    /// pass, or nothing could be changed.
     bool pass(SliverReport &report) {
         std::vector<std::pair<double, Index>> bad;
+        double wanting = 0.0;
         for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
             const auto c = static_cast<Index>(slot);
-            if (_complex.is_alive(c) && _quality[slot] < _target && has_news(c))
+            if (!_complex.is_alive(c) || _quality[slot] >= _target)
+                continue;
+            // Squared: the worst weigh most.
+            wanting += (_target - _quality[slot]) * (_target - _quality[slot]);
+            if (has_news(c))
                 bad.emplace_back(_quality[slot], c);
         }
+        if (wanting > (1.0 - least_progress) * _wanting)
+            return false;
+        _wanting = wanting;
         std::sort(bad.begin(), bad.end());
         std::size_t changes = 0;
         for (const auto &[quality, c] : bad)
@@ -75,10 +124,13 @@ class SliverRemoval {
         if (has_moved)
             return true;
         if (quality_of(c) < insertion_share * _target && report.insertions < _most_insertions &&
-            _insertion.insert_at(c, _quality)) {
-            note_fresh_cells();
-            ++report.insertions;
-            return true;
+            _refusals[TetComplex::at(c)] < most_refusals) {
+            if (_insertion.insert_at(c, _quality)) {
+                note_fresh_cells();
+                ++report.insertions;
+                return true;
+            }
+            ++_refusals[TetComplex::at(c)];
         }
         _tried[TetComplex::at(c)] = _turn;
         return false;
@@ -139,7 +191,7 @@ class SliverRemoval {
             }
         }
         reach = std::sqrt(reach);
-        _star.clear(reach);
+        _star.clear(reach, _complex.wanted_altitude / quality_at_wanted_altitude);
         for (const Index c : _cells) {
             const Triple f = _complex.facet(c, _complex.corner_of(c, point));
             _star.add(_complex.points[TetComplex::at(f[0])], _complex.points[TetComplex::at(f[1])],
@@ -179,8 +231,9 @@ class SliverRemoval {
         _quality.resize(_complex.num_slots());
         _tried.resize(_complex.num_slots());
         _changed.resize(_complex.points.size());
+        _refusals.resize(_complex.num_slots());
         for (const Index c : _complex.fresh_cells())
-            _tried[TetComplex::at(c)] = 0;
+            _tried[TetComplex::at(c)] = 0, _refusals[TetComplex::at(c)] = 0;
         note(_complex.fresh_cells());
     }
 
@@ -201,8 +254,10 @@ class SliverRemoval {
     std::size_t _most_insertions;
     std::vector<double> _quality;        // by slot
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
+    std::vector<int> _refusals;          // by slot: insertions tried in vain
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
     std::uint64_t _turn = 1;
+    double _wanting = std::numeric_limits<double>::infinity();
     std::vector<Index> _cells, _ring;
     Star _star;
     const Protection _nothing_more; // outer edges and facets have no ring or neighbour to flip

@@ -18,7 +18,8 @@ namespace {
 
 /// Signed squares of the qualities of a block's cells: q |q|, which orders them alike without a
 /// root. See cell_quality for the formula.
-PALPATE_WIDE void rate_block(const Star::Block &f, const double *p, double *rating) {
+inline void rate_block(const Star::Block &f, const double *p, double altitude_weight,
+                       double *rating) {
     for (std::size_t l = 0; l < Star::lanes; ++l) {
         const double ux = f.a[0][l] - p[0], uy = f.a[1][l] - p[1], uz = f.a[2][l] - p[2];
         const double vx = f.b[0][l] - p[0], vy = f.b[1][l] - p[1], vz = f.b[2][l] - p[2];
@@ -42,21 +43,58 @@ PALPATE_WIDE void rate_block(const Star::Block &f, const double *p, double *rati
         const double all = (fa * fb) * (fc * fp);
         const double squared = volume * std::abs(volume) * smallest;
         // A facet without area: as bad as a flat cell.
-        rating[l] = all > 0.0 ? squared / all : 0.0;
+        const double by_angle = all > 0.0 ? squared / all : 0.0;
+        const double largest = std::max(std::max(fa, fb), std::max(fc, fp));
+        const double by_altitude = volume * std::abs(volume) * altitude_weight;
+        // Compared without another division.
+        rating[l] = by_altitude < by_angle * largest ? by_altitude / largest : by_angle;
     }
+}
+
+/// Smallest rating of the blocks, or some value not above `floor`; `culprit` is asked first, and
+/// comes out as the block that went below.
+PALPATE_WIDE double worst_rating(const Star::Block *blocks, std::size_t count, const double *p,
+                                 double altitude_weight, double floor, std::size_t &culprit) {
+    double result = std::numeric_limits<double>::infinity();
+    Star::Lane rating;
+    std::size_t block = culprit;
+    for (std::size_t turn = 0; turn < count; ++turn) {
+        rate_block(blocks[block], p, altitude_weight, rating.data());
+        result = std::min(result,
+                          std::min(std::min(rating[0], rating[1]), std::min(rating[2], rating[3])));
+        if (!(result > floor)) {
+            culprit = block;
+            return result;
+        }
+        // The others in order.
+        block = turn == 0 ? 0 : block + 1;
+        if (block == culprit)
+            ++block;
+    }
+    return result;
+}
+
+PALPATE_WIDE void rate_all(const Star::Block *blocks, std::size_t count, const double *p,
+                           double altitude_weight, double *ratings) {
+    for (std::size_t i = 0; i < count; ++i)
+        rate_block(blocks[i], p, altitude_weight, ratings + i * Star::lanes);
 }
 
 double signed_root(double x) { return std::copysign(std::sqrt(std::abs(x)), x); }
 
 } // namespace
 
-void Star::clear(double scale) {
+void Star::clear(double scale, double altitude) {
     _blocks.clear();
     _size = 0;
     _culprit = 0;
     int exponent = 0;
     std::frexp(scale, &exponent);
     _unit = std::ldexp(1.0, -std::clamp(exponent, -1000, 1000));
+    const double scaled = altitude * _unit;
+    // Without altitudes any angle decides.
+    _altitude_weight =
+        scaled > 0.0 ? 1.0 / (scaled * scaled) : std::numeric_limits<double>::infinity();
 }
 
 void Star::add(const Point &a, const Point &b, const Point &c) {
@@ -89,29 +127,14 @@ void Star::add(const Point &a, const Point &b, const Point &c) {
 double Star::worst(const Point &place, double floor) {
     const std::array<double, 3> p{place[0] * _unit, place[1] * _unit, place[2] * _unit};
     const double squared_floor = floor * std::abs(floor);
-    double result = std::numeric_limits<double>::infinity();
-    Lane rating;
-    const auto spoils = [&](std::size_t block) {
-        rate_block(_blocks[block], p.data(), rating.data());
-        result = std::min(result,
-                          std::min(std::min(rating[0], rating[1]), std::min(rating[2], rating[3])));
-        return !(result > squared_floor);
-    };
-    if (_blocks.empty() || spoils(_culprit))
-        return signed_root(result);
-    for (std::size_t i = 0; i < _blocks.size(); ++i)
-        if (i != _culprit && spoils(i)) {
-            _culprit = i;
-            break;
-        }
-    return signed_root(result);
+    return signed_root(worst_rating(_blocks.data(), _blocks.size(), p.data(), _altitude_weight,
+                                    squared_floor, _culprit));
 }
 
 void Star::list_qualities(const Point &place, std::vector<double> &out) const {
     const std::array<double, 3> p{place[0] * _unit, place[1] * _unit, place[2] * _unit};
     out.resize(_blocks.size() * lanes);
-    for (std::size_t i = 0; i < _blocks.size(); ++i)
-        rate_block(_blocks[i], p.data(), out.data() + i * lanes);
+    rate_all(_blocks.data(), _blocks.size(), p.data(), _altitude_weight, out.data());
     out.resize(_size);
     for (double &q : out)
         q = signed_root(q);

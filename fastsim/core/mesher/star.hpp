@@ -13,13 +13,14 @@ namespace fastsim {
 class Star {
   public:
     /// Forgets all facets. `scale` is a length of the star's size; it keeps products in range.
-    void clear(double scale);
+    /// `altitude` is that of a cell rated 1, or 0 where altitudes do not count.
+    void clear(double scale, double altitude);
     /// A facet; with the point behind it, seen counter-clockwise from beyond, its cell is positive.
     void add(const Point &a, const Point &b, const Point &c);
     std::size_t size() const { return _size; }
 
-    /// Worst quality (smallest sine of a dihedral angle, negative when inverted) with the point
-    /// at a place; some value not above `floor` as soon as that is certain.
+    /// Worst quality (as cell_quality) with the point at a place; some value not above `floor` as
+    /// soon as that is certain.
     double worst(const Point &place, double floor);
     /// Quality of each cell, in the order of `add`.
     void list_qualities(const Point &place, std::vector<double> &out) const;
@@ -36,8 +37,9 @@ class Star {
   private:
     std::vector<Block> _blocks;
     std::size_t _size = 0;
-    std::size_t _culprit = 0; // block that spoiled the last place: mostly it spoils the next
-    double _unit = 1.0;       // power of two: scaling rounds nothing
+    std::size_t _culprit = 0;      // block that spoiled the last place: mostly it spoils the next
+    double _altitude_weight = 0.0; // 1 / altitude^2
+    double _unit = 1.0;            // power of two: scaling rounds nothing
 };
 
 } // namespace fastsim
