@@ -10,9 +10,9 @@ namespace fastsim {
 
 namespace {
 
-constexpr std::size_t largest_cavity = 30;
+constexpr std::size_t largest_cavity = 30, largest_thorough_cavity = 60;
 // Growing without getting better is given up after as many cells.
-constexpr int most_vain_steps = 6;
+constexpr int most_vain_steps = 6, most_thorough_vain_steps = 25;
 // A point costs cells: it must be worth more than a flip.
 constexpr double least_gain = 0.01;
 // Steps of the search for a place, in parts of the cavity's reach: coarse while it grows.
@@ -52,9 +52,9 @@ bool PointInsertion::attempt(const std::vector<Index> &seeds, const std::vector<
     double best = nothing;
     int vain_steps = 0;
     // Grow over facets that the point sees badly, placing it anew each time.
-    while (_cavity.size() <= largest_cavity) {
+    while (_cavity.size() <= (_is_thorough ? largest_thorough_cavity : largest_cavity)) {
         fill_star();
-        const double worst = optimise(first_step, coarse_step);
+        const double worst = optimise(first_step, _is_thorough ? fine_step : coarse_step);
         if (worst > _before + least_gain && is_valid()) {
             const Point start = place();
             optimise(coarse_step / 2.0, fine_step);
@@ -68,7 +68,8 @@ bool PointInsertion::attempt(const std::vector<Index> &seeds, const std::vector<
         }
         vain_steps = worst > best ? 0 : vain_steps + 1;
         best = std::max(best, worst);
-        const Index next = vain_steps < most_vain_steps ? next_cell() : none;
+        const int patience = _is_thorough ? most_thorough_vain_steps : most_vain_steps;
+        const Index next = vain_steps < patience ? next_cell() : none;
         if (next == none)
             return false;
         take_in(next, quality);

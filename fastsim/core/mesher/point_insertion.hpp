@@ -20,6 +20,9 @@ class PointInsertion {
     /// living cell by its slot.
     bool insert_at(Index bad_cell, const std::vector<double> &quality);
 
+    /// From now on: larger cavities, and a finer search for the place at every step.
+    void be_thorough() { _is_thorough = true; }
+
   private:
     struct Wall {
         Triple facet;
@@ -38,6 +41,7 @@ class PointInsertion {
     bool is_valid() const;
 
     TetComplex &_complex;
+    bool _is_thorough = false;
     Index _point = none; // a number that no cell uses yet
     double _before = 0.0;
     double _reach = 0.0;

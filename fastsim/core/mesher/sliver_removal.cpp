@@ -11,7 +11,11 @@ namespace fastsim {
 
 namespace {
 
-constexpr std::size_t largest_ring = 9;
+constexpr std::size_t largest_ring = 9, largest_last_ring = 13;
+// At the end, cells below about 25 degrees, and no more of them than that.
+constexpr double finishing_share = 0.84;
+constexpr std::size_t most_finished = 200;
+constexpr int finishing_passes = 6;
 // A change must be worth it, or passes never end.
 constexpr double least_flip_gain = 1e-6;
 constexpr double least_move_gain = 1e-3;
@@ -98,6 +102,29 @@ class SliverRemoval {
         return changes > 0;
     }
 
+    /// Once more for the few worst cells, with more patience; false when nothing was changed.
+    bool finish(SliverReport &report) {
+        _insertion.be_thorough();
+        _largest_ring = largest_last_ring;
+        std::vector<std::pair<double, Index>> worst;
+        for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot)
+            if (_complex.is_alive(static_cast<Index>(slot)) &&
+                _quality[slot] < finishing_share * _target)
+                worst.emplace_back(_quality[slot], static_cast<Index>(slot));
+        const std::size_t count = std::min(worst.size(), most_finished);
+        std::partial_sort(worst.begin(), worst.begin() + static_cast<std::ptrdiff_t>(count),
+                          worst.end());
+        std::size_t changes = 0;
+        for (std::size_t i = 0; i < count; ++i) {
+            const Index c = worst[i].second;
+            if (!_complex.is_alive(c) || quality_of(c) != worst[i].first)
+                continue;
+            _refusals[TetComplex::at(c)] = 0;
+            changes += improve(c, report) ? 1 : 0;
+        }
+        return changes > 0;
+    }
+
   private:
     double quality_of(Index c) const { return _quality[TetComplex::at(c)]; }
 
@@ -142,7 +169,7 @@ class SliverRemoval {
         for (std::size_t i = 0; i < 4; ++i)
             for (std::size_t j = i + 1; j < 4; ++j) {
                 _complex.edge_ring_from(c, v[i], v[j], _cells, _ring, is_closed);
-                if (!is_closed || _ring.size() > largest_ring)
+                if (!is_closed || _ring.size() > _largest_ring)
                     continue;
                 double before = std::numeric_limits<double>::infinity();
                 for (const Index around : _cells)
@@ -258,6 +285,7 @@ class SliverRemoval {
     std::vector<std::uint64_t> _changed; // by point: turn of the last change of a cell at it
     std::uint64_t _turn = 1;
     double _wanting = std::numeric_limits<double>::infinity();
+    std::size_t _largest_ring = largest_ring;
     std::vector<Index> _cells, _ring;
     Star _star;
     const Protection _nothing_more; // outer edges and facets have no ring or neighbour to flip
@@ -269,6 +297,9 @@ SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target,
     SliverReport report;
     SliverRemoval removal(complex, num_fixed, target);
     for (int pass = 0; pass < max_passes && removal.pass(report); ++pass) {
+    }
+    for (int pass = 0; pass < finishing_passes && max_passes > 0 && removal.finish(report);
+         ++pass) {
     }
     return report;
 }
