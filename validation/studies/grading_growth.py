@@ -20,8 +20,9 @@ RESOLUTIONS = (8, 16, 32, 64, 128)
 # Kuhn's six tetrahedra of a cube of side 1/n: mean edge (3 + 2 sqrt 2 + sqrt 3) / 6 / n, with a
 # little over for rounding. (Edges are shared by cells in just these numbers.)
 _MEAN_EDGE = 1.001 * (3.0 + 2.0 * np.sqrt(2.0) + np.sqrt(3.0)) / 6.0
-# Side over distance. Larger values change little: conformity bounds the growth.
-GROWTH = 2.0
+# Side over distance. Towards a surface larger values change little, for conformity bounds the
+# growth; towards an edge or a corner a cell's middle must not be further off than its side.
+GROWTH = {"a face": 1.0, "the whole boundary": 2.0, "an edge": 1.0, "a corner": 0.5}
 
 Distance = Callable[[Points], NDArray[np.float64]]
 TARGETS: dict[str, Distance | None] = {
@@ -63,7 +64,7 @@ def count_cells(target: str, resolutions: tuple[int, ...] = RESOLUTIONS) -> Grow
         cube = SymbolicCube()
 
         def size(places: Points, n: int = n, to: Distance = distance) -> NDArray[np.float64]:
-            return np.maximum(_MEAN_EDGE / n, GROWTH * to(places))
+            return np.maximum(_MEAN_EDGE / n, GROWTH[target] * to(places))
 
         cube.refine_to_size(size, max_cells=20_000_000)
         counts.append(cube.num_cells)
