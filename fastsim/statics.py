@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
+from palpate.fastsim.forces import checked_displacement
 from palpate.fastsim.limit_point import SOFT, find_softening
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS, Iteration, Newton, NewtonOutcome
 from palpate.meshes.arrays import Points
@@ -53,6 +54,7 @@ def solve_static(
     problem: Problem,
     *,
     strain: Strain = Strain.GREEN,
+    start: Points | None = None,
     relative_tolerance: float = 1e-10,
     max_iterations: int = 30,
     iteration: Iteration = Iteration.NEWTON,
@@ -63,6 +65,9 @@ def solve_static(
     Args:
         problem: Mesh, material, supports and loads.
         strain: Engineering strain (one linear solve) or Green strain (Newton).
+        start: A displacement near the answer [m], shape (num_points, 3), to begin from at the full
+            load (warm start); where that does not converge, and where None, the load is raised
+            from rest.
         relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
         max_iterations: Newton iterations per load step.
         iteration: Consistent tangent, or the secant matrix of eq. 10 (slow: give it more).
@@ -86,6 +91,14 @@ def solve_static(
     factor, step = 0.0, 1.0
     displacement = np.zeros_like(problem.mesh.points)
     accepted: list[float] = []
+    outcome = NewtonOutcome(None)
+    if start is not None:
+        outcome = newton.solve(checked_displacement(problem.mesh, start), 1.0)
+        if outcome.displacement is not None:
+            displacement, factor = outcome.displacement, 1.0
+            accepted.append(1.0)
+        if progress:
+            progress(f"warm start: {outcome.reason or 'converged'}, {newton.iterations} iterations")
     while factor < 1.0:
         target = min(1.0, factor + step)
         if target > 1.0 - 1e-9:

@@ -131,6 +131,31 @@ def test_secant_iteration_finds_the_same_equilibrium_slower(make_box: MakeBox) -
     assert secant.iterations > 2 * newton.iterations
 
 
+def test_a_warm_start_finds_the_same_equilibrium_sooner(make_box: MakeBox) -> None:
+    mesh = make_box((12, 2, 2), (6.0, 1.0, 1.0), ragged=0.1)
+    before = solve_static(cantilever(mesh, 10.0))
+    problem = cantilever(mesh, 10.5)
+    cold = solve_static(problem)
+    warm = solve_static(problem, start=before.displacement)
+    difference = np.linalg.norm(warm.displacement - cold.displacement)
+    assert difference < 1e-9 * np.linalg.norm(cold.displacement)
+    assert warm.iterations < cold.iterations
+    assert warm.load_steps == (1.0,)
+
+
+def test_a_useless_warm_start_falls_back_to_rest(make_box: MakeBox) -> None:
+    mesh = make_box((6, 2, 2), (3.0, 1.0, 1.0))
+    problem = cantilever(mesh, 10.0)
+    lines: list[str] = []
+    wild = 3.0 * np.random.default_rng(0).standard_normal(mesh.points.shape)
+    found = solve_static(problem, start=wild, progress=lines.append)
+    cold = solve_static(problem)
+    np.testing.assert_array_equal(found.displacement, cold.displacement)
+    assert "warm start" in lines[0]
+    with pytest.raises(InputError, match="shape"):
+        solve_static(problem, start=np.zeros((2, 3)))
+
+
 def test_small_loads_make_green_and_linear_agree(make_box: MakeBox) -> None:
     mesh = make_box((8, 2, 2), (4.0, 1.0, 1.0), ragged=0.1)
     problem = cantilever(mesh, 1e-4)
