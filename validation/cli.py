@@ -142,10 +142,10 @@ def report(names: Cases, output: Folder) -> None:
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="kidney, beam or iterations")],
+    name: Annotated[str, typer.Argument(help="meshing, beam, kidney, grading or iterations")],
     output: Folder,
 ) -> None:
-    """Remake a study of the paper: kidney (Fig. 5, Table I), beam (Fig. 2), iterations (eq. 10)."""
+    """Remake a study of the paper: meshing (Fig. 1), beam (Fig. 2), kidney (Fig. 5, Table I)..."""
     from palpate.validation.run_folder import run_folder
     from palpate.validation.studies import run_study
 

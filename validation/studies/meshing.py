@@ -41,6 +41,9 @@ from palpate.validation.run_folder import MARK
 from palpate.validation.studies.meshing_picture import draw
 
 EDGE_LENGTH = 7e-3  # [m]
+# Body-centred cubes hold two points each and are 1 / 0.923 times as wide as the wanted edge; with
+# an edge this much longer they hold as many points as the paper's cubes do.
+SAME_DENSITY = (2.0 * 0.923**3) ** (1.0 / 3.0)
 TISSUE = Material(1e4, 0.45, 1000.0)
 # Angles that a mesh for explicit dynamics should keep, and that gmsh with Netgen's optimiser keeps.
 SMALLEST_ANGLE_DEG = 15.0
@@ -108,14 +111,17 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
 
 
 def make_meshes(surface: TriSurface, progress: Callable[[str], None]) -> dict[str, TetMesh]:
-    """The four meshes, with the surface's mean edge as the size inside."""
-    meshes = {}
-    for name, make in {
+    """The four meshes, with the surface's mean edge as the size of the paper's cubes."""
+    corners = surface.points[surface.facets]
+    mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
+    makers: dict[str, Callable[[], TetMesh]] = {
         TRADITIONAL: lambda: mesh_traditionally(surface),
         UNCLEANED: lambda: mesh_surface(surface, lattice=Lattice.PAPER, improve=False),
         PAPER: lambda: mesh_surface(surface, lattice=Lattice.PAPER),
-        OURS: lambda: mesh_surface(surface),
-    }.items():
+        OURS: lambda: mesh_surface(surface, edge_length=SAME_DENSITY * mean_edge),
+    }
+    meshes = {}
+    for name, make in makers.items():
         progress(f"meshing {surface.num_facets} facets: {name}")
         meshes[name] = make()
     return meshes

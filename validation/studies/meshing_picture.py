@@ -22,8 +22,7 @@ def draw(meshes: Sequence[tuple[str, TetMesh]]) -> str:
     """One column for each mesh: cut by the middle plane of its y axis, and its histogram."""
     from matplotlib import pyplot
 
-    settings = {"font.size": 10, "svg.fonttype": "none", "font.family": "sans-serif"}
-    with mpl.rc_context(settings):
+    with mpl.rc_context({"font.size": 10, "svg.fonttype": "none", "font.family": "sans-serif"}):
         figure, axes = pyplot.subplots(
             2,
             len(meshes),
