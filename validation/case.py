@@ -35,7 +35,8 @@ from palpate.validation.case_schema import (
     PressureSpec,
     TractionSpec,
 )
-from palpate.validation.geometry import BuiltMesh, build_mesh
+from palpate.validation.filling import BuiltMesh
+from palpate.validation.geometry import build_mesh
 from palpate.validation.regions import nearest_point, select_facets
 
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")

@@ -104,6 +104,22 @@ class GeometrySpec(_Table):
         return self
 
 
+class GradeSpec(_Table):
+    """Smaller cells towards a point, a ball or the whole boundary; sizes grow with distance."""
+
+    point: Vector | None = None
+    ball: BallRegion | None = None
+    boundary: bool = False
+    smallest: float = Field(gt=0.0)
+    growth: float = Field(default=0.5, gt=0.0)
+
+    @model_validator(mode="after")
+    def _is_towards_one_thing(self) -> GradeSpec:
+        if (self.point is not None) + (self.ball is not None) + self.boundary != 1:
+            raise ValueError("needs exactly one of point, ball, boundary = true")
+        return self
+
+
 class MeshSpec(_Table):
     """Who fills a surface, and how finely."""
 
@@ -112,6 +128,8 @@ class MeshSpec(_Table):
     # The given facets, or better ones within a distance of them.
     boundary: Literal["kept", "free"] = "kept"
     boundary_distance: float | None = Field(default=None, gt=0.0)
+    # Bisected afterwards until each cell is as small as every grade asks.
+    grade: tuple[GradeSpec, ...] = ()
 
     @model_validator(mode="after")
     def _free_says_how_far(self) -> MeshSpec:

@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from palpate.meshes.errors import InputError, MeshError, SurfaceError
+from palpate.meshes.errors import SurfaceError
 from palpate.meshes.files import read_mesh, read_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.surface_repair import repair_surface
-from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case_schema import CaseSpec, GeometrySpec, MeshSpec
+from palpate.validation.case_schema import CaseSpec, GeometrySpec
+from palpate.validation.filling import BuiltMesh, fill
 from palpate.validation.units import Units
-
-
-@dataclass(frozen=True, eq=False)
-class BuiltMesh:
-    """A mesh and who made it."""
-
-    mesh: TetMesh
-    origin: str
 
 
 def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
@@ -108,40 +99,3 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
             return shape_sphere(metres(geometry.radius), edge_length=edge)
         case _:
             return shape_kidney(edge_length=edge)
-
-
-def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
-    """Fill a surface: by the mesher asked for, or fastsim's first and gmsh's otherwise."""
-    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
-    if spec.boundary_distance is not None:
-        from palpate.fastsim.surface_remesher import remesh_surface
-
-        surface, report = remesh_surface(
-            surface, distance=units.metres(spec.boundary_distance), edge_length=size
-        )
-        kept = spec.model_copy(update={"boundary": "kept", "boundary_distance": None})
-        built = fill(surface, kept, units)
-        return BuiltMesh(built.mesh, f"{built.origin}; {report.line()}")
-    refusal = ""
-    if spec.mesher in ("auto", "fastsim"):
-        from palpate.fastsim.mesher import MeshingError, mesh_surface
-
-        try:
-            mesh = mesh_surface(surface, edge_length=size)
-            return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells")
-        except MeshingError as error:
-            if spec.mesher == "fastsim":
-                raise
-            refusal = str(error)
-    from palpate.meshes.gmsh_mesher import mesh_with_gmsh
-
-    try:
-        mesh = mesh_with_gmsh(surface, edge_length=size)
-    except MeshError as error:
-        if refusal and not isinstance(error, SurfaceError):
-            raise InputError(
-                f"neither mesher manages: fastsim: {refusal}; gmsh: {error}"
-            ) from error
-        raise
-    why = f" (fastsim's mesher did not manage: {refusal})" if refusal else ""
-    return BuiltMesh(mesh, f"meshed by gmsh: {mesh.num_cells} cells{why}")

@@ -30,6 +30,11 @@ def mesh(
     free: Annotated[
         float | None, typer.Option(help="how far the boundary may move, in the file's unit")
     ] = None,
+    grade_to: Annotated[
+        tuple[float, float, float] | None, typer.Option(help="point with the smallest cells")
+    ] = None,
+    smallest: Annotated[float | None, typer.Option(help="edge length there")] = None,
+    growth: Annotated[float, typer.Option(help="edge length over distance from it")] = 0.5,
 ) -> None:
     """Fill a closed surface with tetrahedra, keeping its facets."""
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
@@ -37,14 +42,18 @@ def mesh(
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
     from palpate.validation.case_schema import MeshSpec
-    from palpate.validation.geometry import fill, load_surface
+    from palpate.validation.filling import fill
+    from palpate.validation.geometry import load_surface
     from palpate.validation.units import LENGTH, Units
 
     if unit not in LENGTH:
         raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
     if output.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
-    for option, value in (("--size", size), ("--free", free)):
+    if (grade_to is None) != (smallest is None):
+        raise InputError("--grade-to and --smallest go together")
+    lengths = (("--size", size), ("--free", free), ("--smallest", smallest), ("--growth", growth))
+    for option, value in lengths:
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option} {value:g}: needs a finite value above 0")
     scale = LENGTH[unit]
@@ -55,12 +64,17 @@ def mesh(
         for note in notes:
             progress_lines()(note)
     units = Units.model_validate({"length": unit})
+    if grade_to is not None and not all(map(math.isfinite, grade_to)):
+        raise InputError(f"--grade-to {grade_to}: needs three finite numbers")
     spec = MeshSpec.model_validate(
         {
             "mesher": mesher.value,
             "edge_length": size,
             "boundary": "kept" if free is None else "free",
             "boundary_distance": free,
+            "grade": []
+            if grade_to is None
+            else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
     built = fill(body, spec, units)

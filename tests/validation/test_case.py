@@ -178,6 +178,19 @@ def test_a_surface_with_a_hole_is_mended_on_request_and_the_origin_says_so(
         load_case(write_case((shape, shape + "\nrepair = true")))
 
 
+def test_a_graded_mesh_says_so(write_case: Write) -> None:
+    coarse = load_case(write_case())
+    grade = "[[mesh.grade]]\n{}\nsmallest = 0.1\n[material]"
+    path = write_case(("[material]", grade.format("point = [2.0, 1.0, 1.0]")))
+    fine = load_case(path)
+    assert fine.problem.mesh.num_cells > 2 * coarse.problem.mesh.num_cells
+    assert "graded to" in fine.mesh.origin
+    assert fine.problem.mesh.volume == pytest.approx(coarse.problem.mesh.volume, rel=1e-12)
+    for bad in ("", "point = [0.0, 0.0, 0.0]\nboundary = true"):
+        with pytest.raises(InputError, match="exactly one of point"):
+            load_case(write_case(("[material]", grade.format(bad))))
+
+
 def test_a_mesh_file_in_millimetres(write_case: Write, tmp_path: Path) -> None:
     source = load_case(write_case()).problem.mesh
     write_mesh(tmp_path / "block.vtu", source)

@@ -106,6 +106,25 @@ def test_mesh_tells_what_it_finds_and_mends_on_request(tmp_path: Path) -> None:
     assert palpate(*command, "--repair", "--free", 0, folder=tmp_path).returncode == 2
 
 
+def test_mesh_graded_towards_a_point(tmp_path: Path) -> None:
+    command = ("mesh", "kidney", "-o", "k.vtu", "--size", 12)
+    pole = ("--grade-to", 0, 0, 70, "--smallest", 1.5)
+    done = palpate(*command, *pole, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    mesh = read_mesh(tmp_path / "k.vtu", scale=1e-3)
+    corners = mesh.points[mesh.cells]
+    longest = np.linalg.norm(corners[:, :1] - corners[:, 1:], axis=2).max(axis=1)
+    middle = corners.mean(axis=1)
+    near = np.linalg.norm(middle - [0.0, 0.0, 0.07], axis=1) < 5e-3
+    assert near.any()
+    assert longest[near].max() < 4e-3 < longest.max()
+    nan = ("--grade-to", 0, 0, "nan", "--smallest", 1.5)
+    for bad in (pole[:4], nan, (*pole[:4], "--smallest", 0), (*pole, "--growth", -1)):
+        refused = palpate(*command, *bad, folder=tmp_path)
+        assert refused.returncode == 2
+        assert "needs" in refused.stderr or "go together" in refused.stderr
+
+
 @pytest.mark.dolfinx
 def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_case: Write) -> None:
     surface = shape_kidney(edge_length=14e-3)
