@@ -72,7 +72,9 @@ def find_softening(
             break
         next_side = form.times(x)
         # K x = b, so that x . K x = x . b.
-        stiffness = float(np.sum(x * right_side) / np.sum(x * next_side))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # NaN, where numbers leave their range, is no sign of a limit.
+            stiffness = float(np.sum(x * right_side) / np.sum(x * next_side))
         mode = x
         right_side = next_side / np.linalg.norm(next_side)
     cell = stretched if mode is None else int(np.argmax(form.densities(mode)))

@@ -84,8 +84,11 @@ template <typename Real> void ExplicitRun<Real>::pull_supports(Share &share, con
     const double dt = _settings.time_step, damping = _settings.mass_damping;
     for (MovingSupport &support : share.moving) {
         const std::size_t i = support.entry;
-        const double last = static_cast<double>(_increment[i]);
         support.next = (step.next[support.history] - step.now[support.history]) * support.value;
+        // It moved before the start as it does after: no blow at the first step.
+        if (!_has_begun)
+            _increment[i] = static_cast<Real>(support.next);
+        const double last = static_cast<double>(_increment[i]);
         const double inertia =
             (support.next - last) / (dt * dt) + damping * (support.next + last) / (2.0 * dt);
         // Dead loads on it pass straight through to the support.
