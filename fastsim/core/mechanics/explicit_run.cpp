@@ -140,23 +140,12 @@ template <typename Real> void ExplicitRun<Real>::gather_forces(Share &share, con
 }
 
 template <typename Real> bool ExplicitRun<Real>::update(Share &share) {
-    Real *const total = _shares[0].force.data();
-    Real *const u = _displacement.data();
-    Real *const d = _increment.data();
-    const Real *const external = _external.data();
-    const Real *const mobility = _mobility.data();
-    const Real keep = _keep;
-    Real out = Real(0);
-    for (std::size_t i = 4 * share.first_owned; i < 4 * share.last_owned; ++i) {
-        const Real increment = keep * d[i] + mobility[i] * (external[i] - total[i]);
-        const Real next = u[i] + increment;
-        total[i] = Real(0);
-        d[i] = increment;
-        u[i] = next;
-        // NaN counts as out of bounds: the comparison is false for it.
-        out += std::abs(next) <= _limit ? Real(0) : Real(1);
-    }
-    return out == Real(0);
+    // Owned points begin at whole packs; the last share ends in the padding.
+    const std::size_t last =
+        (4 * share.last_owned + longest_pack - 1) / longest_pack * longest_pack;
+    return _kernel.move_points({_displacement.data(), _increment.data(), _shares[0].force.data(),
+                                _external.data(), _mobility.data(), 4 * share.first_owned, last,
+                                _keep, _limit});
 }
 
 template <typename Real>

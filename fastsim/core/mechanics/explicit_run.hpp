@@ -134,6 +134,12 @@ template <typename Real> class ExplicitRun {
         bool is_new_load;                  // a factor differs from the last step's
     };
 
+    /// Entries of the records: one point more than there are, for the corners of the cells that
+    /// fill up the last batch, and then whole packs.
+    std::size_t padded_size() const {
+        return (4 * (_num_points + 1) + longest_pack - 1) / longest_pack * longest_pack;
+    }
+
     void set_mobility();
     void lay_out_cells(std::span<const double> points, std::span<const Index> cells);
     void share_out();

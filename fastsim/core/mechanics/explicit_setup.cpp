@@ -21,9 +21,8 @@ ExplicitRun<Real>::ExplicitRun(std::span<const double> points, std::span<const I
         _record_of[static_cast<std::size_t>(order[k])] = k;
     for (std::size_t i = 0; i < _num_points; ++i)
         _point_of[_record_of[i]] = i;
-    // One more record than points: the corners of the cells that fill up the last batch.
     for (auto *array : {&_displacement, &_increment, &_external, &_mobility})
-        array->assign(4 * (_num_points + 1), Real(0));
+        array->assign(padded_size(), Real(0));
     _mass.assign(_num_points, 0.0);
     for (std::size_t i = 0; i < _num_points; ++i)
         _mass[_record_of[i]] = lumped_mass[i];
@@ -93,9 +92,13 @@ template <typename Real> void ExplicitRun<Real>::share_out() {
             share.first_touched = std::min(share.first_touched, point);
             share.last_touched = std::max(share.last_touched, point + 1);
         }
-        share.force.assign(4 * (_num_points + 1), Real(0));
-        share.first_owned = _num_points * t / num_threads;
-        share.last_owned = _num_points * (t + 1) / num_threads;
+        share.force.assign(padded_size(), Real(0));
+        const auto boundary = [&](std::size_t k) {
+            constexpr std::size_t whole = longest_pack / 4;
+            return k == num_threads ? _num_points : _num_points * k / num_threads / whole * whole;
+        };
+        share.first_owned = boundary(t);
+        share.last_owned = boundary(t + 1);
     }
 }
 

@@ -28,8 +28,20 @@ template <typename Real> struct ForceJob {
 /// Adds the forces; returns the smallest det F met (1 for linear strain).
 template <typename Real> using ForceKernel = Real (*)(const ForceJob<Real> &);
 
+template <typename Real> struct MoveJob {
+    Real *displacement, *increment, *force; // records of 4
+    const Real *external, *mobility;
+    std::size_t first, last; // entries, multiples of `longest_pack`
+    Real keep, limit;
+};
+
+template <typename Real> using MoveKernel = bool (*)(const MoveJob<Real> &);
+
+inline constexpr std::size_t longest_pack = 16; // numbers
+
 template <typename Real> struct KernelChoice {
     ForceKernel<Real> add_forces;
+    MoveKernel<Real> move_points;
     std::size_t width; // cells in a batch
     const char *name;
 };

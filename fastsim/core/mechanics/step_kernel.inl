@@ -1,15 +1,28 @@
 // The kernel, over a Pack of `width` numbers of type Real. See step_kernel.hpp.
 // Included by one translation unit for each instruction set, inside an unnamed namespace.
 
+/// Asks for the lines of a block some blocks ahead. A hint: it may lie past the end.
+template <std::size_t bytes, typename T> void prefetch(const T *block, std::size_t blocks_ahead) {
+    const auto address = reinterpret_cast<std::uintptr_t>(block) + bytes * blocks_ahead;
+    for (std::size_t line = 0; line < bytes; line += 64)
+        __builtin_prefetch(reinterpret_cast<const void *>(address + line));
+}
+
 template <typename Pack, bool is_green>
 typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width;
+    // Cells are read once a step, from memory if the body is large; asked for some batches ahead.
+    constexpr std::size_t rest_bytes = 10 * width * sizeof(Real);
+    constexpr std::size_t record_bytes = 4 * width * sizeof(std::int32_t);
+    constexpr std::size_t batches_ahead = 8192 / (rest_bytes + record_bytes);
     V smallest = V{} + Real(1);
     for (std::size_t batch = job.first_batch; batch < job.last_batch; ++batch) {
         const std::int32_t *records = job.records + 4 * width * batch;
         const Real *rest = job.rest + 10 * width * batch;
+        prefetch<rest_bytes>(rest, batches_ahead);
+        prefetch<record_bytes>(records, batches_ahead);
         V g[9];
         for (std::size_t k = 0; k < 9; ++k)
             g[k] = Pack::load(rest + k * width);
@@ -77,4 +90,27 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
 
 template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename Pack::Real> &job) {
     return job.is_green ? add_batches<Pack, true>(job) : add_batches<Pack, false>(job);
+}
+
+/// Eq. 12 in increments; forces are left at zero. Returns whether all displacements are in bounds.
+template <typename Pack> bool move_points(const MoveJob<typename Pack::Real> &job) {
+    using V = typename Pack::V;
+    constexpr std::size_t width = Pack::width;
+    const V limit = V{} + job.limit, zero = {};
+    auto inside = zero <= zero;
+    for (std::size_t i = job.first; i < job.last; i += width) {
+        const V pushed = Pack::load(job.external + i) - Pack::load(job.force + i);
+        const V increment =
+            job.keep * Pack::load(job.increment + i) + Pack::load(job.mobility + i) * pushed;
+        const V next = Pack::load(job.displacement + i) + increment;
+        __builtin_memcpy(job.force + i, &zero, sizeof(V));
+        __builtin_memcpy(job.increment + i, &increment, sizeof(V));
+        __builtin_memcpy(job.displacement + i, &next, sizeof(V));
+        // NaN counts as out of bounds: the comparison is false for it.
+        inside &= (next <= limit) & (next >= -limit);
+    }
+    bool is_inside = true;
+    for (std::size_t k = 0; k < width; ++k)
+        is_inside = is_inside && inside[k] != 0;
+    return is_inside;
 }

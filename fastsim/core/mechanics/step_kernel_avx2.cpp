@@ -79,8 +79,12 @@ struct Double4 {
 
 } // namespace
 
-KernelChoice<float> avx2_kernel_f32() { return {&add_forces<Float8>, Float8::width, "avx2"}; }
-KernelChoice<double> avx2_kernel_f64() { return {&add_forces<Double4>, Double4::width, "avx2"}; }
+KernelChoice<float> avx2_kernel_f32() {
+    return {&add_forces<Float8>, &move_points<Float8>, Float8::width, "avx2"};
+}
+KernelChoice<double> avx2_kernel_f64() {
+    return {&add_forces<Double4>, &move_points<Double4>, Double4::width, "avx2"};
+}
 
 } // namespace fastsim
 #endif

@@ -93,9 +93,11 @@ struct Double8 {
 
 } // namespace
 
-KernelChoice<float> avx512_kernel_f32() { return {&add_forces<Float16>, Float16::width, "avx512"}; }
+KernelChoice<float> avx512_kernel_f32() {
+    return {&add_forces<Float16>, &move_points<Float16>, Float16::width, "avx512"};
+}
 KernelChoice<double> avx512_kernel_f64() {
-    return {&add_forces<Double8>, Double8::width, "avx512"};
+    return {&add_forces<Double8>, &move_points<Double8>, Double8::width, "avx512"};
 }
 
 } // namespace fastsim

@@ -39,11 +39,12 @@ template <typename Number> struct Plain {
 } // namespace
 
 KernelChoice<float> baseline_kernel_f32() {
-    return {&add_forces<Plain<float>>, Plain<float>::width, "baseline"};
+    return {&add_forces<Plain<float>>, &move_points<Plain<float>>, Plain<float>::width, "baseline"};
 }
 
 KernelChoice<double> baseline_kernel_f64() {
-    return {&add_forces<Plain<double>>, Plain<double>::width, "baseline"};
+    return {&add_forces<Plain<double>>, &move_points<Plain<double>>, Plain<double>::width,
+            "baseline"};
 }
 
 } // namespace fastsim
