@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::size_t largest_ring = 14;
 // Any positive cell will do while recovering; shape is mended afterwards.
-constexpr double any_quality = -0.5;
+constexpr double any_quality = 1e-9;
 
 } // namespace
 

@@ -46,7 +46,7 @@ bool keeps_all(const TetComplex &complex, const Protection &protection,
 } // namespace
 
 bool insert_star(TetComplex &complex, const Protection &protection, std::vector<Index> cavity,
-                 Index s) {
+                 Index s, double least_quality) {
     std::vector<Triple> walls;
     for (bool has_grown = true; has_grown;) {
         has_grown = false;
@@ -57,7 +57,8 @@ bool insert_star(TetComplex &complex, const Protection &protection, std::vector<
                 if (n != none && holds(cavity, n))
                     continue;
                 const Triple f = complex.facet(cavity[i], k);
-                if (complex.orientation({f[1], f[0], f[2], s}) > 0) {
+                const Cell seen{f[1], f[0], f[2], s};
+                if (complex.orientation(seen) > 0 && cell_quality(complex, seen) >= least_quality) {
                     walls.push_back(f);
                     continue;
                 }

@@ -7,9 +7,10 @@
 namespace fastsim {
 
 /// Inserts point `s`, whose place is set, into the cells of `cavity`, grown by those whose facets
-/// it does not see strictly from inside. Refuses, changing nothing, when a protected edge or
-/// facet or another point would be lost, or the cavity grows beyond bounds.
+/// it does not see strictly from inside, or makes a cell worse than `least_quality` with. Refuses,
+/// changing nothing, when a protected edge or facet or another point would be lost, or the cavity
+/// grows beyond bounds.
 bool insert_star(TetComplex &complex, const Protection &protection, std::vector<Index> cavity,
-                 Index s);
+                 Index s, double least_quality);
 
 } // namespace fastsim

@@ -13,6 +13,7 @@ namespace {
 
 constexpr std::size_t most_flips = 30;
 constexpr int most_looks = 40;
+constexpr double flat = 1e-9;
 // Points of one edge are in line up to rounding.
 constexpr double least_sine = 1e-9;
 
@@ -98,13 +99,15 @@ Index SteinerRecovery::insert(std::vector<Candidate> &candidates) {
               [](const Candidate &x, const Candidate &y) { return x.from_middle < y.from_middle; });
     const auto s = static_cast<Index>(_complex.points.size());
     _complex.add_point({});
-    for (Candidate &candidate : candidates) {
-        _complex.points.back() = candidate.place;
-        if (insert_star(_complex, _protection, std::move(candidate.cells), s)) {
-            _points.push_back(s);
-            return s;
+    // Cells that are flat but for roundings would lead astray what comes after: rather others.
+    for (const double least_quality : {flat, 0.0})
+        for (const Candidate &candidate : candidates) {
+            _complex.points.back() = candidate.place;
+            if (insert_star(_complex, _protection, candidate.cells, s, least_quality)) {
+                _points.push_back(s);
+                return s;
+            }
         }
-    }
     return none; // the point stays, in no cell
 }
 
