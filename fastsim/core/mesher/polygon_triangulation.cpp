@@ -1,5 +1,7 @@
 #include "mesher/polygon_triangulation.hpp"
 
+#include "mesher/segment_geometry.hpp"
+
 #include <algorithm>
 #include <limits>
 
@@ -7,16 +9,11 @@ namespace fastsim {
 
 namespace {
 
-Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 /// Area over the sum of squared edges, times the normal's length; positive when the triangle
 /// turns the right way.
 double shape(const Point &a, const Point &b, const Point &c, const Point &normal) {
     const Point ab = minus(b, a), ac = minus(c, a), bc = minus(c, b);
-    const Point area{ab[1] * ac[2] - ab[2] * ac[1], ab[2] * ac[0] - ab[0] * ac[2],
-                     ab[0] * ac[1] - ab[1] * ac[0]};
-    return dot(area, normal) / (dot(ab, ab) + dot(ac, ac) + dot(bc, bc));
+    return dot(cross(ab, ac), normal) / (dot(ab, ab) + dot(ac, ac) + dot(bc, bc));
 }
 
 } // namespace
