@@ -57,7 +57,9 @@ class TetMesh:
         bad = np.flatnonzero(~(volumes > 0.0))
         if bad.size:
             raise InvertedCellError(bad.tolist(), volumes[bad].tolist())
-        unused = np.setdiff1d(np.arange(len(points)), cells)
+        is_used = np.zeros(len(points), dtype=bool)
+        is_used[cells.ravel()] = True
+        unused = np.flatnonzero(~is_used)
         if unused.size:
             raise MeshError(
                 f"{unused.size} point(s) belong to no cell, first {int(unused[0])}; drop them"
@@ -100,9 +102,19 @@ class TetMesh:
     def boundary_facets(self) -> Indices:
         """Facets of one cell only, counter-clockwise seen from outside, shape (n, 3)."""
         facets = self.cells[:, CELL_FACETS].reshape(-1, 3)
-        keys = np.sort(facets, axis=1)
-        order = np.lexsort(keys.T[::-1])
-        same = np.all(keys[order][1:] == keys[order][:-1], axis=1)
+        # Both cells of a facet give it the same smallest, middle and largest point.
+        a, b, c = (facets[:, k].astype(np.int64) for k in range(3))
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        middle = a + b + c - low - high
+        # One whole number for two of them; for all three where that fits 63 bits.
+        pair = middle * self.num_points + high
+        if self.num_points < 2**21:
+            key = low * self.num_points**2 + pair
+            order = np.argsort(key)
+            same = key[order[1:]] == key[order[:-1]]
+        else:
+            order = np.lexsort([pair, low])
+            same = (low[order[1:]] == low[order[:-1]]) & (pair[order[1:]] == pair[order[:-1]])
         shared = np.zeros(len(facets), dtype=bool)
         shared[order[1:][same]] = True
         shared[order[:-1][same]] = True

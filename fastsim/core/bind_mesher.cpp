@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <tuple>
 
 namespace nb = nanobind;
@@ -55,7 +56,8 @@ void bind_mesher(nb::module_ &module) {
     module.def(
         "delaunay",
         [](Points points) {
-            const auto rows = as_rows<Point>(points);
+            const std::span<const Point> rows(reinterpret_cast<const Point *>(points.data()),
+                                              points.shape(0));
             DelaunayCells result;
             {
                 nb::gil_scoped_release release;

@@ -92,9 +92,8 @@ void Star::clear(double scale, double altitude) {
     std::frexp(scale, &exponent);
     _unit = std::ldexp(1.0, -std::clamp(exponent, -1000, 1000));
     const double scaled = altitude * _unit;
-    // Without altitudes any angle decides.
-    _altitude_weight =
-        scaled > 0.0 ? 1.0 / (scaled * scaled) : std::numeric_limits<double>::infinity();
+    // Without altitudes the angle decides; finite, so that flat cells are still told apart.
+    _altitude_weight = scaled > 0.0 ? std::min(1.0 / (scaled * scaled), 1e100) : 1e100;
 }
 
 void Star::add(const Point &a, const Point &b, const Point &c) {

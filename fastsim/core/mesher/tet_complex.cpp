@@ -49,6 +49,9 @@ Index TetComplex::new_slot() {
 }
 
 void TetComplex::set_cells(std::span<const Cell> cells) {
+    _cells.reserve(_cells.size() + cells.size());
+    _neighbours.reserve(_cells.capacity());
+    _visit.reserve(_cells.capacity());
     for (const Cell &c : cells)
         _cells[at(new_slot())] = c;
     // Two sides are one facet when their sorted corners agree: sides are gathered by the smallest
