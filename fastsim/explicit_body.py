@@ -17,6 +17,7 @@ from palpate.fastsim.forces import (
     lame_parameters,
     lumped_mass,
 )
+from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure, Support
@@ -100,7 +101,7 @@ class ExplicitBody:
             mass_damping,
             _BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
             num_threads,
-            _core.widest_instruction_set(),
+            chosen_instruction_set(),
             tracks_energy,
         )
         self._give_loads()
