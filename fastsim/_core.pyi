@@ -88,6 +88,28 @@ class BisectedMesh:
     def point_parents(self) -> NDArray[np.int32]: ...
     def move_point(self, point: int, place: list[float]) -> None: ...
 
+class VerticesInCells:
+    def __init__(
+        self,
+        cell_points: NDArray[np.float64],
+        cells: NDArray[np.int32],
+        vertices: NDArray[np.int32],
+        is_same_body: bool,
+    ) -> None: ...
+    def find(
+        self, vertex_points: NDArray[np.float64], cell_points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64]]: ...
+    def work(self) -> tuple[int, int, int]: ...
+    def voxel_sizes(self) -> list[float]: ...
+
+def find_vertices_in_cells_brute_force(
+    vertex_points: NDArray[np.float64],
+    vertices: NDArray[np.int32],
+    cell_points: NDArray[np.float64],
+    cells: NDArray[np.int32],
+    is_same_body: bool,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]: ...
+
 class CellName:
     @property
     def generation(self) -> int: ...

@@ -7,6 +7,7 @@ namespace nb = nanobind;
 
 void bind_mesher(nb::module_ &module);
 void bind_surface(nb::module_ &module);
+void bind_collision(nb::module_ &module);
 void bind_grading(nb::module_ &module);
 void bind_mechanics(nb::module_ &module);
 void bind_explicit_run(nb::module_ &module);
@@ -16,6 +17,7 @@ NB_MODULE(_core, module) {
     module.attr("__version__") = fastsim::version();
     bind_mesher(module);
     bind_surface(module);
+    bind_collision(module);
     bind_grading(module);
     bind_mechanics(module);
     bind_explicit_run(module);

@@ -94,7 +94,9 @@ def estimate_error(
     total = product(gap.sum(axis=1), gap.sum(axis=1))
     for k in range(4):
         total += product(gap[:, k], gap[:, k])
-    return np.sqrt(np.maximum(total, 0.0) * signed_volumes(mesh.points, mesh.cells) / 20.0)
+    squared = np.maximum(total, 0.0) * signed_volumes(mesh.points, mesh.cells) / 20.0
+    errors: NDArray[np.float64] = np.sqrt(squared)
+    return errors
 
 
 def mark_largest(errors: ArrayLike, *, share: float = 0.5) -> NDArray[np.bool_]:
