@@ -41,8 +41,9 @@ def print_bench(document: dict[str, Any], console: Console) -> None:
     from palpate.validation.benchmarks.run import COMMON
 
     rows = document["rows"]
-    extra = [key for key in dict.fromkeys(k for row in rows for k in row) if key not in COMMON]
-    columns = [*COMMON, *(key for key in extra if key not in _TOLD_ONCE)]
+    present = dict.fromkeys(key for row in rows for key in row)
+    wanted = document.get("table") or [key for key in present if key not in _TOLD_ONCE]
+    columns = [*COMMON, *(key for key in wanted if key in present and key not in COMMON)]
     if len({(row["tool"], row.get("version")) for row in rows}) > len({r["tool"] for r in rows}):
         columns.insert(1, "version")  # some tool is there twice
     table = Table(title=f"bench {document['bench']}", title_justify="left")
@@ -50,8 +51,10 @@ def print_bench(document: dict[str, Any], console: Console) -> None:
         is_text = any(isinstance(row.get(column), str) for row in rows)
         table.add_column(column, justify="left" if is_text else "right")
     for row in rows:
-        table.add_row(*(_shown(row.get(column)) for column in columns))
+        table.add_row(*(_shown(column, row.get(column)) for column in columns))
     console.print(table)
+    for line in document.get("summary", ()):
+        console.print(line, markup=False, soft_wrap=True)
     versions = sorted({f"{row['tool']} {row['version']}" for row in rows if row.get("version")})
     for line in (
         "rate: " + ", ".join(sorted({row["rate_unit"] for row in rows})),
@@ -62,9 +65,11 @@ def print_bench(document: dict[str, Any], console: Console) -> None:
         console.print(line, markup=False, soft_wrap=True)
 
 
-def _shown(value: Any) -> str:
+def _shown(column: str, value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value:.7g}" if column.endswith("displacement") else f"{value:.4g}"
+    return str(value)

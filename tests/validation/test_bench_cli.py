@@ -33,6 +33,8 @@ def two_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steps, "SIZES", (10, 20))
     rivals = {"numpy": "pip install numpy", "absent": "not sold"}
     monkeypatch.setattr(steps, "RIVALS", rivals, raising=False)
+    monkeypatch.setattr(steps, "TABLE", ())
+    monkeypatch.setattr(steps, "summarise", lambda rows: [f"{len(rows)} rows, all told"])
 
 
 @pytest.mark.usefixtures("two_rows")
@@ -58,7 +60,17 @@ def test_the_table_shows_every_column_and_names_rivals_left_out() -> None:
     assert "boundary_kept" in text
     assert "yes" in text
     assert "left out: absent, not sold" in text
+    assert "2 rows, all told" in text
     assert "versions: numpy 1.0, palpate 1.0" in text
+
+
+@pytest.mark.usefixtures("two_rows")
+def test_a_benchmark_may_choose_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps, "TABLE", ("absent_everywhere",))
+    out = io.StringIO()
+    print_bench(run.run_benchmark("steps", progress=print), Console(file=out, width=200))
+    assert "boundary_kept" not in out.getvalue()
+    assert "absent_everywhere" not in out.getvalue()
 
 
 def test_a_number_that_is_none_is_no_json() -> None:

@@ -138,3 +138,32 @@ def test_a_rival_that_hangs_is_ended(tmp_path, monkeypatch):
     with children.started([("slow.py", {})], lines.append) as found:
         assert found == []
     assert lines == ["slow.py failed: the process ended without a word"]
+
+
+def test_the_summaries_say_what_is_asked_of_the_rates():
+    common = {"size": 10, "body": "box", "version": "1", "precision": "float32", "threads": 1}
+    rows = [
+        common | {"tool": "palpate", "rate": 80.0, "real_time_cells": 7},
+        common | {"tool": "palpate", "rate": 150.0, "threads": 2, "speedup_from_threads": 1.875},
+        common | {"tool": "newton", "rate": 10.0},
+        common | {"tool": "mujoco", "rate": 8.0, "precision": "float64"},
+        common | {"tool": "numba", "rate": 16.0},
+    ]
+    assert steps.summarise(rows) == [
+        "box of 10 cells, float32: 8.0 times newton, 5.0 times numba, 2 threads 1.88 times one, "
+        "7 cells in real time on one core"
+    ]
+    common = {"size": 10, "body": "beam", "version": "1", "strain": "green"}
+    rows = [
+        common
+        | {"tool": "palpate", "seconds": 1.0, "tip_displacement": 2.0, "peak_memory_mb": 30.0,
+           "times_linear": 2.5},
+        common
+        | {"tool": "slow", "seconds": 9.0, "tip_displacement": 2.0, "peak_memory_mb": 1.0},
+        common
+        | {"tool": "dolfinx", "seconds": 3.0, "tip_displacement": 2.5, "peak_memory_mb": 40.0},
+    ]  # fmt: skip
+    assert static.summarise(rows) == [
+        "beam of 10 unknowns, green: 3.0 times as quick as dolfinx 1, 0.75 of its memory, "
+        "tips 0.2 apart, Green 2.5 times linear"
+    ]

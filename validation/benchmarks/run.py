@@ -27,7 +27,8 @@ class Benchmark(Protocol):
 
 
 # Name on the command line -> module and function. A module may have RIVALS, tool -> how to
-# install it: those without a row are named as left out.
+# install it: those without a row are named as left out; TABLE, the columns worth a place on the
+# terminal; and `summarise(rows)`, what the rows say in a few lines.
 BENCHMARKS = {
     "steps": ("steps", "bench_steps"),
     "static": ("static", "bench_static"),
@@ -50,8 +51,9 @@ def run_benchmark(
         progress: Called with one line per row.
 
     Returns:
-        The document of `palpate bench --json`: bench, machine, rows, and left_out, which says of
-        every rival without a row how it is installed.
+        The document of `palpate bench --json`: bench, machine, rows, left_out, which says of
+        every rival without a row how it is installed, summary, lines of text, and table, the
+        columns to show beside the common ones (all, where it is empty).
 
     Raises:
         InputError: No such benchmark, or it does not have such a size.
@@ -73,7 +75,19 @@ def run_benchmark(
     timed = {row["tool"] for row in rows}
     rivals: dict[str, str] = getattr(module, "RIVALS", {})
     left_out = {tool: how for tool, how in rivals.items() if tool not in timed}
-    return {"bench": name, "machine": describe_machine(), "rows": rows, "left_out": left_out}
+    summarise: Callable[[list[Row]], list[str]] = getattr(module, "summarise", _say_nothing)
+    return {
+        "bench": name,
+        "machine": describe_machine(),
+        "rows": rows,
+        "left_out": left_out,
+        "summary": summarise(rows),
+        "table": list(getattr(module, "TABLE", ())),
+    }
+
+
+def _say_nothing(_rows: list[Row]) -> list[str]:
+    return []
 
 
 def bench_json(document: dict[str, Any]) -> str:

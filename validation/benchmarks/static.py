@@ -27,6 +27,10 @@ RIVALS = {
     "calculix": "apt-get install calculix-ccx",
     "felupe": "pip install felupe pypardiso",
 }
+TABLE = (
+    "body", "strain", "tip_displacement", "peak_memory_mb", "iterations", "linear_iterations",
+    "times_linear",
+)  # fmt: skip
 _FILES: tuple[str, ...] = ("static_dolfinx.py", "static_calculix.py", "static_felupe.py")
 _EVERY_VERSION = ("static_dolfinx.py",)
 
@@ -141,3 +145,26 @@ def _line(row: Row) -> str:
         f"{row['tool']:8} {row['size']} dof {row['strain']:7} {row['seconds']:8.2f} s  "
         f"{row['peak_memory_mb']:6.0f} MB  tip {row['tip_displacement']:.9g} m"
     )
+
+
+def summarise(rows: Sequence[Row]) -> list[str]:
+    """How many times quicker than the quickest rival, at what memory, and the same tip or not."""
+    lines = []
+    for key in dict.fromkeys((row["size"], row["strain"]) for row in rows):
+        here = [row for row in rows if (row["size"], row["strain"]) == key]
+        ours = next(row for row in here if row["tool"] == "palpate")
+        rivals = sorted((r for r in here if r["tool"] != "palpate"), key=lambda row: row["seconds"])
+        told = []
+        if rivals:
+            best = rivals[0]
+            tip = best["tip_displacement"]
+            told = [
+                f"{best['seconds'] / ours['seconds']:.1f} times as quick as {best['tool']} "
+                f"{best['version']}",
+                f"{ours['peak_memory_mb'] / best['peak_memory_mb']:.2f} of its memory",
+                f"tips {abs(ours['tip_displacement'] - tip) / abs(tip):.1g} apart",
+            ]
+        if "times_linear" in ours:
+            told.append(f"Green {ours['times_linear']:.1f} times linear")
+        lines.append(f"{ours['body']} of {key[0]} unknowns, {key[1]}: " + ", ".join(told))
+    return lines

@@ -43,6 +43,11 @@ RIVALS = {
     "taichi": "pip install taichi",
     "dolfinx": "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
 }
+# Released simulators; the others are loops and assemblies that somebody would write.
+SIMULATORS = ("mujoco", "newton")
+TABLE = (
+    "body", "speedup_from_threads", "relative_force_error", "real_time_factor", "peak_memory_mb",
+)  # fmt: skip
 _FILES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("step_numpy.py", {}),
     ("step_numba.py", {"precision": "float32"}),
@@ -189,3 +194,37 @@ def _line(row: Row) -> str:
         f"{row['tool']:8} {row['size']:7d} cells  {row['precision']}  {row['threads']} thread(s)"
         f"  {row['rate']:8.1f} {row['rate_unit']}"
     )
+
+
+def summarise(rows: Sequence[Row]) -> list[str]:
+    """How many times the best simulator's and the numba loop's rate, and what is real time."""
+    lines = []
+    for size in dict.fromkeys(row["size"] for row in rows):
+        here = [row for row in rows if row["size"] == size]
+        for precision in Precision:
+            ours = [r for r in here if r["tool"] == "palpate" and r["precision"] == precision]
+            alone = next((row for row in ours if row["threads"] == 1), None)
+            if alone is None:
+                continue
+            # Single precision against all simulators, double against those in double.
+            rivals = [
+                row
+                for row in here
+                if row["tool"] in SIMULATORS
+                and (precision is Precision.SINGLE or row["precision"] == precision)
+            ]
+            loops = [r for r in here if r["tool"] == "numba" and r["precision"] == precision]
+            told = [
+                f"{alone['rate'] / best['rate']:.1f} times {best['tool']}"
+                for group in (rivals, loops)
+                for best in sorted(group, key=lambda row: -row["rate"])[:1]
+            ]
+            told += [
+                f"{row['threads']} threads {row['speedup_from_threads']:.2f} times one"
+                for row in ours
+                if "speedup_from_threads" in row
+            ]
+            if "real_time_cells" in alone:
+                told.append(f"{alone['real_time_cells']} cells in real time on one core")
+            lines.append(f"{alone['body']} of {size} cells, {precision.value}: " + ", ".join(told))
+    return lines

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Builds the core under sanitizers, beside the ordinary build, and runs the tests of fastsim on it:
+#   bash .ci/sanitize.sh PYTHON [pytest arguments]
+# SANITIZE=address,undefined chooses which. The first finding ends the run.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+python="$(command -v "${1:-python3}")"
+shift || true
+sanitizers="${SANITIZE:-address,undefined}"
+PATH="$(dirname "$("$python" -c 'import sys; print(sys.executable)')"):$PATH"
+
+# The rooms as in .ci/view.sh; fastsim file by file, so that it can have another _core.
+view=build/view-sanitize/palpate
+mkdir -p "$view/fastsim"
+for room in meshes reference validation; do ln -sfn "../../../$room" "$view/$room"; done
+find "$view/fastsim" -type l -delete
+for file in fastsim/*.py fastsim/*.pyi fastsim/py.typed fastsim/*/; do
+    case "$file" in fastsim/core/ | fastsim/__pycache__/) continue ;; esac
+    ln -sfn "../../../../${file%/}" "$view/fastsim/$(basename "$file")"
+done
+printf '"""palpate under sanitizers."""\n__version__ = "dev"\n' >"$view/__init__.py"
+
+tag=$("$python" -c 'import sys; print(sys.implementation.cache_tag)')
+cmake -S fastsim/core -B "build/core-sanitize-$tag" -G Ninja -DPython_EXECUTABLE="$python" \
+    -DCMAKE_BUILD_TYPE=RelWithDebInfo -DFASTSIM_SANITIZE="$sanitizers" \
+    -DCMAKE_LIBRARY_OUTPUT_DIRECTORY="$PWD/$view/fastsim" >"build/cmake-sanitize-$tag.log"
+cmake --build "build/core-sanitize-$tag" ${CMAKE_BUILD_ARGS:-}
+
+# Python itself is not built with them, so their libraries must come first; it leaks on purpose.
+compiler="${CXX:-c++}"
+preload=""
+for library in libasan.so libubsan.so; do
+    preload="$preload $("$compiler" -print-file-name="$library")"
+done
+# dolfinx brings an MPI that the sanitizers do not like; benchmarks time, and find nothing.
+env LD_PRELOAD="${preload# }" ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
+    PYTHONPATH=build/view-sanitize "$python" -m pytest -q -p no:cacheprovider \
+    -m "not dolfinx and not slow" --timeout 1200 "${@:-tests/fastsim}"
