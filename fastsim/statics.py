@@ -84,6 +84,8 @@ def solve_static(
         NotConvergedError: The iteration failed for another reason; carries the last good state.
 
     Note:
+        An equilibrium whose tangent is not positive definite is not accepted (not tested under
+        follower pressure, nor for the secant iteration).
         Linear tetrahedra are too stiff in bending and lock as Poisson's ratio nears 0.5.
     """
     require_supported(problem)

@@ -7,10 +7,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from palpate.fastsim import _core
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.errors import EquilibriumLostError, RelaxationFailedError
-from palpate.fastsim.forces import assemble_internal_force, constraints, external_force
+from palpate.fastsim.forces import (
+    STRAIN_MEASURE,
+    assemble_internal_force,
+    constraints,
+    external_force,
+    lame_parameters,
+)
 from palpate.fastsim.statics import solve_static
+from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
@@ -116,6 +124,26 @@ def test_too_few_steps_are_no_answer(ragged_box: TetMesh) -> None:
         relax(problem, max_steps=100)
     assert caught.value.steps == 100
     assert np.isfinite(caught.value.displacement).all()
+
+
+@BOTH
+def test_the_masses_make_a_step_of_one_second_stable_and_not_much_more(
+    ragged_box: TetMesh, strain: Strain
+) -> None:
+    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    rest = np.zeros_like(ragged_box.points)
+    solid.assemble_tangent(rest, *lame_parameters(SOFT), STRAIN_MEASURE[strain])
+    sums = np.empty_like(rest)
+    solid.absolute_row_sums(sums)
+    columns = []
+    for unit in np.eye(rest.size):
+        column = np.empty_like(rest)
+        solid.multiply_tangent(unit.reshape(-1, 3), column)
+        columns.append(column.ravel())
+    np.testing.assert_allclose(sums.ravel(), np.abs(columns).sum(axis=0), rtol=1e-12)
+    mass = 0.25 * sums.max(axis=1)
+    critical = sharp_critical_time_step(ragged_box, SOFT, strain=strain, mass=mass)
+    assert 1.0 <= critical < 2.0
 
 
 def test_a_floating_body_is_refused(ragged_box: TetMesh) -> None:
