@@ -26,7 +26,7 @@ constexpr int most_refusals = 2;
 // Wanted altitude in parts of the thinnest facet's, and of the mean edge: a regular cell has 0.82.
 constexpr double share_of_thinnest = 0.85, share_of_edge = 0.4;
 // A pass that takes away less of what is wanting is the last but for hopeless cases.
-constexpr double least_progress = 0.02;
+constexpr double least_progress = 0.05;
 // Steps of the search for a place, in parts of the longest edge at the point.
 constexpr double first_step = 0.2, last_step = 0.01;
 

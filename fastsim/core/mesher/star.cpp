@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 // Wider registers where the processor has them; contraction is off, so the results are the same.
@@ -16,39 +17,51 @@ namespace fastsim {
 
 namespace {
 
+// Four numbers at once, in registers as wide as there are (vector types of GCC and Clang).
+typedef double Four __attribute__((vector_size(32)));
+
+inline void load(const Star::Lane &from, Four &to) {
+    static_assert(sizeof(Four) == sizeof(Star::Lane));
+    std::memcpy(&to, from.data(), sizeof(Four));
+}
+
 /// Signed squares of the qualities of a block's cells: q |q|, which orders them alike without a
-/// root. See cell_quality for the formula.
-inline void rate_block(const Star::Block &f, const double *p, double altitude_weight,
-                       double *rating) {
-    for (std::size_t l = 0; l < Star::lanes; ++l) {
-        const double ux = f.a[0][l] - p[0], uy = f.a[1][l] - p[1], uz = f.a[2][l] - p[2];
-        const double vx = f.b[0][l] - p[0], vy = f.b[1][l] - p[1], vz = f.b[2][l] - p[2];
-        const double wx = f.c[0][l] - p[0], wy = f.c[1][l] - p[1], wz = f.c[2][l] - p[2];
-        const double ax = vy * wz - vz * wy, ay = vz * wx - vx * wz, az = vx * wy - vy * wx;
-        const double bx = wy * uz - wz * uy, by = wz * ux - wx * uz, bz = wx * uy - wy * ux;
-        const double cx = uy * vz - uz * vy, cy = uz * vx - ux * vz, cz = ux * vy - uy * vx;
-        const double fa = ax * ax + ay * ay + az * az;
-        const double fb = bx * bx + by * by + bz * bz;
-        const double fc = cx * cx + cy * cy + cz * cz;
-        const double fp = f.squared_area[l];
-        const double volume = ux * ax + uy * ay + uz * az;
-        const double pa = (ux * ux + uy * uy + uz * uz) * (fa * fp);
-        const double pb = (vx * vx + vy * vy + vz * vz) * (fb * fp);
-        const double pc = (wx * wx + wy * wy + wz * wz) * (fc * fp);
-        const double ab = f.ab[l] * (fa * fb);
-        const double bc = f.bc[l] * (fb * fc);
-        const double ca = f.ca[l] * (fc * fa);
-        const double smallest =
-            std::min(std::min(std::min(pa, pb), std::min(pc, ab)), std::min(bc, ca));
-        const double all = (fa * fb) * (fc * fp);
-        const double squared = volume * std::abs(volume) * smallest;
-        // A facet without area: as bad as a flat cell.
-        const double by_angle = all > 0.0 ? squared / all : 0.0;
-        const double largest = std::max(std::max(fa, fb), std::max(fc, fp));
-        const double by_altitude = volume * std::abs(volume) * altitude_weight;
-        // Compared without another division.
-        rating[l] = by_altitude < by_angle * largest ? by_altitude / largest : by_angle;
-    }
+/// root. See cell_quality for the formula. Without branches.
+inline __attribute__((always_inline)) void rate_block(const Star::Block &f, const double *p,
+                                                      double altitude_weight, double *rating) {
+    Four ux, uy, uz, vx, vy, vz, wx, wy, wz, fp, ab, bc, ca;
+    load(f.a[0], ux), load(f.a[1], uy), load(f.a[2], uz);
+    load(f.b[0], vx), load(f.b[1], vy), load(f.b[2], vz);
+    load(f.c[0], wx), load(f.c[1], wy), load(f.c[2], wz);
+    load(f.squared_area, fp), load(f.ab, ab), load(f.bc, bc), load(f.ca, ca);
+    ux -= p[0], uy -= p[1], uz -= p[2];
+    vx -= p[0], vy -= p[1], vz -= p[2];
+    wx -= p[0], wy -= p[1], wz -= p[2];
+    const Four ax = vy * wz - vz * wy, ay = vz * wx - vx * wz, az = vx * wy - vy * wx;
+    const Four bx = wy * uz - wz * uy, by = wz * ux - wx * uz, bz = wx * uy - wy * ux;
+    const Four cx = uy * vz - uz * vy, cy = uz * vx - ux * vz, cz = ux * vy - uy * vx;
+    const Four fa = ax * ax + ay * ay + az * az, fb = bx * bx + by * by + bz * bz,
+               fc = cx * cx + cy * cy + cz * cz;
+    const Four volume = ux * ax + uy * ay + uz * az;
+    const Four signed_square = volume * (volume < 0.0 ? -volume : volume);
+    Four smallest = (ux * ux + uy * uy + uz * uz) * (fa * fp);
+    Four largest = fa > fb ? fa : fb;
+    const auto lower = [&](const Four &x) { smallest = x < smallest ? x : smallest; };
+    lower((vx * vx + vy * vy + vz * vz) * (fb * fp));
+    lower((wx * wx + wy * wy + wz * wz) * (fc * fp));
+    lower(ab * (fa * fb));
+    lower(bc * (fb * fc));
+    lower(ca * (fc * fa));
+    largest = largest > fc ? largest : fc;
+    largest = largest > fp ? largest : fp;
+    // A facet without area is as bad as a flat cell: the product in place of 0 / 0 is 0.
+    Four all = (fa * fb) * (fc * fp);
+    all = all > 0.0 ? all : all + 1.0;
+    const Four by_angle = signed_square * (smallest / all);
+    const Four by_altitude =
+        signed_square * (altitude_weight / (largest > 0.0 ? largest : largest + 1.0));
+    const Four result = by_altitude < by_angle ? by_altitude : by_angle;
+    std::memcpy(rating, &result, sizeof(Four));
 }
 
 /// Smallest rating of the blocks, or some value not above `floor`; `culprit` is asked first, and
@@ -56,7 +69,7 @@ inline void rate_block(const Star::Block &f, const double *p, double altitude_we
 PALPATE_WIDE double worst_rating(const Star::Block *blocks, std::size_t count, const double *p,
                                  double altitude_weight, double floor, std::size_t &culprit) {
     double result = std::numeric_limits<double>::infinity();
-    Star::Lane rating;
+    alignas(32) Star::Lane rating;
     std::size_t block = culprit;
     for (std::size_t turn = 0; turn < count; ++turn) {
         rate_block(blocks[block], p, altitude_weight, rating.data());
