@@ -149,6 +149,12 @@ def delaunay(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], list[int],
 def find_delaunay_fault(
     points: NDArray[np.float64], cells: NDArray[np.int32]
 ) -> tuple[int, int, int]: ...
+def rate_star(
+    points: NDArray[np.float64],
+    facets: NDArray[np.int32],
+    place: list[float],
+    altitude: float,
+) -> tuple[list[float], float]: ...
 def find_self_intersections(
     points: NDArray[np.float64], facets: NDArray[np.int32], most: int
 ) -> NDArray[np.int32]: ...

@@ -2,6 +2,7 @@
 #include "delaunay/triangulation.hpp"
 #include "mesher/mesh_surface.hpp"
 #include "mesher/predicates.hpp"
+#include "mesher/star.hpp"
 #include "surface/self_intersection.hpp"
 
 #include <nanobind/nanobind.h>
@@ -78,6 +79,22 @@ void bind_mesher(nb::module_ &module) {
             return std::make_tuple(fault.cell, fault.facet, fault.point);
         },
         nb::arg("points").noconvert(), nb::arg("cells").noconvert());
+
+    module.def(
+        "rate_star",
+        [](Points points, Facets facets, const Point &place, double altitude) {
+            const auto rows = as_rows<Point>(points);
+            Star star;
+            star.clear(1.0, altitude);
+            for (const Triple &f : as_rows<Triple>(facets))
+                star.add(rows[TetComplex::at(f[0])], rows[TetComplex::at(f[1])],
+                         rows[TetComplex::at(f[2])]);
+            std::vector<double> qualities;
+            star.list_qualities(place, qualities);
+            return std::make_tuple(qualities, star.worst(place, -1.0));
+        },
+        nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("place"),
+        nb::arg("altitude"));
 
     module.def(
         "find_self_intersections",

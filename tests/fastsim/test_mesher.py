@@ -11,9 +11,9 @@ from palpate.fastsim import _core
 from palpate.fastsim.mesher import DuplicatePointError, Lattice, mesh_surface
 from palpate.meshes.errors import OpenSurfaceError, SelfIntersectionError
 from palpate.meshes.kidney import shape_kidney
-from palpate.meshes.quality import dihedral_angles
+from palpate.meshes.quality import dihedral_angles, edge_lengths, measure_quality
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
 from palpate.meshes.tri_surface import TriSurface
 
 # Volumes are sums of as many roundings as there are cells: 1e-12 leaves room for 1e4.
@@ -160,3 +160,33 @@ def test_any_smooth_blob(bumps: list[float], scale: float) -> None:
     radius = 1.0 + np.array([x * y, y * z, z * x, x**3, y**2 - z**2, z**3]).T @ bumps
     surface = TriSurface(scale * radius[:, None] * ball.points, ball.facets)
     _require_kept(surface, mesh_surface(surface))
+
+
+def test_cells_follow_a_surface_that_is_finer_at_one_end() -> None:
+    # An inversion keeps angles and turns the ball into one whose edges are 25 times as long at
+    # one pole as at the other: lengths go with 1 / distance^2, distances from 0.5 to 2.5.
+    ball = shape_sphere(edge_length=0.15)
+    arm = ball.points - [0.0, 0.0, 1.5]
+    points = arm / (arm**2).sum(axis=1)[:, None]
+    surface = TriSurface(points, np.ascontiguousarray(ball.facets[:, ::-1]))
+    mesh = mesh_surface(surface, edge_length=0.6)
+    lengths = edge_lengths(mesh.points, mesh.cells).mean(axis=1)
+    low, high = points[:, 2].min(), points[:, 2].max()
+    height = (mesh.points[mesh.cells].mean(axis=1)[:, 2] - low) / (high - low)
+    assert lengths[height > 0.9].mean() < 0.3 * lengths[height < 0.3].mean()
+    # Sizes change gradually: no angle is sacrificed to the change.
+    assert measure_quality(mesh).smallest_dihedral_deg > 20.0
+
+
+def test_no_cell_is_much_thinner_than_the_thinnest_facet() -> None:
+    # Small cells set the time step of explicit runs.
+    surface = shape_kidney(edge_length=9e-3)
+    corners = surface.points[surface.facets]
+    longest = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1)
+    thinnest = (2.0 * np.linalg.norm(surface.area_vectors, axis=1) / longest).min()
+    mesh = mesh_surface(surface)
+    facets = mesh.points[mesh.cells][:, CELL_FACETS]
+    normals = np.cross(facets[:, :, 1] - facets[:, :, 0], facets[:, :, 2] - facets[:, :, 0])
+    areas = 0.5 * np.linalg.norm(normals, axis=2).max(axis=1)
+    altitudes = 3.0 * signed_volumes(mesh.points, mesh.cells) / areas
+    assert altitudes.min() > 0.6 * thinnest
