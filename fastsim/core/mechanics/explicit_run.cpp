@@ -68,11 +68,33 @@ template <typename Real> void ExplicitRun<Real>::add_pressure(std::span<const do
         total[i] -= pressed[i];
 }
 
+/// Is the dead load another one than a step before, and by more than the watch's guess can bear?
+template <typename Real>
+std::pair<bool, bool> ExplicitRun<Real>::load_change(std::span<const double> before,
+                                                     std::span<const double> now) const {
+    bool is_new = false, is_jump = false;
+    for (const std::size_t k : _loaded) {
+        is_new = is_new || before[k] != now[k];
+        const double size = std::max(std::abs(before[k]), std::abs(now[k]));
+        is_jump = is_jump || std::abs(now[k] - before[k]) > 0.05 * size;
+    }
+    return {is_new, is_jump};
+}
+
 template <typename Real>
 void ExplicitRun<Real>::combine_dead_loads(Share &share, std::span<const double> factors) {
-    for (std::size_t i = 4 * share.first_owned; i < 4 * share.last_owned; ++i) {
+    const std::size_t begin = 4 * share.first_owned, end = 4 * share.last_owned;
+    if (_loaded.size() == 1) {
+        const double factor = factors[_loaded[0]];
+        const double *const load = _dead_loads[_loaded[0]].data();
+        Real *const external = _external.data();
+        for (std::size_t i = begin; i < end; ++i)
+            external[i] = static_cast<Real>(factor * load[i]);
+        return;
+    }
+    for (std::size_t i = begin; i < end; ++i) {
         double sum = 0.0;
-        for (std::size_t k = 0; k < _dead_loads.size(); ++k)
+        for (const std::size_t k : _loaded)
             sum += factors[k] * _dead_loads[k][i];
         _external[i] = static_cast<Real>(sum);
     }
@@ -132,10 +154,10 @@ template <typename Real> void ExplicitRun<Real>::gather_forces(Share &share, con
             part[i] = Real(0);
         }
     }
-    if (step.is_new_load) {
+    if (step.is_jump)
         close_window(share);
+    if (step.is_new_load)
         combine_dead_loads(share, step.now);
-    }
     pull_supports(share, step);
 }
 
@@ -163,8 +185,10 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
         const auto row = [&](std::size_t r) {
             return plan.factors.subspan(r * plan.num_histories, plan.num_histories);
         };
-        const bool is_new = step == 0 || !std::ranges::equal(row(step - 1), row(step));
-        return Step{row(step), row(step + 1), is_new};
+        if (step == 0)
+            return Step{row(0), row(1), true, true};
+        const auto [is_new, is_jump] = load_change(row(step - 1), row(step));
+        return Step{row(step), row(step + 1), is_new, is_jump};
     };
     Barrier barrier(num_threads);
     // Two slots for each thread, used in turn: a fast thread never overwrites what is being read.

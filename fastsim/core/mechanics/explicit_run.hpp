@@ -23,6 +23,7 @@
 #include <memory>
 #include <new>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace fastsim {
@@ -132,6 +133,7 @@ template <typename Real> class ExplicitRun {
     struct Step {
         std::span<const double> now, next; // factors
         bool is_new_load;                  // a factor differs from the last step's
+        bool is_jump;                      // by so much that its work must be counted apart
     };
 
     /// Entries of the records: one point more than there are, for the corners of the cells that
@@ -149,6 +151,8 @@ template <typename Real> class ExplicitRun {
     bool update(Share &share);
     void pull_supports(Share &share, const Step &step);
     void move_supports(Share &share, const Step &step);
+    std::pair<bool, bool> load_change(std::span<const double> before,
+                                      std::span<const double> now) const;
     void combine_dead_loads(Share &share, std::span<const double> factors);
     void record(const Share &share, std::span<double> displacement) const;
 
@@ -171,6 +175,7 @@ template <typename Real> class ExplicitRun {
     AlignedVector<std::int32_t> _records;
     AlignedVector<Real> _rest;
     std::vector<std::vector<double>> _dead_loads; // by history, records of 4
+    std::vector<std::size_t> _loaded;             // histories with a dead load
     AlignedVector<Real> _points;
     std::vector<std::size_t> _pressed; // first entry of the records of each facet's corners
     std::vector<double> _pressures;

@@ -152,6 +152,10 @@ void ExplicitRun<Real>::set_dead_loads(std::span<const double> forces, std::size
         for (std::size_t i = 0; i < _num_points; ++i)
             for (std::size_t j = 0; j < 3; ++j)
                 _dead_loads[k][4 * _record_of[i] + j] = forces[3 * (_num_points * k + i) + j];
+    _loaded.clear();
+    for (std::size_t k = 0; k < num_histories; ++k)
+        if (std::ranges::any_of(_dead_loads[k], [](double f) { return f != 0.0; }))
+            _loaded.push_back(k);
 }
 
 template <typename Real>
