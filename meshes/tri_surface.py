@@ -56,5 +56,5 @@ class TriSurface:
         if self.num_facets == 0:
             return 0.0
         centre = self.points.mean(axis=0)
-        height = self.points[self.facets].mean(axis=1) - centre
+        height = (self.points - centre)[self.facets].mean(axis=1)
         return float(np.einsum("ij,ij->", height, self.area_vectors) / 3.0)

@@ -39,7 +39,7 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
     RecoveryReport report;
     FlipRecovery flips(complex, protection);
     // The limit bounds the work: many times what any surface tried so far has needed.
-    SteinerRecovery steiner(complex, protection, first_inner, 1000 + 20 * facets.size());
+    SteinerRecovery steiner(complex, protection, first_inner, 500 + 4 * facets.size());
 
     std::vector<Edge> edges;
     std::unordered_set<std::uint64_t> seen;

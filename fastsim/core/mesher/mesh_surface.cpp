@@ -2,6 +2,7 @@
 
 #include "delaunay/triangulation.hpp"
 #include "mesher/carve.hpp"
+#include "mesher/flat_cells.hpp"
 #include "mesher/steiner_removal.hpp"
 
 #include <algorithm>
@@ -150,6 +151,7 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
     std::vector<Index> stuck;
     if (recovery.refined)
         stuck = remove_steiner_points(inside, *recovery.refined, shifted, recovery.steiner_points);
+    remove_flat_cells(inside);
     if (!stuck.empty())
         bring_forward(inside, stuck, cube_corners + num_surface);
     result.num_boundary_steiner = stuck.size();

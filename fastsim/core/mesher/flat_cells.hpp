@@ -1,0 +1,13 @@
+#pragma once
+// Cells that are flat but for roundings: four corners in one plane of the surface, or in one
+// where that is thinner than the roundings of its points allow to see.
+
+#include "mesher/flips.hpp"
+
+namespace fastsim {
+
+/// Removes flat cells of a carved mesh by flips, or by points in cells beside them. Returns the
+/// number of those that stay.
+std::size_t remove_flat_cells(TetComplex &complex);
+
+} // namespace fastsim
