@@ -19,9 +19,13 @@ def family(order: float, cells: tuple[int, ...], constant: float) -> list[push.P
 
 
 def curves(graded_constant: float, bar: float) -> push.PushCurves:
-    cells = (1000, 10_000, 100_000, 200_000)
+    cells = (1000, 10_000, 20_000, 100_000)
+    uniform, graded = family(0.25, cells, 1.0), family(0.25, cells, graded_constant)
+    # Both too stiff, so the answers are as far apart as their errors.
+    gap = abs(uniform[-1].displacement_error - graded[2].displacement_error)
     return push.PushCurves(
-        {"uniform": family(0.25, cells, 1.0), "graded": family(0.25, cells, graded_constant)},
+        {"uniform": uniform, "graded": graded},
+        push.Pair(uniform[-1], graded[2], gap, gap),
         bar,
         bar,
         (1, 2, 3),
@@ -32,10 +36,10 @@ def test_verdicts_go_green_red_and_undecided() -> None:
     # With order 1/4 the graded mesh needs constant^4 of the uniform one's cells.
     good = grading.judge_push(curves(0.1**0.25, 0.0))
     assert [f.verdict for f in good] == [Verdict.PASSED] * 2
-    assert "10000 cells" in good[0].found
+    assert "10000 cells, 10.0 times fewer" in good[0].found
     poor = grading.judge_push(curves(0.5**0.25, 0.0))
     assert [f.verdict for f in poor] == [Verdict.FAILED] * 2
-    unsure = grading.judge_push(curves(0.15**0.25, 0.01))
+    unsure = grading.judge_push(curves(0.15**0.25, 0.06))
     assert [f.verdict for f in unsure] == [Verdict.INCONCLUSIVE] * 2
 
 

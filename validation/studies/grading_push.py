@@ -29,10 +29,14 @@ PATCH_RADIUS = 14e-3  # [m]: about a fingertip
 FORCE = (-0.15, 0.04, -0.06)  # [N]: 1.6 mm deep; not along an axis, so that faults show
 MATERIAL = Material(10e3, 0.3)
 # Share of the squared error that is refined from one mesh to the next.
-SHARE = 0.4
-MOST_CELLS = {"uniform": 150_000, "graded": 70_000}
-# P1 meshes whose P2 solutions are the truth: the last three not above this.
-TRUTH_CELLS = 50_000
+SHARE = 0.2
+MOST_CELLS = {"uniform": 150_000, "graded": 45_000}
+# Graded meshes whose P2 solutions are the truth: three, the finest with at most so many cells, each
+# with about so many times the cells of the one before.
+TRUTH_CELLS = 32_000
+TRUTH_RATIO = 2.2
+# The graded mesh compared with the finest uniform one has at most this share of its cells.
+SHARE_OF_CELLS = 1.0 / 5.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,22 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Pair:
+    """The finest uniform mesh, and the finest graded one with at most a fifth of its cells.
+
+    Attributes:
+        uniform, graded: Their errors.
+        displacement_gap: Relative L2 between the two over the coarse mesh's points [-].
+        volume_gap: Between their changes of volume, over the true one [-].
+    """
+
+    uniform: Point
+    graded: Point
+    displacement_gap: float
+    volume_gap: float
+
+
+@dataclass(frozen=True)
 class PushCurves:
     """Errors against cells, and how far the truth itself may be off.
 
@@ -65,9 +85,11 @@ class PushCurves:
         families: Meshes by "uniform" and "graded", from coarse to fine.
         displacement_bar, volume_bar: Of the truth, in the errors' units [-].
         truth_cells: Of the P2 meshes, from coarse to fine.
+        pair: The two meshes that are compared.
     """
 
     families: dict[str, list[Point]]
+    pair: Pair
     displacement_bar: float
     volume_bar: float
     truth_cells: tuple[int, ...]
@@ -112,7 +134,7 @@ def follow(progress: Callable[[str], None]) -> PushCurves:
     """
     problem = make_problem()
     answers: dict[str, list[_Answer]] = {"uniform": [], "graded": []}
-    truths: list[_Answer] = []
+    problems: list[Problem] = []
     for kind, found in answers.items():
         graded = GradedMesh(problem.mesh)
         while True:
@@ -120,9 +142,8 @@ def follow(progress: Callable[[str], None]) -> PushCurves:
             displacement = solve_static(carried).displacement
             found.append(_answer(problem, carried, displacement, with_step=True))
             progress(f"{kind}: {len(graded.cells)} cells solved by fastsim")
-            wanted = TRUTH_CELLS / 4 < len(graded.cells) <= TRUTH_CELLS
-            if kind == "graded" and wanted:
-                truths.append(_solve_truth(problem, carried, progress))
+            if kind == "graded":
+                problems.append(carried)
             if kind == "uniform":
                 marks = np.ones(len(graded.cells), dtype=bool)
             else:
@@ -131,7 +152,16 @@ def follow(progress: Callable[[str], None]) -> PushCurves:
             if len(graded.cells) + 1.5 * marks.sum() > MOST_CELLS[kind]:
                 break
             graded.refine(marks)
-    return _measure(answers, truths[-3:])
+    truths = [_solve_truth(problem, fine, progress) for fine in choose_truths(problems)]
+    return _measure(answers, truths)
+
+
+def choose_truths(problems: list[Problem]) -> list[Problem]:
+    """Three meshes of the family, whose numbers of cells are nearest to a geometric series."""
+    cells = np.array([p.mesh.num_cells for p in problems])
+    finest = int(np.flatnonzero(cells <= TRUTH_CELLS)[-1])
+    wanted = cells[finest] / TRUTH_RATIO ** np.array([2.0, 1.0, 0.0])
+    return [problems[int(np.abs(np.log(cells / n)).argmin())] for n in wanted]
 
 
 def cells_for_error(family: list[Point], error: Callable[[Point], float], wanted: float) -> float:
@@ -144,12 +174,6 @@ def cells_for_error(family: list[Point], error: Callable[[Point], float], wanted
     n = np.log([p.cells for p in family])
     e = np.log(np.maximum.accumulate(np.abs([error(p) for p in family])[::-1]))
     return float(np.exp(np.interp(np.log(wanted), e, n[::-1])))
-
-
-def error_at_cells(family: list[Point], error: Callable[[Point], float], cells: float) -> float:
-    """The error a family has at a number of cells, likewise."""
-    n = np.log([p.cells for p in family])
-    return float(np.exp(np.interp(np.log(cells), n, np.log(np.abs([error(p) for p in family])))))
 
 
 def _answer(
@@ -203,7 +227,26 @@ def _measure(answers: dict[str, list[_Answer]], truths: list[_Answer]) -> PushCu
         for a, b in pairwise(truths)
     )
     return PushCurves(
-        families, remainder(first, second), remainder(v1, v2), tuple(t.cells for t in truths)
+        families,
+        _pair(answers, families, truth),
+        remainder(first, second),
+        remainder(v1, v2),
+        tuple(t.cells for t in truths),
+    )
+
+
+def _pair(
+    answers: dict[str, list[_Answer]], families: dict[str, list[Point]], truth: _Answer
+) -> Pair:
+    allowed = SHARE_OF_CELLS * families["uniform"][-1].cells
+    which = max(k for k, p in enumerate(families["graded"]) if p.cells <= allowed)
+    one, other = answers["uniform"][-1], answers["graded"][which]
+    gap = float(np.linalg.norm(one.at_coarse_points - other.at_coarse_points))
+    return Pair(
+        families["uniform"][-1],
+        families["graded"][which],
+        gap / float(np.linalg.norm(truth.at_coarse_points)),
+        abs((one.volume_change - other.volume_change) / truth.volume_change),
     )
 
 
