@@ -89,12 +89,17 @@ class EquilibriumLostError(NotConvergedError):
 
     def _message(self) -> str:
         where = ", ".join(f"{x:.4g}" for x in self.place)
+        # Half-way between no stretch and the material's own limit.
+        kind = (
+            "Saint-Venant-Kirchhoff softens below 0.577 in free compression"
+            if self.smallest_stretch < 0.8
+            else "hardly crushed, it buckles"
+        )
         return (
-            f"no equilibrium beyond {self.load_factor:.4g} of the load ({self.reason}): the "
-            f"body has {max(self.stiffness, 0.0):.1%} of its stiffness left, softens in cell "
-            f"{self.cell} at ({where}) m, and its smallest principal stretch is "
-            f"{self.smallest_stretch:.3g} (Saint-Venant-Kirchhoff softens below 0.577 in free "
-            "compression); lower the load, or spread it"
+            f"no equilibrium beyond {self.load_factor:.4g} of the load ({self.reason}): the body "
+            f"has {max(self.stiffness, 0.0):.1%} of its stiffness left and gives way in cell "
+            f"{self.cell} at ({where}) m; smallest principal stretch {self.smallest_stretch:.3g} "
+            f"({kind}); lower the load, or spread it"
         )
 
 

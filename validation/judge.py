@@ -140,10 +140,12 @@ def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) 
         return stored
     if trouble is not None:
         raise trouble
-    raise MissingReferenceError(
-        f"{case.name}: FEniCSx is not installed and no reference is stored for this case; "
-        "run it with FENICSX=apt or FENICSX=wheel (see README)"
+    how = (
+        "FEniCSx is not installed here: FENICSX=apt or FENICSX=wheel adds it (see README)"
+        if live
+        else "solve it here with --live, which needs FEniCSx (see README)"
     )
+    raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
 
 
 def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:

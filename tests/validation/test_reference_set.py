@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import (
     ReferenceCrashedError,
@@ -97,3 +98,15 @@ def test_a_crushed_block_costs_one_search_for_the_limit(write_case: WriteCase) -
     assert "not tried" in why
     assert references.truth(Strain.LINEAR) is not None
     assert not any(line.startswith(f"{QUADRATIC}, green") for line in lines)
+
+
+@pytest.mark.parametrize(("live", "words"), [(False, "--live"), (True, "FENICSX=")])
+def test_a_case_without_any_reference_says_what_to_do(
+    write_case: WriteCase, monkeypatch: pytest.MonkeyPatch, live: bool, words: str
+) -> None:
+    from palpate.reference import availability
+
+    monkeypatch.setattr(availability, "is_available", lambda: False)
+    with pytest.raises(InputError, match="no reference is stored") as caught:
+        judge_case(load_case(str(write_case())), live=live)
+    assert words in str(caught.value)
