@@ -13,7 +13,7 @@ namespace {
 // Body-centred cells have edges a and sqrt(3)/2 a, 0.923 a in the mean.
 constexpr double body_centred_edge = 0.923;
 // Bounds the places that guard one facet, where the wanted size is far below its own.
-constexpr double most_parts = 64.0;
+constexpr double most_parts = 256.0;
 
 /// splitmix64: the same sequence on every machine.
 class Random {
@@ -33,30 +33,39 @@ class Random {
     std::uint64_t _state;
 };
 
-/// Places with a distance that others keep from them, in cubic bins.
+/// Places with a distance that others keep from them, in cubic bins; one set of bins for each
+/// octave of distances, so that few share a bin.
 class Guards {
   public:
-    explicit Guards(double largest_distance) : _width(std::max(largest_distance, 1e-300)) {}
-
     void add(const Point &place, double distance) {
-        _bins[key(place)].push_back({place, distance * distance});
+        if (!(distance > 0.0))
+            return;
+        const double width = std::exp2(std::ceil(std::log2(distance)));
+        auto layer = std::find_if(_layers.begin(), _layers.end(),
+                                  [&](const Layer &l) { return l.width == width; });
+        if (layer == _layers.end()) {
+            _layers.push_back({width, {}});
+            layer = _layers.end() - 1;
+        }
+        layer->bins[layer->key(place)].push_back({place, distance * distance});
     }
 
     bool keep_off(const Point &p) const {
-        const auto middle = key(p);
-        for (Index i = -1; i <= 1; ++i)
-            for (Index j = -1; j <= 1; ++j)
-                for (Index k = -1; k <= 1; ++k) {
-                    const auto found = _bins.find({middle[0] + i, middle[1] + j, middle[2] + k});
-                    if (found == _bins.end())
-                        continue;
-                    for (const Guard &guard : found->second) {
-                        const double dx = guard.place[0] - p[0], dy = guard.place[1] - p[1],
-                                     dz = guard.place[2] - p[2];
-                        if (dx * dx + dy * dy + dz * dz < guard.squared_distance)
-                            return true;
-                    }
+        for (const Layer &layer : _layers) {
+            const Triple middle = layer.key(p);
+            for (Index n = 0; n < 27; ++n) {
+                const auto found = layer.bins.find(
+                    {middle[0] + n / 9 - 1, middle[1] + n / 3 % 3 - 1, middle[2] + n % 3 - 1});
+                if (found == layer.bins.end())
+                    continue;
+                for (const Guard &guard : found->second) {
+                    const double dx = guard.place[0] - p[0], dy = guard.place[1] - p[1],
+                                 dz = guard.place[2] - p[2];
+                    if (dx * dx + dy * dy + dz * dz < guard.squared_distance)
+                        return true;
                 }
+            }
+        }
         return false;
     }
 
@@ -65,15 +74,18 @@ class Guards {
         Point place;
         double squared_distance;
     };
+    struct Layer {
+        double width;
+        std::unordered_map<Triple, std::vector<Guard>, TripleHash> bins;
 
-    Triple key(const Point &p) const {
-        return {static_cast<Index>(std::floor(p[0] / _width)),
-                static_cast<Index>(std::floor(p[1] / _width)),
-                static_cast<Index>(std::floor(p[2] / _width))};
-    }
+        Triple key(const Point &p) const {
+            return {static_cast<Index>(std::floor(p[0] / width)),
+                    static_cast<Index>(std::floor(p[1] / width)),
+                    static_cast<Index>(std::floor(p[2] / width))};
+        }
+    };
 
-    double _width;
-    std::unordered_map<Triple, std::vector<Guard>, TripleHash> _bins;
+    std::vector<Layer> _layers;
 };
 
 /// Crossings of the surface by the line through (x, y) along z, in order of height.
@@ -158,7 +170,7 @@ std::vector<double> local_sizes(std::span<const Point> points, std::span<const T
 /// Guards the surface: its points, and the facets by places not farther apart than the size.
 Guards guard_surface(std::span<const Point> points, std::span<const Triple> facets,
                      std::span<const double> sizes, double clearance) {
-    Guards guards(clearance * *std::max_element(sizes.begin(), sizes.end()));
+    Guards guards;
     for (std::size_t v = 0; v < points.size(); ++v)
         guards.add(points[v], clearance * sizes[v]);
     for (const Triple &f : facets) {
