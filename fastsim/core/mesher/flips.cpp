@@ -1,7 +1,6 @@
 #include "mesher/flips.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 namespace fastsim {
@@ -9,12 +8,6 @@ namespace fastsim {
 namespace {
 
 constexpr double impossible = -std::numeric_limits<double>::infinity();
-
-Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Point cross(const Point &a, const Point &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /// Quality of a cell, or impossible when it does not beat what must be beaten, or is not positive
 /// by the exact predicate.
@@ -24,41 +17,6 @@ double safe_quality(const TetComplex &complex, const Cell &cell, double quality_
 }
 
 } // namespace
-
-double cell_quality(const TetComplex &complex, const Cell &cell) {
-    const Point &a = complex.points[TetComplex::at(cell[0])];
-    const Point &b = complex.points[TetComplex::at(cell[1])];
-    const Point &c = complex.points[TetComplex::at(cell[2])];
-    const Point &d = complex.points[TetComplex::at(cell[3])];
-    const Point ab = minus(b, a), ac = minus(c, a), ad = minus(d, a);
-    const Point bc = minus(c, b), bd = minus(d, b), cd = minus(d, c);
-    const Point normal_d = cross(ab, ac), normal_b = cross(ac, ad);
-    const double six_volumes = dot(normal_d, ad);
-    const auto squared = [](const Point &v) { return dot(v, v); };
-    // Four times the squared areas of the facets opposite a, b, c, d.
-    const double fa = squared(cross(bc, bd)), fb = squared(normal_b);
-    const double fc = squared(cross(ab, ad)), fd = squared(normal_d);
-    // sin(dihedral at an edge) = 6 V |edge| / (2 A_i 2 A_j), facets i and j opposite the other
-    // edge's ends; squared, and over one denominator, so that one root and one division do.
-    const double fab = fa * fb, fcd = fc * fd;
-    const double smallest =
-        std::min({squared(ab) * fab, squared(ac) * (fa * fc), squared(ad) * (fa * fd),
-                  squared(bc) * (fb * fc), squared(bd) * (fb * fd), squared(cd) * fcd});
-    const double sine = six_volumes * std::sqrt(smallest / (fab * fcd));
-    if (sine != 0.0 && std::isfinite(sine)) {
-        if (complex.wanted_altitude <= 0.0)
-            return sine;
-        // 3 V over the largest area.
-        const double altitude = six_volumes / std::sqrt(std::max({fa, fb, fc, fd}));
-        return std::min(sine, quality_at_wanted_altitude * altitude / complex.wanted_altitude);
-    }
-    // Lengths so small or large that products of areas leave the range, or a facet without area:
-    // such a cell is as bad as a flat one.
-    const double each =
-        std::min({squared(ab) / fcd, squared(ac) / (fb * fd), squared(ad) / (fb * fc),
-                  squared(bc) / (fa * fd), squared(bd) / (fa * fc), squared(cd) / fab});
-    return std::isfinite(each) ? six_volumes * std::sqrt(each) : 0.0;
-}
 
 bool remove_edge(TetComplex &complex, Index a, Index b, const Protection &protection,
                  std::size_t max_ring, double quality_to_beat, Index wanted_a, Index wanted_b) {

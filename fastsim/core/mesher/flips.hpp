@@ -2,7 +2,7 @@
 // Local changes of a tetrahedralisation that keep its points: 2-3 flips and the removal of an
 // edge (3-2, 4-4 and larger), each only when every new cell is positive by the exact predicate.
 
-#include "mesher/tet_complex.hpp"
+#include "mesher/cell_quality.hpp"
 
 #include <unordered_set>
 
@@ -16,14 +16,6 @@ struct Protection {
     std::unordered_set<std::uint64_t> edges; // by edge_key
     FacetSet facets;                         // by sorted_triple
 };
-
-/// A cell of the wanted altitude is rated as one whose smallest angle is 30 degrees.
-constexpr double quality_at_wanted_altitude = 0.5;
-
-/// Smallest sine of a dihedral angle of a cell, negative when inverted; the quality here. Where
-/// the complex has a wanted altitude, a cell is no better than its smallest altitude is in parts
-/// of that: small cells set the critical time step.
-double cell_quality(const TetComplex &complex, const Cell &cell);
 
 /// Removes edge (a, b), re-triangulating its ring of at most `max_ring` cells.
 /// Of all triangulations with positive cells the one with the best worst cell is taken (Klincsek's

@@ -1,0 +1,23 @@
+#pragma once
+// How good a cell is: by its angles, by its altitude, and by the paper's measure.
+
+#include "mesher/tet_complex.hpp"
+
+namespace fastsim {
+
+/// A cell of the wanted altitude is rated as one whose smallest angle is 30 degrees.
+constexpr double quality_at_wanted_altitude = 0.5;
+
+/// Smallest sine of a dihedral angle of a cell, negative when inverted; the quality here. Where
+/// the complex has a wanted altitude, a cell is no better than its smallest altitude is in parts
+/// of that: small cells set the critical time step.
+double cell_quality(const TetComplex &complex, const Cell &cell);
+
+/// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a share of
+/// the mean edge.
+double find_wanted_altitude(const TetComplex &complex);
+
+/// Standard deviation of a cell's edge lengths over their mean: the paper's measure.
+double edge_length_deviation(const TetComplex &complex, Index c);
+
+} // namespace fastsim
