@@ -278,10 +278,10 @@ def delaunay(points: Points) -> tuple[Indices, list[int]]:
 
 
 def check_delaunay(points: Points, cells: Indices) -> tuple[int, int, int] | None:
-    """Prove that cells are Delaunay: exact orientation, and in-sphere test across every facet.
+    """Prove that cells are Delaunay: exact orientation, in-sphere test across every facet, hull.
 
-    Facets shared by two cells are judged; that the whole is the convex hull is for the caller to
-    see from its volume.
+    Facets of two cells are judged by the in-sphere test; those of one must be a closed surface
+    that is convex at every edge, so that nothing of the hull is missing.
 
     Args:
         points: [m], shape (num_points, 3).
@@ -289,8 +289,8 @@ def check_delaunay(points: Points, cells: Indices) -> tuple[int, int, int] | Non
 
     Returns:
         None when they are, else the first fault: the cell, its facet (-1 when the cell is not
-        positive) and the point that lies inside its circumsphere (-1 when the facet has more
-        than two cells).
+        positive) and the point that lies inside its circumsphere or beyond the hull (-1 when the
+        facet has more than two cells, or the hull is open).
     """
     points = np.array(checked_points(points))
     cells = np.array(checked_indices(cells, 4, len(points), "cells"))

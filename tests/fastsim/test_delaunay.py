@@ -100,3 +100,17 @@ def test_checker_finds_a_spoiled_mesh() -> None:
     moved = points.copy()
     moved[10] += 0.3 * (rng.random(3) - 0.5)
     assert check_delaunay(moved, cells) is not None
+
+
+def test_checker_finds_a_cell_that_is_missing_at_the_hull() -> None:
+    points = np.random.default_rng(6).random((200, 3))
+    cells, _ = delaunay(points)
+    # A cell with an outer facet: without it the outside has a dent.
+    facets = np.sort(cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    _, first, count = np.unique(facets, axis=0, return_index=True, return_counts=True)
+    outer = int(first[count == 1][0]) // 4
+    fault = check_delaunay(points, np.delete(cells, outer, axis=0))
+    assert fault is not None
+    # A cell missing inside leaves a hole, whose facets bend inwards.
+    inner = next(c for c in range(len(cells)) if c not in set((first[count == 1] // 4).tolist()))
+    assert check_delaunay(points, np.delete(cells, inner, axis=0)) is not None
