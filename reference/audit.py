@@ -1,0 +1,190 @@
+"""How far is a given displacement from equilibrium? Found without solving the problem.
+
+One linear solve with the elasticity operator measures the residual in the norm dual to energy;
+one with the tangent at the displacement, a single Newton step, estimates what the displacement
+and the volume are wrong by. On the displacement's own degree 1 this tells whether the discrete
+equations were solved; on degree 2 also how much the linear tetrahedra themselves are wrong by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.rigid_modes import require_supported
+from palpate.reference.deformed_state import DetFSampler, measure_state
+from palpate.reference.equilibrium import Equilibrium
+from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+
+# The norm is reported to some digits; its square is what the solve is accurate in.
+_SOLVE_TOLERANCE = 1e-8
+# Volume is a cubic of the displacement: a central difference of this part of a step is good to
+# its square, and loses five digits of sixteen to rounding.
+_SMALL = 1e-4
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What can be said of a displacement without solving.
+
+    Attributes:
+        degree: Of the test functions.
+        strain: Strain measure of the model.
+        residual_norm: Of the free residual, dual to the energy norm: sup over v of R(v) / |v|,
+            |v|^2 = v . K v with the rest stiffness K [J^(1/2)]. For linear strain it is the
+            energy norm of the error itself; for Green strain to first order.
+        relative_residual_norm: Over the energy norm of the displacement, (2 energy)^(1/2) [-].
+        support_gap: Largest distance of a held component from where it is held [m].
+        force_imbalance: Size of the sum of external forces and reactions [N].
+        moment_imbalance: Likewise of their moments about the origin, at the deformed places [N m].
+        strain_energy: [J].
+        volume: [m3].
+        smallest_det_f: [-]; not above 0 where a cell is inverted.
+        displacement_error: Estimate, L2 over the mesh's points over the corrected displacement
+            [-]; None where the tangent is singular or not positive definite, or a cell inverted.
+        volume_error: Estimate, of the change of volume over the corrected change, signed [-];
+            None likewise.
+    """
+
+    degree: int
+    strain: Strain
+    residual_norm: float
+    relative_residual_norm: float
+    support_gap: float
+    force_imbalance: float
+    moment_imbalance: float
+    strain_energy: float
+    volume: float
+    smallest_det_f: float
+    displacement_error: float | None
+    volume_error: float | None
+
+
+def audit_displacement(
+    problem: Problem,
+    displacement: Points,
+    *,
+    strain: Strain = Strain.GREEN,
+    degree: int = 2,
+    progress: Callable[[str], None] | None = None,
+) -> Audit:
+    """Measure a displacement against the equations it should satisfy.
+
+    Args:
+        problem: Mesh, material, supports and loads.
+        displacement: At the mesh's points [m], shape (num_points, 3); linear in between.
+        strain: Strain measure of the model.
+        degree: Of the equations, 1 to 3: 1 judges the solver, 2 the mesh too.
+        progress: Called with one line of text now and then.
+
+    Raises:
+        InputError: The problem cannot be used, or the displacement has the wrong shape or a value
+            that is not finite.
+
+    Note:
+        The estimates are those of one Newton step: too small where the error is large, and blind
+        to a limit point.
+    """
+    if degree not in (1, 2, 3):
+        raise InputError(f"degree = {degree}: needs 1, 2 or 3")
+    require_supported(problem)
+    equilibrium = Equilibrium(problem, strain=Strain(strain), degree=degree)
+    u = equilibrium.space.from_points(displacement)
+    if progress:
+        progress(f"audit on degree {degree}: {equilibrium.num_dofs} degrees of freedom")
+    sampler = DetFSampler(equilibrium)
+    smallest_det_f = sampler.smallest(u)
+    internal, external = equilibrium.internal_force(u), equilibrium.external_force(u)
+    residual = external - internal
+    residual_norm, _ = _dual_norm(equilibrium, residual)
+    state = measure_state(equilibrium, u)
+    scale = math.sqrt(2.0 * state.strain_energy) if state.strain_energy > 0.0 else 0.0
+    force, moment = _imbalance(equilibrium, u, residual)
+    held = equilibrium.held
+    errors = _estimate_errors(equilibrium, u, residual, smallest_det_f, problem.mesh.volume)
+    return Audit(
+        degree=degree,
+        strain=equilibrium.strain,
+        residual_norm=residual_norm,
+        relative_residual_norm=residual_norm / scale if scale else math.inf,
+        support_gap=float(np.max(np.abs(u[held.dofs] - held.values), initial=0.0)),
+        force_imbalance=force,
+        moment_imbalance=moment,
+        strain_energy=state.strain_energy,
+        volume=state.volume,
+        smallest_det_f=smallest_det_f,
+        displacement_error=errors[0],
+        volume_error=errors[1],
+    )
+
+
+def _solver(equilibrium: Equilibrium, *, is_symmetric: bool) -> LinearSolver:
+    coordinates = equilibrium.space.space.tabulate_dof_coordinates()
+    return LinearSolver(coordinates, is_symmetric=is_symmetric)
+
+
+def _dual_norm(equilibrium: Equilibrium, residual: Points) -> tuple[float, Points]:
+    """sqrt(r . K^-1 r) over the free entries, with the stiffness at rest."""
+    rest = np.zeros(equilibrium.num_dofs)
+    matrix = equilibrium.tangent(rest, 0.0)
+    held = equilibrium.held.dofs
+    lifted = _solver(equilibrium, is_symmetric=True).solve(
+        matrix, residual, held, np.zeros(len(held)), tolerance=_SOLVE_TOLERANCE
+    )
+    free = equilibrium.free
+    return math.sqrt(max(float(residual[free] @ lifted[free]), 0.0)), lifted
+
+
+def _imbalance(equilibrium: Equilibrium, u: Points, residual: Points) -> tuple[float, float]:
+    """Internal forces balance themselves; what is left over is the residual at free entries.
+
+    Reactions are what holds the held entries, so there nothing is left over.
+    """
+    loose = np.zeros_like(residual)
+    loose[equilibrium.free] = residual[equilibrium.free]
+    forces = loose.reshape(-1, 3)
+    places = equilibrium.space.space.tabulate_dof_coordinates()
+    if equilibrium.strain is Strain.GREEN:
+        places = places + u.reshape(-1, 3)
+    total = np.linalg.norm(forces.sum(axis=0))
+    moment = np.linalg.norm(np.cross(places, forces).sum(axis=0))
+    return float(total), float(moment)
+
+
+def _estimate_errors(
+    equilibrium: Equilibrium,
+    u: Points,
+    residual: Points,
+    smallest_det_f: float,
+    rest_volume: float,
+) -> tuple[float | None, float | None]:
+    """One Newton step from the displacement: what it changes is the estimate."""
+    if equilibrium.strain is Strain.GREEN and not smallest_det_f > 0.0:
+        return None, None
+    held = equilibrium.held
+    matrix = equilibrium.tangent(u, 1.0)
+    solver = _solver(equilibrium, is_symmetric=not equilibrium.has_followers)
+    try:
+        step = solver.solve(
+            matrix, residual, held.dofs, held.values - u[held.dofs], tolerance=_SOLVE_TOLERANCE
+        )
+    except LinearSolveError:
+        return None, None
+    at_points = equilibrium.space.at_points
+    size = float(np.linalg.norm(at_points(u + step)))
+    displacement_error = float(np.linalg.norm(at_points(step))) / size if size else None
+    before = measure_state(equilibrium, u).volume - rest_volume
+    if equilibrium.strain is Strain.LINEAR:
+        after = measure_state(equilibrium, u + step).volume - rest_volume
+    else:
+        # To first order: a finite step turns sections along their tangent, which adds volume that
+        # the body does not gain.
+        ends = [measure_state(equilibrium, u + t * _SMALL * step).volume for t in (1.0, -1.0)]
+        after = before + (ends[0] - ends[1]) / (2.0 * _SMALL)
+    return displacement_error, before / after - 1.0 if after else None
