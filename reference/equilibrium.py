@@ -42,6 +42,7 @@ class ElasticBody:
         lmbda, mu = (
             fem.Constant(mesh, PETSc.ScalarType(value)) for value in lame_parameters(material)
         )
+        self.lame = lmbda, mu
         self.u = fem.Function(space.space)
         self.v = ufl.TestFunction(space.space)
         law = _LAWS[strain]

@@ -88,6 +88,11 @@ def test_on_degree_two_it_foretells_what_linear_tetrahedra_are_wrong_by(problem:
     volume_error = change / (better.volume - problem.mesh.volume) - 1.0
     assert audit.volume_error == pytest.approx(volume_error, rel=0.25)
     assert audit.relative_residual_norm > 0.05
+    assert np.linalg.norm(audit.cell_errors) == pytest.approx(audit.residual_norm, rel=1e-6)
+    # The clamp's edge is where linear tetrahedra are most wrong.
+    middle = problem.mesh.points[problem.mesh.cells].mean(axis=1)
+    worst = np.argsort(audit.cell_errors)[-len(middle) // 10 :]
+    assert middle[worst, 0].mean() < 0.6 * middle[:, 0].mean()
 
 
 def test_a_support_that_was_not_met_and_an_inverted_cell_are_told(problem: Problem) -> None:
