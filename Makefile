@@ -8,7 +8,7 @@ PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test gate lint view clean
+.PHONY: help setup report test gate lint sanitize view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -32,6 +32,9 @@ gate: setup ## the accuracy gate on the built-in cases
 
 lint: setup ## format, style and type checks
 	@VENV=$(VENV) bash .ci/lint.sh
+
+sanitize: setup ## the tests of fastsim under address and undefined-behaviour sanitizers
+	@bash .ci/sanitize.sh $(VENV)/bin/python
 
 view: setup ## link the sources under build/view, for work on them in place
 	@bash .ci/view.sh $(VENV)/bin/python

@@ -33,7 +33,9 @@ def bench(
     )
     if json is not None:
         write_text_atomically(json, bench_json(document))
-    print_bench(document, Console(highlight=False))
+    out = Console(highlight=False)
+    # A file or a pipe has no width of its own; 80 columns would cut every number short.
+    print_bench(document, out if out.is_terminal else Console(highlight=False, width=200))
 
 
 def print_bench(document: dict[str, Any], console: Console) -> None:
