@@ -8,7 +8,7 @@ PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test gate lint sanitize view clean
+.PHONY: help setup report test gate lint sanitize fuzz view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -35,6 +35,9 @@ lint: setup ## format, style and type checks
 
 sanitize: setup ## the tests of fastsim under address and undefined-behaviour sanitizers
 	@bash .ci/sanitize.sh $(VENV)/bin/python
+
+fuzz: setup ## mutated surfaces against the mesher, under sanitizers: FUZZ_SECONDS=60
+	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} bash .ci/sanitize.sh $(VENV)/bin/python
 
 view: setup ## link the sources under build/view, for work on them in place
 	@bash .ci/view.sh $(VENV)/bin/python

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Builds the core under sanitizers, beside the ordinary build, and runs the tests of fastsim on it:
 #   bash .ci/sanitize.sh PYTHON [pytest arguments]
-# SANITIZE=address,undefined chooses which. The first finding ends the run.
+# SANITIZE=address,undefined chooses which. The first finding ends the run. With FUZZ_SECONDS set,
+# mutated surfaces are meshed for so long instead, from FUZZ_SEED on.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python="$(command -v "${1:-python3}")"
@@ -32,7 +33,12 @@ preload=""
 for library in libasan.so libubsan.so; do
     preload="$preload $("$compiler" -print-file-name="$library")"
 done
+under=(env "LD_PRELOAD=${preload# }" ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1
+    PYTHONPATH=build/view-sanitize "$python")
+if [ -n "${FUZZ_SECONDS:-}" ]; then
+    "${under[@]}" tests/fuzz_surfaces.py --seconds "$FUZZ_SECONDS" --seed "${FUZZ_SEED:-0}"
+    exit
+fi
 # dolfinx brings an MPI that the sanitizers do not like; benchmarks time, and find nothing.
-env LD_PRELOAD="${preload# }" ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
-    PYTHONPATH=build/view-sanitize "$python" -m pytest -q -p no:cacheprovider \
+"${under[@]}" -m pytest -q -p no:cacheprovider \
     -m "not dolfinx and not slow" --timeout 1200 "${@:-tests/fastsim}"

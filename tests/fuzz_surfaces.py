@@ -2,7 +2,8 @@
 
     python tests/fuzz_surfaces.py --seconds 60 [--seed N] [--once]
 
-Not collected by pytest; `tests/fastsim/test_fuzz.py` runs it for some seconds. A surface that
+Not collected by pytest; `tests/fastsim/test_fuzz.py` runs it for some seconds, `make fuzz` for a
+minute under the address and undefined-behaviour sanitizers. A surface that
 takes longer than the limit ends the process, with the seed to repeat it.
 """
 
