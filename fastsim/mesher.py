@@ -22,13 +22,12 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
 # Other lattices to try in the rare case that the boundary does not come back at all: another
-# jitter, then points nearer to the surface, then another size. (Shift of the seed, clearance,
-# share of size.)
+# jitter and points nearer to the surface, then another size. (Shift of the seed, clearance, share
+# of size.)
 _ATTEMPTS = (
     (0, 0.80, 1.0),
-    (1, 0.75, 1.0),
-    (2, 0.60, 0.7),
-    (3, 0.80, 2.0),
+    (1, 0.70, 1.0),
+    (2, 0.80, 2.0),
 )
 # Cells with a dihedral angle below about 30 degrees are worked on: sin 30 = 0.5.
 _SLIVER_TARGET = 0.5

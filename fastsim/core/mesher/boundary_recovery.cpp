@@ -1,5 +1,6 @@
 #include "mesher/boundary_recovery.hpp"
 
+#include "mesher/flat_cells.hpp"
 #include "mesher/flip_recovery.hpp"
 #include "mesher/steiner_recovery.hpp"
 
@@ -54,12 +55,18 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
                 edges.push_back(e);
         }
     report.recovered_edges = edges.size();
-    try_each(edges, [&](const Edge &e) {
+    const auto flip_in = [&](const Edge &e) {
         const bool is_there = flips.recover_edge(e[0], e[1], most_flips);
         if (is_there)
             protection.edges.insert(edge_key(e[0], e[1]));
         return is_there;
-    });
+    };
+    try_each(edges, flip_in);
+    if (!edges.empty()) {
+        // Points in one plane but for roundings make cells that flips cannot see through.
+        remove_flat_cells(complex, protection, true);
+        try_each(edges, flip_in);
+    }
     report.recovered_edges -= edges.size();
     try_each(edges, [&](const Edge &e) { return steiner.recover_edge(e[0], e[1]); });
     report.missing_edges = edges;

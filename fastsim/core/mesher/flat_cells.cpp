@@ -15,23 +15,24 @@ constexpr int most_passes = 4;
 
 class FlatCells {
   public:
-    explicit FlatCells(TetComplex &complex) : _complex(complex) {}
+    FlatCells(TetComplex &complex, const Protection &protection, bool may_insert)
+        : _complex(complex), _protection(protection), _may_insert(may_insert) {}
 
     bool is_flat(Index c) const {
         return _complex.is_alive(c) && cell_quality(_complex, _complex.cell(c)) < flat;
     }
 
-    bool remove(Index c) { return flip(c) || insert_beside(c); }
+    bool remove(Index c) { return flip(c) || (_may_insert && insert_beside(c)); }
 
   private:
     bool flip(Index c) {
         const Cell v = _complex.cell(c);
         for (std::size_t i = 0; i < 4; ++i)
             for (std::size_t j = i + 1; j < 4; ++j)
-                if (remove_edge(_complex, v[i], v[j], _nothing, largest_ring, flat, none, none))
+                if (remove_edge(_complex, v[i], v[j], _protection, largest_ring, flat, none, none))
                     return true;
         for (int k = 0; k < 4; ++k)
-            if (flip_facet(_complex, {c, k}, _nothing, flat))
+            if (flip_facet(_complex, {c, k}, _protection, flat))
                 return true;
         return false;
     }
@@ -55,20 +56,21 @@ class FlatCells {
                 for (std::size_t i = 0; i < 3; ++i)
                     centre[i] += 0.25 * _complex.points[TetComplex::at(v)][i];
             _complex.points.back() = centre;
-            if (insert_star(_complex, _nothing, {n, c}, s, flat))
+            if (insert_star(_complex, _protection, {n, c}, s, flat))
                 return true;
         }
         return false; // the point stays, in no cell
     }
 
     TetComplex &_complex;
-    const Protection _nothing; // the boundary has no neighbours: no flip touches it
+    const Protection &_protection;
+    bool _may_insert;
 };
 
 } // namespace
 
-std::size_t remove_flat_cells(TetComplex &complex) {
-    FlatCells cells(complex);
+std::size_t remove_flat_cells(TetComplex &complex, const Protection &protection, bool may_insert) {
+    FlatCells cells(complex, protection, may_insert);
     std::size_t left = 0;
     for (int pass = 0; pass < most_passes; ++pass) {
         left = 0;

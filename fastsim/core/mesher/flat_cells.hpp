@@ -6,8 +6,8 @@
 
 namespace fastsim {
 
-/// Removes flat cells of a carved mesh by flips, or by points in cells beside them. Returns the
-/// number of those that stay.
-std::size_t remove_flat_cells(TetComplex &complex);
+/// Removes flat cells by flips, or by points in cells beside them where `may_insert`. Returns
+/// the number of those that stay.
+std::size_t remove_flat_cells(TetComplex &complex, const Protection &protection, bool may_insert);
 
 } // namespace fastsim

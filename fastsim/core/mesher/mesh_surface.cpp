@@ -151,7 +151,8 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
     std::vector<Index> stuck;
     if (recovery.refined)
         stuck = remove_steiner_points(inside, *recovery.refined, shifted, recovery.steiner_points);
-    remove_flat_cells(inside);
+    // The boundary has no neighbours: nothing has to be protected.
+    remove_flat_cells(inside, {}, true);
     if (!stuck.empty())
         bring_forward(inside, stuck, cube_corners + num_surface);
     result.num_boundary_steiner = stuck.size();

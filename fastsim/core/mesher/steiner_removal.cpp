@@ -1,5 +1,6 @@
 #include "mesher/steiner_removal.hpp"
 
+#include "mesher/flat_cells.hpp"
 #include "mesher/polygon_triangulation.hpp"
 
 #include <algorithm>
@@ -234,7 +235,9 @@ std::vector<Index> remove_steiner_points(TetComplex &complex, RefinedSurface &su
     std::reverse(steiner.begin(), steiner.end());
     for (int pass = 0; pass < most_passes && !steiner.empty(); ++pass)
         if (std::erase_if(steiner, [&](Index s) { return removal.remove(s); }) == 0)
-            break;
+            // Flat cells at the point leave it no room: they go, and it is tried again.
+            if (remove_flat_cells(complex, {}, true) > 0 && pass > 0)
+                break;
     return steiner;
 }
 
