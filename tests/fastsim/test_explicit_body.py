@@ -202,6 +202,45 @@ def test_rough_but_honest_runs_are_left_alone(
     assert np.isfinite(result.displacements).all()
 
 
+@PRECISIONS
+def test_a_support_that_slows_down_is_no_growth(make_box: MakeBox, precision: Precision) -> None:
+    """What its own mass gives back as it slows does not count against what the body is given."""
+    mesh = make_box((3, 2, 2), (1.6, 1.0, 1.2), ragged=0.2)
+    end = np.unique(end_facets(mesh)).astype(np.int32)
+    shift = Support(end, components=(False, True, False), displacement=(0.0, -6.7e-4, 0.0))
+    problem = held_block(mesh, TimeSpan(10.0, 0.0263, num_outputs=1))
+    problem = dataclasses.replace(problem, supports=(*problem.supports, shift))
+    for frequency in np.linspace(3.0, 6.0, 31):
+        result = simulate(
+            problem,
+            strain=Strain.LINEAR,
+            precision=precision,
+            support_amplitude=[None, lambda t, w=frequency: np.sin(w * t)],
+        )
+        assert np.isfinite(result.displacements).all()
+
+
+@PRECISIONS
+@pytest.mark.parametrize("load", [0.0, 1e-12, 1.0])
+def test_the_rounding_of_a_body_at_rest_is_no_growth(
+    ragged_box: TetMesh, precision: Precision, load: float
+) -> None:
+    """Turned by a radian without a push: rounding alone moves it, and goes on doing so."""
+    c, s = np.cos(1.0), np.sin(1.0)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turned = ragged_box.points @ turn.T - ragged_box.points
+    loads = (BodyForce((0.0, 0.0, -load)),)
+    problem = Problem(ragged_box, SOFT, (), loads, TimeSpan(1000.0, num_outputs=2))
+    result = simulate(problem, displacement=turned, precision=precision)
+    assert result.num_steps > 15_000
+    eps = {Precision.SINGLE: 2.0**-23, Precision.DOUBLE: 2.0**-52}[precision]
+    fall = -0.5 * load / 1000.0 * result.times**2
+    moved = result.displacements - turned
+    moved[:, :, 2] -= fall[:, None]
+    # It drifts and turns by some roundings a step, and does not swell.
+    assert np.abs(moved).max() < result.num_steps * 100 * eps * max(1.0, abs(fall[-1]))
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_loads_and_supports_that_are_not_finite_are_refused(
     ragged_box: TetMesh, value: float

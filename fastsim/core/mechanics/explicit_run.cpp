@@ -41,11 +41,15 @@ class Barrier {
 template <typename Real> void ExplicitRun<Real>::add_pressure(std::span<const double> factors) {
     Real *const total = _shares[0].force.data();
     Real *const pressed = _pressure_force.data();
+    double work = 0.0;
     for (const std::size_t i : _pressed_entries) {
-        _shares[0].pressure_work +=
-            static_cast<double>(pressed[i]) * static_cast<double>(_increment[i]);
+        // What pushes a moving support passes straight through it.
+        if (_is_free[i] != 0)
+            work += static_cast<double>(pressed[i]) * static_cast<double>(_increment[i]);
         pressed[i] = Real(0);
     }
+    // Not into what was given: the other threads may still be reading that.
+    _shares[0].pressure_work += std::abs(work);
     for (std::size_t t = 0; t < _pressures.size(); ++t) {
         const std::size_t *corner = &_pressed[3 * t];
         std::array<Real, 3> p{}, q{};
@@ -104,6 +108,7 @@ void ExplicitRun<Real>::combine_dead_loads(Share &share, std::span<const double>
 template <typename Real> void ExplicitRun<Real>::pull_supports(Share &share, const Step &step) {
     const Real *const total = _shares[0].force.data();
     const double dt = _settings.time_step, damping = _settings.mass_damping;
+    double work = 0.0;
     for (MovingSupport &support : share.moving) {
         const std::size_t i = support.entry;
         support.next = (step.next[support.history] - step.now[support.history]) * support.value;
@@ -114,11 +119,15 @@ template <typename Real> void ExplicitRun<Real>::pull_supports(Share &share, con
         const double inertia =
             (support.next - last) / (dt * dt) + damping * (support.next + last) / (2.0 * dt);
         // Dead loads on it pass straight through to the support.
-        support.pull = static_cast<double>(total[i]) + support.mass * inertia;
+        double inner = static_cast<double>(total[i]);
         if (!_pressure_force.empty())
-            support.pull += static_cast<double>(_pressure_force[i]);
-        share.support_work += 0.5 * support.pull * (support.next + last);
+            inner += static_cast<double>(_pressure_force[i]);
+        support.pull = inner + support.mass * inertia;
+        // The watch looks at the free points alone: what moves the support's own mass is not
+        // theirs.
+        work += 0.5 * inner * (support.next + last);
     }
+    share.given += std::abs(work);
 }
 
 template <typename Real> void ExplicitRun<Real>::move_supports(Share &share, const Step &step) {

@@ -124,8 +124,8 @@ template <typename Real> class ExplicitRun {
         double work = 0.0, loss = 0.0, work_halfway = 0.0, loss_halfway = 0.0;
         double kinetic = 0.0;
         // For the watch.
-        double given = 0.0, support_work = 0.0, pressure_work = 0.0;
-        double watched_kinetic = 0.0, fastest = -1.0;
+        double given = 0.0, pressure_work = 0.0;
+        double watched_kinetic = 0.0, fastest = -1.0, furthest = 0.0;
         std::size_t fastest_point = 0;
     };
 
@@ -189,7 +189,7 @@ template <typename Real> class ExplicitRun {
     // State at the last good look, and at the last time the work of the loads was added up.
     AlignedVector<Real> _good_displacement, _good_increment, _worked_displacement;
     std::int64_t _steps_since_good = 0;
-    double _energy_at_start = 0.0;
+    double _energy_at_start = 0.0, _total_mass = 0.0;
     bool _has_begun = false;
 };
 

@@ -26,6 +26,7 @@ ExplicitRun<Real>::ExplicitRun(std::span<const double> points, std::span<const I
     _mass.assign(_num_points, 0.0);
     for (std::size_t i = 0; i < _num_points; ++i)
         _mass[_record_of[i]] = lumped_mass[i];
+    _total_mass = std::accumulate(_mass.begin(), _mass.end(), 0.0);
     _points.assign(4 * _num_points, Real(0));
     for (std::size_t i = 0; i < _num_points; ++i)
         for (std::size_t j = 0; j < 3; ++j)
@@ -131,7 +132,7 @@ void ExplicitRun<Real>::set_state(std::span<const double> displacement,
     _energy_at_start = energy;
     _has_begun = false;
     for (Share &share : _shares)
-        share.work = share.loss = share.given = share.support_work = share.pressure_work = 0.0;
+        share.work = share.loss = share.given = share.pressure_work = 0.0;
 }
 
 template <typename Real>
