@@ -12,7 +12,7 @@ namespace fastsim {
 namespace {
 
 constexpr std::size_t largest_ring = 9, largest_last_ring = 13;
-// At the end, cells below about 28 degrees, and no more of them than that.
+// At the end, cells below about 27 degrees, and no more of them than that.
 constexpr double finishing_share = 0.84;
 constexpr std::size_t most_finished = 200;
 constexpr int finishing_passes = 6;
@@ -22,7 +22,7 @@ constexpr double largest_deviation = 0.45;
 // A change must be worth it, or passes never end.
 constexpr double least_flip_gain = 1e-6;
 constexpr double least_move_gain = 1e-3;
-// Points are inserted for the worst cells only: below about 28 degrees for a target of 34.
+// Points are inserted for the worst cells only: below about 27 degrees for a target of 33.
 constexpr double insertion_share = 0.84;
 // An insertion that failed mostly fails again, and is the dearest thing to try.
 constexpr int most_refusals = 2;

