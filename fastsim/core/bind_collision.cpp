@@ -1,43 +1,30 @@
 // Bindings of collision detection: no logic, no defaults. Python has checked every array.
+#include "bind_arrays.hpp"
 #include "collision/vertices_in_cells.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <tuple>
 
-namespace nb = nanobind;
 using namespace fastsim;
-
-namespace {
 
 using Index = std::int32_t;
 using Cell = std::array<Index, 4>;
-using Points =
-    nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
-using Indices = nb::ndarray<const Index, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Points = GivenPoints;
+using Cells = GivenCells;
+using Indices = GivenColumn<Index>;
 
-template <typename Row, typename Array> std::span<const Row> as_rows(const Array &array) {
-    return {reinterpret_cast<const Row *>(array.data()), array.shape(0)};
-}
+namespace {
 
 auto as_arrays(std::span<const VertexInCell> pairs) {
-    auto *rows = new Index[2 * pairs.size()];
-    nb::capsule own_rows(rows, [](void *p) noexcept { delete[] static_cast<Index *>(p); });
-    auto *weights = new double[4 * pairs.size()];
-    nb::capsule own_weights(weights, [](void *p) noexcept { delete[] static_cast<double *>(p); });
-    for (std::size_t k = 0; k < pairs.size(); ++k) {
-        rows[2 * k] = pairs[k].vertex;
-        rows[2 * k + 1] = pairs[k].cell;
-        for (std::size_t i = 0; i < 4; ++i)
-            weights[4 * k + i] = pairs[k].weights[i];
+    std::vector<std::array<Index, 2>> rows;
+    std::vector<std::array<double, 4>> weights;
+    for (const VertexInCell &pair : pairs) {
+        rows.push_back({pair.vertex, pair.cell});
+        weights.push_back(pair.weights);
     }
-    return std::make_tuple(
-        nb::ndarray<nb::numpy, Index>(rows, {pairs.size(), std::size_t{2}}, own_rows),
-        nb::ndarray<nb::numpy, double>(weights, {pairs.size(), std::size_t{4}}, own_weights));
+    return std::make_tuple(as_table(rows), as_table(weights));
 }
 
 } // namespace

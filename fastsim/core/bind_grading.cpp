@@ -1,48 +1,20 @@
 // Bindings of local refinement: no logic, no defaults. Python has checked every array.
+#include "bind_arrays.hpp"
 #include "grading/bisected_mesh.hpp"
 #include "grading/symbolic_cube.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include <cstring>
 #include <tuple>
 
-namespace nb = nanobind;
 using namespace fastsim;
 
-namespace {
-
 using Index = BisectedMesh::Index;
-using Points =
-    nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
-using Marks =
-    nb::ndarray<const std::uint8_t, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-
-template <typename T, std::size_t width>
-nb::ndarray<nb::numpy, T> as_table(std::span<const std::array<T, width>> rows) {
-    T *copy = new T[rows.size() * width];
-    std::memcpy(copy, rows.data(), rows.size() * width * sizeof(T));
-    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nb::ndarray<nb::numpy, T>(copy, {rows.size(), width}, owner);
-}
-
-nb::ndarray<nb::numpy, Index> as_column(const std::vector<Index> &values) {
-    Index *copy = new Index[values.size()];
-    std::memcpy(copy, values.data(), values.size() * sizeof(Index));
-    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<Index *>(p); });
-    return nb::ndarray<nb::numpy, Index>(copy, {values.size()}, owner);
-}
-
-template <typename Row, typename Array> std::span<const Row> as_rows(const Array &array) {
-    return {reinterpret_cast<const Row *>(array.data()), array.shape(0)};
-}
-
-} // namespace
+using Points = GivenPoints;
+using Cells = GivenCells;
+using Marks = GivenColumn<std::uint8_t>;
 
 void bind_grading(nb::module_ &module);
 
@@ -78,9 +50,9 @@ void bind_grading(nb::module_ &module) {
                      nb::gil_scoped_release release;
                      leaves = self.leaves();
                  }
-                 return std::make_tuple(as_table<Index, 4>(leaves.cells),
-                                        as_table<Index, 4>(leaves.facet_tags),
-                                        as_column(leaves.given_cell), as_column(leaves.generation));
+                 return std::make_tuple(
+                     as_table<Index, 4>(leaves.cells), as_table<Index, 4>(leaves.facet_tags),
+                     as_column<Index>(leaves.given_cell), as_column<Index>(leaves.generation));
              })
         .def("points", [](const BisectedMesh &self) { return as_table<double, 3>(self.points()); })
         .def("point_parents",

@@ -1,47 +1,23 @@
 // Bindings of the mesher: no logic, no defaults. Python has checked every array.
+#include "bind_arrays.hpp"
 #include "delaunay/triangulation.hpp"
 #include "mesher/mesh_surface.hpp"
 #include "mesher/predicates.hpp"
 #include "mesher/star.hpp"
 #include "surface/self_intersection.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <cstdint>
-#include <cstring>
-#include <span>
 #include <tuple>
 
-namespace nb = nanobind;
 using namespace fastsim;
 
-namespace {
-
-using Points =
-    nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
-using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-
-template <typename T, std::size_t width>
-nb::ndarray<nb::numpy, T> as_table(const std::vector<std::array<T, width>> &rows) {
-    T *copy = new T[rows.size() * width];
-    std::memcpy(copy, rows.data(), rows.size() * width * sizeof(T));
-    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nb::ndarray<nb::numpy, T>(copy, {rows.size(), width}, owner);
-}
-
-template <typename Row, typename Array> std::vector<Row> as_rows(const Array &array) {
-    std::vector<Row> rows(array.shape(0));
-    if (!rows.empty())
-        std::memcpy(rows.data(), array.data(), rows.size() * sizeof(Row));
-    return rows;
-}
-
-} // namespace
+using Points = GivenPoints;
+using Cells = GivenCells;
+using Facets = GivenFacets;
 
 void bind_mesher(nb::module_ &module);
 

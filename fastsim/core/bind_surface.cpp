@@ -1,42 +1,18 @@
 // Bindings of the surface's algorithms: no logic, no defaults. Python has checked every array.
+#include "bind_arrays.hpp"
 #include "surface/closest_point.hpp"
 #include "surface/remesh.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/tuple.h>
 
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <tuple>
 
-namespace nb = nanobind;
 using namespace fastsim;
 
-namespace {
-
-using Points =
-    nb::ndarray<const double, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Facets =
-    nb::ndarray<const std::int32_t, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-
-template <typename T>
-nb::ndarray<nb::numpy, T> as_table(const std::vector<std::array<T, 3>> &rows) {
-    T *copy = new T[rows.size() * 3];
-    std::memcpy(copy, rows.data(), rows.size() * 3 * sizeof(T));
-    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nb::ndarray<nb::numpy, T>(copy, {rows.size(), std::size_t{3}}, owner);
-}
-
-template <typename Row, typename Array> std::vector<Row> as_rows(const Array &array) {
-    std::vector<Row> rows(array.shape(0));
-    if (!rows.empty())
-        std::memcpy(rows.data(), array.data(), rows.size() * sizeof(Row));
-    return rows;
-}
-
-} // namespace
+using Points = GivenPoints;
+using Facets = GivenFacets;
 
 void bind_surface(nb::module_ &module);
 
@@ -45,8 +21,10 @@ void bind_surface(nb::module_ &module) {
         .def(
             "__init__",
             [](SurfaceDistance *self, Points points, Facets facets) {
-                new (self) SurfaceDistance(as_rows<Point>(points),
-                                           as_rows<EditableSurface::Facet>(facets));
+                const auto point_rows = as_rows<Point>(points);
+                const auto facet_rows = as_rows<EditableSurface::Facet>(facets);
+                new (self) SurfaceDistance({point_rows.begin(), point_rows.end()},
+                                           {facet_rows.begin(), facet_rows.end()});
             },
             nb::arg("points").noconvert(), nb::arg("facets").noconvert())
         .def(
@@ -54,12 +32,8 @@ void bind_surface(nb::module_ &module) {
             [](const SurfaceDistance &self, Points places) {
                 const auto rows = as_rows<Point>(places);
                 std::vector<Point> found(rows.size());
-                auto *distance = new double[rows.size()];
-                nb::capsule own_distance(
-                    distance, [](void *p) noexcept { delete[] static_cast<double *>(p); });
-                auto *facet = new std::int32_t[rows.size()];
-                nb::capsule own_facet(
-                    facet, [](void *p) noexcept { delete[] static_cast<std::int32_t *>(p); });
+                std::vector<double> distance(rows.size());
+                std::vector<std::int32_t> facet(rows.size());
                 {
                     nb::gil_scoped_release release;
                     for (std::size_t k = 0; k < rows.size(); ++k) {
@@ -69,10 +43,8 @@ void bind_surface(nb::module_ &module) {
                         facet[k] = closest.facet;
                     }
                 }
-                return std::make_tuple(
-                    as_table(found),
-                    nb::ndarray<nb::numpy, double>(distance, {rows.size()}, own_distance),
-                    nb::ndarray<nb::numpy, std::int32_t>(facet, {rows.size()}, own_facet));
+                return std::make_tuple(as_table(found), as_column<double>(distance),
+                                       as_column<std::int32_t>(facet));
             },
             nb::arg("places").noconvert());
 
