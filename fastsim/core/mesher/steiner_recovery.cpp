@@ -23,6 +23,7 @@ SteinerRecovery::SteinerRecovery(TetComplex &complex, Protection &protection, In
 bool SteinerRecovery::recover_edge(Index a, Index b) {
     std::vector<Index> &inner = _chains[edge_key(a, b)];
     inner.clear();
+    const std::size_t points_before = _points.size();
     // From the lower end: parts still to do are a stack, the part at hand starts at `from`.
     Index from = std::min(a, b);
     std::vector<Index> ahead{std::max(a, b)};
@@ -37,8 +38,18 @@ bool SteinerRecovery::recover_edge(Index a, Index b) {
             continue;
         }
         const Index s = cut_edge(from, to);
-        if (s == none)
+        if (s == none) {
+            // The points become inner ones, and what is between them may be flipped again.
+            Index last = std::min(a, b);
+            for (const Index p : inner) {
+                _protection.edges.erase(edge_key(last, p));
+                last = p;
+            }
+            _protection.edges.erase(edge_key(last, from));
+            inner.clear();
+            _points.resize(points_before);
             return false;
+        }
         ahead.push_back(s);
     }
     return true;
@@ -57,7 +68,7 @@ std::vector<Index> SteinerRecovery::chain(Index a, Index b) const {
 }
 
 Index SteinerRecovery::insert(std::vector<Candidate> &candidates) {
-    if (_points.size() >= _most_points)
+    if (_num_inserted >= _most_points)
         return none;
     std::sort(candidates.begin(), candidates.end(),
               [](const Candidate &x, const Candidate &y) { return x.from_middle < y.from_middle; });
@@ -69,6 +80,7 @@ Index SteinerRecovery::insert(std::vector<Candidate> &candidates) {
             _complex.points.back() = candidate.place;
             if (insert_star(_complex, _protection, candidate.cells, s, least_quality)) {
                 _points.push_back(s);
+                ++_num_inserted;
                 return s;
             }
         }

@@ -8,8 +8,8 @@
 #include "mesher/flip_recovery.hpp"
 #include "mesher/refined_surface.hpp"
 
-#include <map>
-#include <span>
+#include <unordered_map>
+#include <unordered_set>
 
 namespace fastsim {
 
@@ -64,6 +64,7 @@ class SteinerRecovery {
     FlipRecovery _flips;
     Index _first_inner;
     std::size_t _most_points;
+    std::size_t _num_inserted = 0;
     std::vector<Index> _points;
     std::unordered_map<std::uint64_t, std::vector<Index>> _chains; // by edge, from its lower end
     std::unordered_map<Triple, std::vector<Triple>, TripleHash> _parts; // by sorted facet
