@@ -112,7 +112,7 @@ def refine_to_size(
         project: See `GradedMesh.refine`.
 
     Raises:
-        TooManyCellsError: The mesh is left as it was before the round that went too far.
+        TooManyCellsError: The mesh is left as it was when that was seen, finer than given.
         InputError: The field gives a size that is not above 0.
     """
     for _ in range(_MOST_ROUNDS):
@@ -122,6 +122,9 @@ def refine_to_size(
         if len(graded.cells) + int(marked.sum()) > max_cells:
             raise TooManyCellsError(len(graded.cells), max_cells)
         graded.refine(marked, project=project)
+        # To conform, a round may bisect more cells than were marked.
+        if len(graded.cells) > max_cells:
+            raise TooManyCellsError(len(graded.cells), max_cells)
     raise TooManyCellsError(len(graded.cells), max_cells)
 
 

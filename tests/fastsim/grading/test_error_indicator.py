@@ -11,14 +11,23 @@ from palpate.fastsim.forces import strain_energy
 from palpate.fastsim.grading.carried_problem import carry_problem
 from palpate.fastsim.grading.error_indicator import cell_stress, estimate_error, mark_largest
 from palpate.fastsim.grading.graded_mesh import GradedMesh
-from palpate.fastsim.mesher import mesh_surface
+from palpate.fastsim.grading.symbolic_cube import SymbolicCube
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.meshes.shapes import shape_box
+from palpate.meshes.tet_mesh import TetMesh
 
-MESH = mesh_surface(shape_box((2.0, 1.0, 1.0), edge_length=0.4))
+
+def bricks() -> TetMesh:
+    """A box of 2 x 1 x 1 in Kuhn's tetrahedra: the same whatever the mesher does."""
+    cube = SymbolicCube()
+    for _ in range(3):
+        cube.refine(np.ones(cube.num_cells, dtype=bool))
+    return TetMesh(cube.mesh.points * np.array([2.0, 1.0, 1.0]), cube.mesh.cells)
+
+
+MESH = bricks()
 MATERIAL = Material(1e4, 0.3)
 
 
