@@ -33,6 +33,11 @@ class Random {
     std::uint64_t _state;
 };
 
+/// Number of a bin; those beyond a milliard share the last one, where all are looked at.
+Index bin_of(double x, double width) {
+    return static_cast<Index>(std::clamp(std::floor(x / width), -1e9, 1e9));
+}
+
 /// Places with a distance that others keep from them, in cubic bins; one set of bins for each
 /// octave of distances, so that few share a bin.
 class Guards {
@@ -79,9 +84,7 @@ class Guards {
         std::unordered_map<Triple, std::vector<Guard>, TripleHash> bins;
 
         Triple key(const Point &p) const {
-            return {static_cast<Index>(std::floor(p[0] / width)),
-                    static_cast<Index>(std::floor(p[1] / width)),
-                    static_cast<Index>(std::floor(p[2] / width))};
+            return {bin_of(p[0], width), bin_of(p[1], width), bin_of(p[2], width)};
         }
     };
 
@@ -130,7 +133,7 @@ class Columns {
     }
 
   private:
-    Index bin(double x) const { return static_cast<Index>(std::floor(x / _width)); }
+    Index bin(double x) const { return bin_of(x, _width); }
     static Triple edge(Index i, Index j) { return {i, j, 0}; }
     const Point &corner(std::size_t f, std::size_t k) const {
         return _points[TetComplex::at(_facets[f][k])];
