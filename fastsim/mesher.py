@@ -1,7 +1,8 @@
 """From a closed surface to tetrahedra by improved Delaunay meshing: section II of the paper.
 
 Steps 1 to 5 (circum-cube of five cells, lattice, jitter, interior points, insertion) and the
-clean-up of slivers are in the core (fastsim/core/mesher). The surface is kept as it is given.
+clean-up of slivers are in the core: its folders lattice, delaunay, recovery and slivers, and
+mesher, which puts them together. The surface is kept as it is given.
 """
 
 from __future__ import annotations

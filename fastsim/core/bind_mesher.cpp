@@ -2,8 +2,8 @@
 #include "bind_arrays.hpp"
 #include "delaunay/triangulation.hpp"
 #include "mesher/mesh_surface.hpp"
-#include "mesher/predicates.hpp"
-#include "mesher/star.hpp"
+#include "predicates/predicates.hpp"
+#include "slivers/star.hpp"
 #include "surface/self_intersection.hpp"
 
 #include <nanobind/stl/array.h>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <cstdint>
 #include <span>

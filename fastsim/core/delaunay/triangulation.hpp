@@ -16,7 +16,7 @@
 // exact predicate where that cannot tell (after the stored minors of Marot, Pellerin, Remacle
 // 2019, "One machine, one minute, three billion tetrahedra").
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <array>
 #include <cstdint>

@@ -2,7 +2,7 @@
 // Local changes of a tetrahedralisation that keep its points: 2-3 flips and the removal of an
 // edge (3-2, 4-4 and larger), each only when every new cell is positive by the exact predicate.
 
-#include "mesher/cell_quality.hpp"
+#include "slivers/cell_quality.hpp"
 
 #include <unordered_set>
 

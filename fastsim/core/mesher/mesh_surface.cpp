@@ -2,8 +2,8 @@
 
 #include "delaunay/triangulation.hpp"
 #include "mesher/carve.hpp"
-#include "mesher/flat_cells.hpp"
-#include "mesher/steiner_removal.hpp"
+#include "recovery/steiner_removal.hpp"
+#include "slivers/flat_cells.hpp"
 
 #include <algorithm>
 

@@ -1,9 +1,9 @@
 #pragma once
 // The paper's section II, steps 1 to 5, in order.
 
-#include "mesher/boundary_recovery.hpp"
-#include "mesher/interior_points.hpp"
-#include "mesher/sliver_removal.hpp"
+#include "lattice/interior_points.hpp"
+#include "recovery/boundary_recovery.hpp"
+#include "slivers/sliver_removal.hpp"
 
 namespace fastsim {
 

@@ -2,7 +2,7 @@
 // A tetrahedralisation under change: cells, their neighbours, and one operation that replaces a
 // set of cells by another with the same outer facets. Every flip and insertion is that operation.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <array>
 #include <cstdint>

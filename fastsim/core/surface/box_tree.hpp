@@ -1,7 +1,7 @@
 #pragma once
 // A tree of axis-parallel boxes over facets, halved at the median of the longest axis.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <array>
 #include <cstdint>

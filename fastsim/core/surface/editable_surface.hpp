@@ -1,7 +1,7 @@
 #pragma once
 // A closed triangulated surface whose edges can be split, collapsed and flipped.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <array>
 #include <cstdint>

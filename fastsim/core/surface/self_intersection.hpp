@@ -1,7 +1,7 @@
 #pragma once
 // Pairs of facets that meet anywhere but at the corners and edges they share, by exact signs.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <array>
 #include <cstdint>

@@ -1,7 +1,7 @@
 #pragma once
 // Vectors in space, as the surface's algorithms need them.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <cmath>
 

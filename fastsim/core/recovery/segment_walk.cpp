@@ -1,4 +1,4 @@
-#include "mesher/segment_walk.hpp"
+#include "recovery/segment_walk.hpp"
 
 #include <algorithm>
 

@@ -2,7 +2,7 @@
 // The cells between one point that may move and the facets around it: what smoothing and the
 // insertion of a point ask about many places of the point.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <array>
 #include <cstddef>

@@ -1,4 +1,4 @@
-#include "mesher/flip_recovery.hpp"
+#include "recovery/flip_recovery.hpp"
 
 #include <algorithm>
 

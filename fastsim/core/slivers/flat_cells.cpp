@@ -1,6 +1,6 @@
-#include "mesher/flat_cells.hpp"
+#include "slivers/flat_cells.hpp"
 
-#include "mesher/steiner_insertion.hpp"
+#include "recovery/steiner_insertion.hpp"
 
 #include <algorithm>
 

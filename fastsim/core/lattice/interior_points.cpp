@@ -1,6 +1,6 @@
-#include "mesher/interior_points.hpp"
+#include "lattice/interior_points.hpp"
 
-#include "mesher/graded_lattice.hpp"
+#include "lattice/graded_lattice.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -3,7 +3,7 @@
 // away, from both its ends. It may fail: Schoenhardt's prism has no tetrahedralisation at all.
 
 #include "mesher/flips.hpp"
-#include "mesher/segment_walk.hpp"
+#include "recovery/segment_walk.hpp"
 
 namespace fastsim {
 

@@ -1,6 +1,6 @@
-#include "mesher/point_insertion.hpp"
+#include "slivers/point_insertion.hpp"
 
-#include "mesher/cell_quality.hpp"
+#include "slivers/cell_quality.hpp"
 
 #include <algorithm>
 #include <cmath>

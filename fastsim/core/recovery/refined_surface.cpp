@@ -1,4 +1,4 @@
-#include "mesher/refined_surface.hpp"
+#include "recovery/refined_surface.hpp"
 
 #include <algorithm>
 

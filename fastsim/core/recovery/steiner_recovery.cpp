@@ -1,7 +1,7 @@
-#include "mesher/steiner_recovery.hpp"
+#include "recovery/steiner_recovery.hpp"
 
-#include "mesher/segment_geometry.hpp"
-#include "mesher/steiner_insertion.hpp"
+#include "recovery/segment_geometry.hpp"
+#include "recovery/steiner_insertion.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
-#include "mesher/steiner_removal.hpp"
+#include "recovery/steiner_removal.hpp"
 
-#include "mesher/flat_cells.hpp"
-#include "mesher/polygon_triangulation.hpp"
+#include "recovery/polygon_triangulation.hpp"
+#include "slivers/flat_cells.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 #pragma once
 // Vectors of three, and where a segment meets a plane or passes a line; plain floating point.
 
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
 #include <cstddef>
 

@@ -5,8 +5,8 @@
 // through the complex from its rim inwards, triangle by triangle; where an edge of the complex
 // pierces it, that edge is cut. Either has no more cuts than crossings, so both end.
 
-#include "mesher/flip_recovery.hpp"
-#include "mesher/refined_surface.hpp"
+#include "recovery/flip_recovery.hpp"
+#include "recovery/refined_surface.hpp"
 
 #include <unordered_map>
 #include <unordered_set>

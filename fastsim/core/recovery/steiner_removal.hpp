@@ -9,7 +9,7 @@
 // enough step always does, in floating point it is checked by the exact predicate.
 
 #include "mesher/flips.hpp"
-#include "mesher/refined_surface.hpp"
+#include "recovery/refined_surface.hpp"
 
 #include <vector>
 

@@ -1,7 +1,7 @@
-#include "mesher/predicates.hpp"
+#include "predicates/predicates.hpp"
 
-#include "mesher/double_double.hpp"
-#include "mesher/exact_integer.hpp"
+#include "predicates/double_double.hpp"
+#include "predicates/exact_integer.hpp"
 
 #include <algorithm>
 #include <bit>

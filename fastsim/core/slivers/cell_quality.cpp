@@ -1,4 +1,4 @@
-#include "mesher/cell_quality.hpp"
+#include "slivers/cell_quality.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -9,7 +9,7 @@
 //      (steiner_removal.hpp; after George, Borouchaki and Saltel 2003, Si 2015).
 
 #include "mesher/flips.hpp"
-#include "mesher/refined_surface.hpp"
+#include "recovery/refined_surface.hpp"
 
 #include <optional>
 #include <span>

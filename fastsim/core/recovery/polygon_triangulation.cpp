@@ -1,6 +1,6 @@
-#include "mesher/polygon_triangulation.hpp"
+#include "recovery/polygon_triangulation.hpp"
 
-#include "mesher/segment_geometry.hpp"
+#include "recovery/segment_geometry.hpp"
 
 #include <algorithm>
 #include <limits>

@@ -1,7 +1,7 @@
-#include "mesher/sliver_removal.hpp"
+#include "slivers/sliver_removal.hpp"
 
-#include "mesher/point_insertion.hpp"
-#include "mesher/star.hpp"
+#include "slivers/point_insertion.hpp"
+#include "slivers/star.hpp"
 
 #include <algorithm>
 #include <cmath>

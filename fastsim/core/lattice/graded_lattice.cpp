@@ -1,4 +1,4 @@
-#include "mesher/graded_lattice.hpp"
+#include "lattice/graded_lattice.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "mesher/steiner_insertion.hpp"
+#include "recovery/steiner_insertion.hpp"
 
 #include <algorithm>
 

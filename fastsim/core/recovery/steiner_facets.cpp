@@ -1,7 +1,7 @@
 // The facets of SteinerRecovery: a facet is followed through the complex from its rim inwards.
-#include "mesher/polygon_triangulation.hpp"
-#include "mesher/segment_geometry.hpp"
-#include "mesher/steiner_recovery.hpp"
+#include "recovery/polygon_triangulation.hpp"
+#include "recovery/segment_geometry.hpp"
+#include "recovery/steiner_recovery.hpp"
 
 #include <algorithm>
 #include <cmath>

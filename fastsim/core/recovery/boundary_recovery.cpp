@@ -1,8 +1,8 @@
-#include "mesher/boundary_recovery.hpp"
+#include "recovery/boundary_recovery.hpp"
 
-#include "mesher/flat_cells.hpp"
-#include "mesher/flip_recovery.hpp"
-#include "mesher/steiner_recovery.hpp"
+#include "recovery/flip_recovery.hpp"
+#include "recovery/steiner_recovery.hpp"
+#include "slivers/flat_cells.hpp"
 
 namespace fastsim {
 

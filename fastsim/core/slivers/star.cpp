@@ -1,4 +1,4 @@
-#include "mesher/star.hpp"
+#include "slivers/star.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -3,8 +3,8 @@
 // the surface, and nothing in them may move (after Klingner and Shewchuk 2007, Aggressive
 // tetrahedral mesh improvement, vertex insertion).
 
-#include "mesher/star.hpp"
 #include "mesher/tet_complex.hpp"
+#include "slivers/star.hpp"
 
 #include <vector>
 
