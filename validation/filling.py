@@ -86,11 +86,13 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> Built
     """By the mesher asked for, or fastsim's first and gmsh's otherwise."""
     refusal = ""
     if spec.mesher in ("auto", "fastsim"):
-        from palpate.fastsim.mesher import MeshingError, mesh_surface
+        from palpate.fastsim.mesher import MeshingError, mesh_surface_with_report
 
         try:
-            mesh = mesh_surface(surface, edge_length=size)
-            return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells")
+            mesh, report = mesh_surface_with_report(surface, edge_length=size)
+            cut = report.boundary_steiner_points
+            added = f", {cut} point(s) added on the surface's facets" if cut else ""
+            return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells{added}")
         except MeshingError as error:
             if spec.mesher == "fastsim":
                 raise
