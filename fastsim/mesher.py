@@ -14,9 +14,14 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.surface_arrays import (
+    compact_facets,
+    mean_edge_length,
+    require_no_self_intersection,
+)
 from palpate.fastsim.surface_remesher import RemeshReport, remesh_surface
 from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
-from palpate.meshes.errors import InputError, InvertedCellError, SelfIntersectionError
+from palpate.meshes.errors import InputError, InvertedCellError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
@@ -185,7 +190,6 @@ def mesh_surface_with_report(
     progress: Callable[[str], None] | None = None,
 ) -> tuple[TetMesh, MeshingReport]:
     """Do as `mesh_surface` does, and say what was done."""
-    require_closed(surface)
     if boundary is Boundary.FREE:
         if boundary_distance is None:
             raise InputError("a free boundary needs boundary_distance: how far it may move [m]")
@@ -201,16 +205,12 @@ def mesh_surface_with_report(
             progress=progress,
         )
         return mesh, replace(report, remesh=remesh)
-    used = np.unique(surface.facets)
-    renumber = np.full(len(surface.points), -1, dtype=np.int32)
-    renumber[used] = np.arange(len(used), dtype=np.int32)
-    facets = np.ascontiguousarray(renumber[surface.facets])
+    require_closed(surface)
+    used, facets = compact_facets(surface)
     points = np.ascontiguousarray(surface.points[used])
-    corners = points[facets]
-    mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
-    size = mean_edge if edge_length is None else edge_length
+    size = mean_edge_length(points, facets) if edge_length is None else edge_length
     require_positive(edge_length=size)
-    _require_no_self_intersection(points, facets)
+    require_no_self_intersection(points, facets, most=_MOST_PAIRS)
     kind = _core.Lattice.cubic if lattice is Lattice.PAPER else _core.Lattice.body_centred
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
@@ -296,12 +296,6 @@ def check_delaunay(points: Points, cells: Indices) -> tuple[int, int, int] | Non
     cells = np.array(checked_indices(cells, 4, len(points), "cells"))
     cell, facet, point = _core.find_delaunay_fault(points, cells)
     return None if cell < 0 else (cell, facet, point)
-
-
-def _require_no_self_intersection(points: Points, facets: Indices) -> None:
-    pairs = _core.find_self_intersections(points, facets, _MOST_PAIRS)
-    if len(pairs):
-        raise SelfIntersectionError([(a, b) for a, b in pairs.tolist()])
 
 
 def _require_boundary(

@@ -13,8 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.surface_arrays import (
+    compact_facets,
+    mean_edge_length,
+    require_no_self_intersection,
+)
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import MeshError, SelfIntersectionError
+from palpate.meshes.errors import MeshError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
@@ -83,19 +88,13 @@ def remesh_surface(
         RemeshError: No way was found to stay within the distance.
     """
     require_closed(surface)
-    used = np.unique(surface.facets)
-    renumber = np.full(len(surface.points), -1, dtype=np.int32)
-    renumber[used] = np.arange(len(used), dtype=np.int32)
-    facets = np.ascontiguousarray(renumber[surface.facets])
+    used, facets = compact_facets(surface)
     # About a local origin, where lengths are not lost beside a far-off one.
     origin = surface.points[used].mean(axis=0)
     points = np.ascontiguousarray(surface.points[used] - origin)
-    corners = points[facets]
-    mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
-    size = mean_edge if edge_length is None else edge_length
+    size = mean_edge_length(points, facets) if edge_length is None else edge_length
     require_positive(edge_length=size, distance=distance)
-    if len(pairs := _core.find_self_intersections(points, facets, _MOST_PAIRS)):
-        raise SelfIntersectionError([(a, b) for a, b in pairs.tolist()])
+    require_no_self_intersection(points, facets, most=_MOST_PAIRS)
     best: float | None = None
     for share in _SHARES:
         new_points, new_facets, apart, splits, collapses, flips, moves = _core.remesh_surface(

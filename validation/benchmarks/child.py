@@ -20,7 +20,7 @@ from typing import Any
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class ChildFailedError(Exception):
+class ChildFailedError(RuntimeError):
     """A tool gave no answer; the message says how it ended."""
 
 

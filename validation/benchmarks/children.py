@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.validation.benchmarks.child import ChildFailedError
 
 FOLDER = Path(__file__).parent / "rivals"
 TIME_LIMIT = 300.0  # of one set-up or one timing [s]
@@ -31,10 +32,6 @@ def interpreters() -> list[str]:
     """This interpreter, then those of PALPATE_BENCH_PYTHON."""
     others = os.environ.get("PALPATE_BENCH_PYTHON", "").split(os.pathsep)
     return [sys.executable, *(other for other in others if other and other != sys.executable)]
-
-
-class ChildFailedError(RuntimeError):
-    """A child ended without an answer; carries the last lines of its standard error."""
 
 
 class TimedChild:

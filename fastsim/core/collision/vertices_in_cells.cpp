@@ -1,5 +1,7 @@
 #include "collision/vertices_in_cells.hpp"
 
+#include "predicates/vector_algebra.hpp"
+
 #include <algorithm>
 #include <limits>
 #include <map>
@@ -10,16 +12,6 @@ namespace {
 
 using Index = std::int32_t;
 using Cell = std::array<Index, 4>;
-
-Position cross(const Position &a, const Position &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
-double dot(const Position &a, const Position &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-Position minus(const Position &a, const Position &b) {
-    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
 
 bool is_corner(Index vertex, const Cell &cell) {
     return vertex == cell[0] || vertex == cell[1] || vertex == cell[2] || vertex == cell[3];

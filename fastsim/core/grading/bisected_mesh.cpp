@@ -201,18 +201,11 @@ BisectedMesh::Leaves BisectedMesh::leaves() const {
     out.facet_tags.reserve(leaf.size());
     out.given_cell.reserve(leaf.size());
     out.generation.reserve(leaf.size());
-    Index root = -1;
     for (const Index n : leaf) {
         const Node &node = _nodes[at(n)];
-        if (node.parent < 0) {
-            root = n;
-        } else {
-            // Depth first within a given cell: climb only where the root may have changed.
-            Index top = node.parent;
-            while (_nodes[at(top)].parent >= 0)
-                top = _nodes[at(top)].parent;
-            root = top;
-        }
+        Index root = n;
+        while (_nodes[at(root)].parent >= 0)
+            root = _nodes[at(root)].parent;
         Cell cell = node.corner, tags = node.facet_tag;
         if (node.is_mirrored) {
             std::swap(cell[2], cell[3]);

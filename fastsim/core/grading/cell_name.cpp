@@ -92,40 +92,23 @@ CellName CellName::neighbour(int k) const {
     const auto named = [&](const Place &at, std::int8_t p, std::int8_t q, std::int8_t r) {
         return CellName{generation, at, {p, q, r}}.canonical();
     };
+    switch (k) {
+    case 1:
+        return named(x[0], b, a, c);
+    case 2:
+        return named(x[0], a, c, b);
+    case 3:
+        return named(x[0], a, b, minus(c));
+    default:
+        break;
+    }
     switch (generation % 3) {
     case 0:
-        switch (k) {
-        case 0:
-            return named(step(x[1], 0, side()), minus(a), b, c);
-        case 1:
-            return named(x[0], b, a, c);
-        case 2:
-            return named(x[0], a, c, b);
-        default:
-            return named(x[0], a, b, minus(c));
-        }
-    case 1:
-        switch (k) {
-        case 0: // the sibling across the cube, from its far corner
-            return named(step(x[2], 2, side()), minus(c), minus(b), minus(a));
-        case 1:
-            return named(x[0], b, a, c);
-        case 2:
-            return named(x[0], a, c, b);
-        default:
-            return named(x[0], a, b, minus(c));
-        }
+        return named(step(x[1], 0, side()), minus(a), b, c);
+    case 1: // the sibling across the cube, from its far corner
+        return named(step(x[2], 2, side()), minus(c), minus(b), minus(a));
     default:
-        switch (k) {
-        case 0:
-            return named(step(x[1], 1, side()), minus(b), minus(a), c);
-        case 1:
-            return named(x[0], b, a, c);
-        case 2:
-            return named(x[0], a, c, b);
-        default:
-            return named(x[0], a, b, minus(c));
-        }
+        return named(step(x[1], 1, side()), minus(b), minus(a), c);
     }
 }
 

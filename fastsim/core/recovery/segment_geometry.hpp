@@ -1,24 +1,14 @@
 #pragma once
-// Vectors of three, and where a segment meets a plane or passes a line; plain floating point.
+// Where a segment meets a plane or passes a line; plain floating point.
 
-#include "predicates/predicates.hpp"
+#include "predicates/vector_algebra.hpp"
 
 #include <cstddef>
 
 namespace fastsim {
 
-inline Point minus(const Point &a, const Point &b) {
-    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-inline Point cross(const Point &a, const Point &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-inline double dot(const Point &a, const Point &b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /// The point t of the way from a to b, counted from the nearer end: that has the least rounding.
-inline Point along(const Point &a, const Point &b, double t) {
+inline Point between(const Point &a, const Point &b, double t) {
     Point p;
     for (std::size_t i = 0; i < 3; ++i)
         p[i] = t < 0.5 ? a[i] + t * (b[i] - a[i]) : b[i] - (1.0 - t) * (b[i] - a[i]);

@@ -187,7 +187,7 @@ Index SteinerRecovery::cut_piercing(const Front &front, Index u, Index v) {
     const double t = at_plane(place(u), place(v), place(f[0]), place(f[1]), place(f[2]));
     if (!is_closed || !(t > 0.0 && t < 1.0))
         return none;
-    candidates[0].place = along(place(u), place(v), t);
+    candidates[0].place = between(place(u), place(v), t);
     return insert(candidates);
 }
 

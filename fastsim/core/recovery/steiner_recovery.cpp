@@ -124,7 +124,7 @@ std::vector<SteinerRecovery::Candidate> SteinerRecovery::crossings(Index a, Inde
             }
             if (!(t > 0.0 && t < 1.0))
                 continue;
-            candidate.place = along(place(a), place(b), t);
+            candidate.place = between(place(a), place(b), t);
             candidate.from_middle = std::abs(t - 0.5);
             found.push_back(std::move(candidate));
         }

@@ -1,5 +1,7 @@
 #include "slivers/cell_quality.hpp"
 
+#include "predicates/vector_algebra.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,12 +12,6 @@ namespace {
 
 // Wanted altitude in parts of the thinnest facet's, and of the mean edge: a regular cell has 0.82.
 constexpr double share_of_thinnest = 0.85, share_of_edge = 0.4;
-
-Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-Point cross(const Point &a, const Point &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 } // namespace
 

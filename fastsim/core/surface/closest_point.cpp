@@ -1,6 +1,6 @@
 #include "surface/closest_point.hpp"
 
-#include "surface/vector_algebra.hpp"
+#include "predicates/vector_algebra.hpp"
 
 #include <algorithm>
 #include <limits>

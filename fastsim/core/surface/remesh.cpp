@@ -1,7 +1,7 @@
 #include "surface/remesh.hpp"
 
+#include "predicates/vector_algebra.hpp"
 #include "surface/closest_point.hpp"
-#include "surface/vector_algebra.hpp"
 
 #include <algorithm>
 #include <numbers>

@@ -1,5 +1,5 @@
 #pragma once
-// Vectors in space, as the surface's algorithms need them.
+// Vectors in space, in plain floating point.
 
 #include "predicates/predicates.hpp"
 
