@@ -1,6 +1,7 @@
 """What is held and what is pushed, as plain data in SI units.
 
-Each simulator turns these into its own nodal forces and constraints; no mechanics here.
+Each may carry an amplitude, its factor over time in dynamics; statics take it as 1. Each
+simulator turns these into its own nodal forces and constraints; no mechanics here.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Indices, Points
 
 
@@ -33,6 +35,7 @@ class Support:
     facets: Indices = field(default_factory=_no_facets)
     components: tuple[bool, bool, bool] = (True, True, True)
     displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    amplitude: TabularAmplitude | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,7 @@ class Traction:
 
     facets: Indices
     traction: tuple[float, float, float]
+    amplitude: TabularAmplitude | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,7 @@ class Pressure:
 
     facets: Indices
     pressure: float
+    amplitude: TabularAmplitude | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,7 @@ class PointForce:
 
     points: Indices
     forces: Points
+    amplitude: TabularAmplitude | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,7 @@ class BodyForce:
     """
 
     force_density: tuple[float, float, float]
+    amplitude: TabularAmplitude | None = None
 
 
 Load: TypeAlias = Traction | Pressure | PointForce | BodyForce

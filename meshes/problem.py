@@ -6,8 +6,12 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
+from palpate.meshes.arrays import Indices, checked_indices
 from palpate.meshes.boundary_conditions import Load, Support
 from palpate.meshes.errors import InputError
+from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.tet_mesh import TetMesh
 
 
@@ -81,11 +85,30 @@ class TimeSpan:
 
 
 @dataclass(frozen=True, eq=False)
+class Inclusion:
+    """Cells of another material than the rest of the body; cells shape (n,), each once."""
+
+    cells: Indices
+    material: Material
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
-    """Mesh, material, supports and loads, all in SI units and plain arrays."""
+    """Mesh, material, supports, loads and tools, all in SI units and plain arrays."""
 
     mesh: TetMesh
     material: Material
     supports: tuple[Support, ...]
     loads: tuple[Load, ...]
     time: TimeSpan | None = None
+    tools: tuple[RigidTool, ...] = ()
+    inclusions: tuple[Inclusion, ...] = ()
+
+    def __post_init__(self) -> None:
+        taken = np.zeros(self.mesh.num_cells, dtype=bool)
+        for number, inclusion in enumerate(self.inclusions, start=1):
+            what = f"cells of inclusion {number}"
+            cells = checked_indices(inclusion.cells, 1, self.mesh.num_cells, what)
+            if taken[cells].any() or len(np.unique(cells)) != len(cells):
+                raise InputError(f"{what}: a cell is named twice; each has one material")
+            taken[cells] = True

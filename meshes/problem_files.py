@@ -11,22 +11,54 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.boundary_conditions import (
     BodyForce,
-    Load,
     PointForce,
     Pressure,
     Support,
     Traction,
 )
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    ForceDrive,
+    PlaneShape,
+    RigidTool,
+    SphereShape,
+    SurfaceShape,
+    ToolPath,
+)
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
 
 _KINDS: dict[str, type[Any]] = {
-    kind.__name__: kind for kind in (Support, Traction, Pressure, PointForce, BodyForce)
+    kind.__name__: kind
+    for kind in (
+        Support,
+        Traction,
+        Pressure,
+        PointForce,
+        BodyForce,
+        TabularAmplitude,
+        RigidTool,
+        SphereShape,
+        CapsuleShape,
+        BoxShape,
+        PlaneShape,
+        SurfaceShape,
+        TriSurface,
+        ToolPath,
+        ForceDrive,
+        Inclusion,
+        Material,
+    )
 }
+# Problems without tools or inclusions are written as before there were any: same arrays, same key.
+_LATER_GROUPS = ("tools", "inclusions")
 
 
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
@@ -46,21 +78,43 @@ def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
         "schema": 1,
         "material": dataclasses.asdict(problem.material),
         "time": dataclasses.asdict(problem.time) if problem.time else None,
-        "supports": [],
-        "loads": [],
     }
-    for group in ("supports", "loads"):
-        for index, item in enumerate(getattr(problem, group)):
-            entry: dict[str, Any] = {"kind": type(item).__name__}
-            for part in dataclasses.fields(item):
-                value = getattr(item, part.name)
-                if isinstance(value, np.ndarray):
-                    arrays[f"{group}:{index}:{part.name}"] = value
-                else:
-                    entry[part.name] = value
-            header[group].append(entry)
+    for group in ("supports", "loads", *_LATER_GROUPS):
+        items = getattr(problem, group)
+        if items or group not in _LATER_GROUPS:
+            header[group] = [
+                _encoded(item, f"{group}:{index}", arrays) for index, item in enumerate(items)
+            ]
     arrays["header"] = np.array(json.dumps(header, sort_keys=True))
     return arrays
+
+
+def _encoded(item: Any, place: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    """A dataclass as JSON values; its arrays go to `arrays` under their place. None is left out."""
+    entry: dict[str, Any] = {"kind": type(item).__name__}
+    for part in dataclasses.fields(item):
+        value = getattr(item, part.name)
+        if isinstance(value, np.ndarray):
+            arrays[f"{place}:{part.name}"] = value
+        elif dataclasses.is_dataclass(value):
+            entry[part.name] = _encoded(value, f"{place}:{part.name}", arrays)
+        elif value is not None:
+            entry[part.name] = value
+    return entry
+
+
+def _decoded(entry: dict[str, Any], place: str, arrays: dict[str, NDArray[Any]]) -> Any:
+    """What `_encoded` was given."""
+    values: dict[str, Any] = {}
+    for key, value in entry.items():
+        if isinstance(value, dict):
+            values[key] = _decoded(value, f"{place}:{key}", arrays)
+        elif key != "kind":
+            values[key] = tuple(value) if isinstance(value, list) else value
+    for key, rows in _group(arrays, f"{place}:").items():
+        if ":" not in key:
+            values[key] = rows
+    return _KINDS[entry["kind"]](**values)
 
 
 def save_problem(path: str | Path, problem: Problem) -> None:
@@ -82,35 +136,27 @@ def load_problem(path: str | Path) -> Problem:
         header = json.loads(str(arrays["header"]))
         if header["schema"] != 1:
             raise FileFormatError(path, f"schema {header['schema']} is not known here (1 is)")
-        groups: dict[str, list[Any]] = {"supports": [], "loads": []}
-        for group, items in groups.items():
-            for index, entry in enumerate(header[group]):
-                values = {
-                    key: tuple(value) if isinstance(value, list) else value
-                    for key, value in entry.items()
-                    if key != "kind"
-                }
-                prefix = f"{group}:{index}:"
-                values |= {
-                    key.removeprefix(prefix): rows
-                    for key, rows in arrays.items()
-                    if key.startswith(prefix)
-                }
-                items.append(_KINDS[entry["kind"]](**values))
+        groups: dict[str, tuple[Any, ...]] = {
+            group: tuple(
+                _decoded(entry, f"{group}:{index}", arrays)
+                for index, entry in enumerate(header.get(group, []))
+            )
+            for group in ("supports", "loads", *_LATER_GROUPS)
+        }
         mesh = TetMesh(
             arrays["points"],
             arrays["cells"],
             _group(arrays, "facet_group:"),
             _group(arrays, "point_group:"),
         )
-        supports: list[Support] = groups["supports"]
-        loads: list[Load] = groups["loads"]
         return Problem(
             mesh,
             Material(**header["material"]),
-            tuple(supports),
-            tuple(loads),
+            groups["supports"],
+            groups["loads"],
             TimeSpan(**header["time"]) if header["time"] else None,
+            groups["tools"],
+            groups["inclusions"],
         )
     except FileFormatError:
         raise

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.boundary_conditions import (
     BodyForce,
@@ -16,7 +17,7 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.errors import FileFormatError, InputError
-from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.problem_files import load_problem, problem_arrays, save_problem
 from palpate.meshes.rigid_modes import (
     UnsupportedBodyError,
@@ -24,7 +25,15 @@ from palpate.meshes.rigid_modes import (
     free_rigid_modes,
     require_supported,
 )
+from palpate.meshes.rigid_tool import (
+    CapsuleShape,
+    ForceDrive,
+    RigidTool,
+    SurfaceShape,
+    ToolPath,
+)
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
 
 POINTS = np.vstack([np.zeros(3), np.eye(3)])
 MESH = TetMesh(POINTS, [[0, 1, 2, 3]], {"base": [[0, 2, 1]]}, {"tip": [3]})
@@ -37,9 +46,23 @@ PROBLEM = Problem(
         Traction(BASE, (1.0, 2.0, 1.0 / 3.0)),
         Pressure(BASE, 4.0),
         PointForce(np.array([3], dtype=np.int32), np.array([[0.1, 0.2, 0.3]])),
-        BodyForce((0.0, 0.0, -9810.0)),
+        BodyForce((0.0, 0.0, -9810.0), TabularAmplitude((0.0, 0.5), (0.0, 1.0), is_smooth=True)),
     ),
     TimeSpan(1.0, None, 2.0, 7),
+    (
+        RigidTool(
+            SurfaceShape(TriSurface(POINTS, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])),
+            ToolPath([0.0, 1.0], [[0.0, 0.0, 2.0], [0.0, 0.0, 1.5]]),
+            friction_coefficient=0.2,
+            contact_facets=BASE,
+        ),
+        RigidTool(
+            CapsuleShape(0.1, 0.3),
+            ToolPath([0.0], [[0.0, 0.0, 2.0]], [[0.0, 1.0, 0.0, 0.0]]),
+            drive=ForceDrive((0.0, 0.0, -1.0), 3.0, TabularAmplitude((0.0,), (1.0,)), 0.01),
+        ),
+    ),
+    (Inclusion(np.array([0], dtype=np.int32), Material(2e4, 0.2)),),
 )
 
 
@@ -53,6 +76,19 @@ def test_a_problem_comes_back_bit_for_bit(tmp_path: Path) -> None:
         assert array.tobytes() == theirs[name].tobytes()
     assert back.material == PROBLEM.material
     assert back.time == PROBLEM.time
+    assert back.loads[-1] == PROBLEM.loads[-1]
+    assert back.tools[1].shape == PROBLEM.tools[1].shape
+    assert back.tools[1].drive == PROBLEM.tools[1].drive
+    assert back.inclusions[0].material == PROBLEM.inclusions[0].material
+
+
+def test_a_cell_has_one_material() -> None:
+    twice = Inclusion(np.array([0], dtype=np.int32), Material(2e4, 0.2))
+    with pytest.raises(InputError, match="named twice"):
+        Problem(MESH, PROBLEM.material, (), (), inclusions=(twice, twice))
+    outside = Inclusion(np.array([1], dtype=np.int32), Material(2e4, 0.2))
+    with pytest.raises(InputError, match="inclusion 1"):
+        Problem(MESH, PROBLEM.material, (), (), inclusions=(outside,))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut", b"no zip at all"])

@@ -1,0 +1,243 @@
+"""Rigid tools that touch the body: shape, path and drive as plain data; no mechanics here.
+
+A tool has a frame of its own. A pose (position, rotation) takes a place in it to the place
+rotation @ place + position in space. Each simulator measures distances to the shape by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.tri_surface import TriSurface
+
+# How far from 1 a quaternion's length may be; what is nearer is normalised.
+_UNIT_TOLERANCE = 1e-6
+
+
+class ToolError(InputError):
+    """A tool that cannot be used: no size, NaN in its path, time running backwards."""
+
+
+@dataclass(frozen=True)
+class SphereShape:
+    """A ball about the tool's origin; radius [m] > 0."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        _require_size("radius of a sphere", self.radius)
+
+
+@dataclass(frozen=True)
+class CapsuleShape:
+    """A cylinder with round ends about the tool's z axis.
+
+    Args:
+        radius: [m], > 0.
+        half_length: From the origin to the centre of either end [m], > 0.
+    """
+
+    radius: float
+    half_length: float
+
+    def __post_init__(self) -> None:
+        _require_size("radius of a capsule", self.radius)
+        _require_size("half_length of a capsule", self.half_length)
+
+
+@dataclass(frozen=True)
+class BoxShape:
+    """A box along the tool's axes with its centre at the origin; half widths [m], each > 0."""
+
+    half_widths: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        for width in self.half_widths:
+            _require_size("half width of a box", width)
+
+
+@dataclass(frozen=True)
+class PlaneShape:
+    """The half space z <= 0 of the tool's frame; its outward normal is +z."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceShape:
+    """Inside of a closed surface given in the tool's frame (see `surface_checks`)."""
+
+    surface: TriSurface
+
+
+ToolShape: TypeAlias = SphereShape | CapsuleShape | BoxShape | PlaneShape | SurfaceShape
+
+
+def _identity_rotations() -> Points:
+    return np.zeros((0, 4))
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath:
+    """Poses over time; straight and at constant turn between knots, at rest outside of them.
+
+    Args:
+        times: Knots [s], increasing, shape (n,), n >= 1. In statics a load parameter.
+        positions: Of the tool's origin [m], shape (n, 3).
+        rotations: Unit quaternions (w, x, y, z), shape (n, 4); none means not turned.
+
+    Raises:
+        ToolError: Wrong shapes, NaN or infinity, times that do not increase, no unit quaternion.
+    """
+
+    times: Points
+    positions: Points
+    rotations: Points = field(default_factory=_identity_rotations)
+
+    def __post_init__(self) -> None:
+        times = np.array(self.times, dtype=np.float64)
+        positions = np.array(self.positions, dtype=np.float64)
+        rotations = np.array(self.rotations, dtype=np.float64)
+        count = len(times) if times.ndim == 1 else 0
+        if rotations.shape == (0, 4):
+            rotations = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+        if count == 0 or positions.shape != (count, 3) or rotations.shape != (count, 4):
+            raise ToolError(
+                "a tool's path needs times (n,), positions (n, 3) and rotations (n, 4), n >= 1; "
+                f"got {times.shape}, {positions.shape}, {rotations.shape}"
+            )
+        for what, rows in (("time", times), ("position", positions), ("rotation", rotations)):
+            bad = np.flatnonzero(~np.isfinite(rows.reshape(count, -1)).all(axis=1))
+            if bad.size:
+                raise ToolError(f"the tool's path has a {what} at knot {bad[0]} that is not finite")
+        back = np.flatnonzero(~(np.diff(times) > 0.0))
+        if back.size:
+            k = int(back[0]) + 1
+            raise ToolError(
+                f"the tool's path runs backwards at knot {k}: {times[k]:g} s after "
+                f"{times[k - 1]:g} s; times must increase"
+            )
+        length = np.linalg.norm(rotations, axis=1)
+        bad = np.flatnonzero(~(np.abs(length - 1.0) < _UNIT_TOLERANCE))
+        if bad.size:
+            raise ToolError(
+                f"the tool's rotation at knot {bad[0]} has length {length[bad[0]]:g}; "
+                "give unit quaternions (w, x, y, z)"
+            )
+        rotations /= length[:, None]
+        for name, rows in (("times", times), ("positions", positions), ("rotations", rotations)):
+            rows.setflags(write=False)
+            object.__setattr__(self, name, rows)
+
+    def pose_at(self, time: float) -> tuple[Points, Points]:
+        """Position [m], shape (3,), and rotation matrix, shape (3, 3), at a time [s]."""
+        after = int(np.searchsorted(self.times, time, side="right"))
+        if after == 0:
+            return self.positions[0].copy(), rotation_matrix(self.rotations[0])
+        if after == len(self.times):
+            return self.positions[-1].copy(), rotation_matrix(self.rotations[-1])
+        s = (time - self.times[after - 1]) / (self.times[after] - self.times[after - 1])
+        position = (1.0 - s) * self.positions[after - 1] + s * self.positions[after]
+        turned = _between(self.rotations[after - 1], self.rotations[after], float(s))
+        return position, rotation_matrix(turned)
+
+
+@dataclass(frozen=True)
+class ForceDrive:
+    """The tool slides along a line from its path's first pose, pushed by a force.
+
+    Args:
+        direction: Unit vector in space, shape (3,).
+        force: Magnitude along it [N], times the amplitude.
+        amplitude: Factor over time [-].
+        mass: Of the tool [kg], > 0; does not matter in statics.
+    """
+
+    direction: tuple[float, float, float]
+    force: float
+    amplitude: TabularAmplitude
+    mass: float
+
+    def __post_init__(self) -> None:
+        length = math.sqrt(sum(d * d for d in self.direction))
+        if not abs(length - 1.0) < _UNIT_TOLERANCE:
+            raise ToolError(f"the tool's direction has length {length:g}; give a unit vector")
+        if not math.isfinite(self.force):
+            raise ToolError(f"the tool's force is {self.force:g} N; it must be finite")
+        _require_size("mass of a tool", self.mass)
+
+
+def _all_free_boundary() -> Indices:
+    return np.zeros((0, 3), dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidTool:
+    """A rigid thing pressed into the body.
+
+    The gap is the distance of the body's surface from the shape, negative inside. On linear
+    tetrahedra it is taken at boundary vertices, each with a third of the rest area of its contact
+    facets, so that every simulator has the same discrete problem.
+
+    Args:
+        shape: In the tool's frame.
+        path: Where it is over time.
+        friction_coefficient: Coulomb's [-], >= 0; 0 is frictionless.
+        contact_facets: Boundary facets that may touch, shape (m, 3); none means all of the
+            boundary. Held points take no part.
+        drive: Pushed by a force instead of following its path; then the path has one pose.
+
+    Raises:
+        ToolError: A negative friction coefficient, or a drive with more than one pose.
+    """
+
+    shape: ToolShape
+    path: ToolPath
+    friction_coefficient: float = 0.0
+    contact_facets: Indices = field(default_factory=_all_free_boundary)
+    drive: ForceDrive | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.friction_coefficient) and self.friction_coefficient >= 0.0):
+            raise ToolError(
+                f"friction_coefficient = {self.friction_coefficient:g}: needs a value >= 0"
+            )
+        if self.drive is not None and len(self.path.times) != 1:
+            raise ToolError("a tool driven by a force takes a path of one pose, where it starts")
+
+
+def rotation_matrix(quaternion: NDArray[Any]) -> Points:
+    """Rotation matrix, shape (3, 3), of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = (float(q) for q in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _between(start: Points, end: Points, s: float) -> Points:
+    """The turn at constant rate, the shorter way round (Shoemake 1985, slerp)."""
+    cosine = float(start @ end)
+    if cosine < 0.0:
+        end, cosine = -end, -cosine
+    angle = math.acos(min(cosine, 1.0))
+    if angle < 1e-9:
+        return start
+    turned: Points = (math.sin((1 - s) * angle) * start + math.sin(s * angle) * end) / math.sin(
+        angle
+    )
+    return turned
+
+
+def _require_size(what: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ToolError(f"{what} = {value:g}: needs a finite value above 0")
