@@ -1,4 +1,4 @@
-"""The candidates: fastsim, and fastsim with a seeded fault to show that gates go red.
+"""fastsim as a candidate, and fastsim with a seeded fault to show that gates go red.
 
 A candidate that diverges, crashes or answers NaN has failed; that is a verdict, not an error.
 """
@@ -7,29 +7,12 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Material, Problem, Strain
-
-Progress = Callable[[str], None]
-
-
-class CandidateFailedError(RuntimeError):
-    """The candidate gave no usable answer; the message says why."""
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """A candidate's displacement [m] with how it got there."""
-
-    displacement: Points
-    seconds: float
-    details: dict[str, object]
+from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
 
 
 class Fault(StrEnum):
