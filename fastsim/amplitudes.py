@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
@@ -26,11 +27,7 @@ def smooth_ramp(duration: float) -> Amplitude:
     if not duration > 0.0:
         raise InputError(f"duration = {duration:g} s: a ramp needs a value above 0")
 
-    def factor(time: float) -> float:
-        s = min(max(time / duration, 0.0), 1.0)
-        return s * s * s * (10.0 + s * (6.0 * s - 15.0))
-
-    return factor
+    return TabularAmplitude((0.0, duration), (0.0, 1.0), is_smooth=True)
 
 
 class Histories:
@@ -38,7 +35,7 @@ class Histories:
 
     Args:
         problem: Its loads and supports are counted.
-        loads: One amplitude for all loads, or one for each (None is 1).
+        loads: One amplitude for all loads, or one for each (None is 1); None takes each load's own.
         supports: The same for the supports' displacements.
 
     Attributes:
@@ -51,6 +48,10 @@ class Histories:
 
     def __init__(self, problem: Problem, loads: Amplitudes, supports: Amplitudes) -> None:
         self._functions: list[Amplitude] = []
+        if loads is None:
+            loads = [load.amplitude for load in problem.loads]
+        if supports is None:
+            supports = [support.amplitude for support in problem.supports]
         self.of_load = self._number(loads, len(problem.loads), "loads")
         self.of_support = self._number(supports, len(problem.supports), "supports")
 

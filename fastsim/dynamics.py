@@ -100,8 +100,8 @@ def simulate(
         displacement: Initial [m], shape (num_points, 3); None is rest. Held components are where
             their supports are from the start.
         velocity: Initial [m/s], shape (num_points, 3); None is zero.
-        amplitude: Factor s(t) [-] on all loads, or one for each load; None is 1 from the start.
-            Called for times up to one step beyond the end.
+        amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
+            which is 1 from the start where it has none. Asked up to one step beyond the end.
         support_amplitude: The same for the prescribed displacements of the supports.
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.

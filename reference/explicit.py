@@ -68,7 +68,8 @@ def simulate_explicit(
         strain: Strain measure.
         displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
         velocity: Initial [m/s], shape (num_points, 3); None is zero.
-        amplitude: Factor over time [-] on all loads, or one for each load (None is 1).
+        amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
+            takes each load's own.
         support_amplitude: The same for the supports' displacements.
 
     Returns:
@@ -133,13 +134,17 @@ class _Twin:
         self.mass = _row_sums_of_mass(self.body, problem.material.density)
         self._dead: list[tuple[Amplitude, Points]] = []
         self._followers: list[tuple[Amplitude, Any]] = []
-        factors = _one_each(loads_by, len(problem.loads), "loads")
+        own: Amplitudes = [load.amplitude for load in problem.loads]
+        factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
         for load, factor in zip(problem.loads, factors, strict=True):
             applied = apply_loads(space, [load], self.body.u, self.body.v, strain)
             self._dead.append((factor, applied.dead))
             self._followers += [(factor, fenicsx.form(work)) for work in applied.followers]
         hold(space, problem.supports)  # refuses supports that disagree
-        factors = _one_each(supports_by, len(problem.supports), "supports")
+        own = [support.amplitude for support in problem.supports]
+        factors = _one_each(
+            own if supports_by is None else supports_by, len(problem.supports), "supports"
+        )
         self._held: list[tuple[Amplitude, Indices, Points]] = []
         for support, factor in zip(problem.supports, factors, strict=True):
             held = hold(space, [support])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from palpate.meshes.problem import Strain
+from palpate.validation.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
+from palpate.validation.regions_schema import BallRegion, RegionSpec, Table, Vector
 from palpate.validation.units import Units
 
-Vector = tuple[float, float, float]
 METRICS = (
     "displacement_l2",
     "displacement_max",
@@ -20,52 +21,7 @@ METRICS = (
 )
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=()
-    )
-
-
-class BoxRegion(_Table):
-    """Between two corners, in the case's length unit."""
-
-    min: Vector
-    max: Vector
-
-
-class BallRegion(_Table):
-    """Within a radius of a centre."""
-
-    center: Vector
-    radius: float = Field(gt=0.0)
-
-
-class HalfSpaceRegion(_Table):
-    """The side of a plane to which its normal points."""
-
-    point: Vector
-    normal: Vector
-
-
-class RegionSpec(_Table):
-    """Part of the boundary: where all the given conditions hold."""
-
-    box: BoxRegion | None = None
-    ball: BallRegion | None = None
-    half_space: HalfSpaceRegion | None = None
-    group: str | None = None
-    nearest: Vector | None = None
-
-    @model_validator(mode="after")
-    def _says_something(self) -> RegionSpec:
-        if not self.model_fields_set:
-            raise ValueError("needs one of box, ball, half_space, group, nearest")
-        if self.nearest is not None and len(self.model_fields_set) > 1:
-            raise ValueError("nearest stands alone")
-        return self
-
-
-class GeometrySpec(_Table):
+class GeometrySpec(Table):
     """Exactly one of a built-in shape, a surface file or a mesh file."""
 
     shape: Literal["box", "beam", "cylinder", "sphere", "kidney"] | None = None
@@ -104,7 +60,7 @@ class GeometrySpec(_Table):
         return self
 
 
-class GradeSpec(_Table):
+class GradeSpec(Table):
     """Smaller cells towards a point, a ball or the whole boundary; sizes grow with distance."""
 
     point: Vector | None = None
@@ -120,7 +76,7 @@ class GradeSpec(_Table):
         return self
 
 
-class MeshSpec(_Table):
+class MeshSpec(Table):
     """Who fills a surface, and how finely."""
 
     mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
@@ -138,7 +94,7 @@ class MeshSpec(_Table):
         return self
 
 
-class MaterialSpec(_Table):
+class MaterialSpec(Table):
     """Isotropic solid; the ranges are checked where it is built."""
 
     youngs_modulus: float
@@ -146,51 +102,70 @@ class MaterialSpec(_Table):
     density: float = 1000.0
 
 
-class SupportSpec(_Table):
+class InclusionSpec(Table):
+    """Cells of another material: those whose centroid lies in the region."""
+
+    region: RegionSpec
+    material: MaterialSpec
+
+    @model_validator(mode="after")
+    def _chooses_cells(self) -> InclusionSpec:
+        if self.region.group is not None or self.region.nearest is not None:
+            raise ValueError("the region of an inclusion is a box, a ball or a half_space")
+        return self
+
+
+class SupportSpec(Table):
     """What is held."""
 
     region: RegionSpec
     components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     displacement: Vector = (0.0, 0.0, 0.0)
+    amplitude: AmplitudeSpec | None = None
 
 
-class ForceSpec(_Table):
+class ForceSpec(Table):
     """A total force, spread evenly over the region's area."""
 
     kind: Literal["force"]
     region: RegionSpec
     force: Vector
+    amplitude: AmplitudeSpec | None = None
 
 
-class TractionSpec(_Table):
+class TractionSpec(Table):
     """Force per rest area."""
 
     kind: Literal["traction"]
     region: RegionSpec
     traction: Vector
+    amplitude: AmplitudeSpec | None = None
 
 
-class PressureSpec(_Table):
+class PressureSpec(Table):
     """Pressure that follows the surface; > 0 pushes inwards."""
 
     kind: Literal["pressure"]
     region: RegionSpec
     pressure: float
+    amplitude: AmplitudeSpec | None = None
 
 
-class GravitySpec(_Table):
+class GravitySpec(Table):
     """Weight: density times an acceleration [m/s2]."""
 
     kind: Literal["gravity"]
     acceleration: Vector
+    amplitude: AmplitudeSpec | None = None
 
 
-class PointForceSpec(_Table):
+class PointForceSpec(Table):
     """A force on the point nearest to a place."""
 
     kind: Literal["point_force"]
     region: RegionSpec
     force: Vector
+    amplitude: AmplitudeSpec | None = None
 
 
 LoadSpec = Annotated[
@@ -199,7 +174,7 @@ LoadSpec = Annotated[
 ]
 
 
-class CheckSpec(_Table):
+class CheckSpec(Table):
     """A limit and the reason for it."""
 
     metric: Literal[
@@ -226,7 +201,7 @@ class CheckSpec(_Table):
         return self
 
 
-class CaseSpec(_Table):
+class CaseSpec(Table):
     """A whole case file."""
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -239,5 +214,8 @@ class CaseSpec(_Table):
     material: MaterialSpec
     support: tuple[SupportSpec, ...] = ()
     load: tuple[LoadSpec, ...] = ()
+    inclusion: tuple[InclusionSpec, ...] = ()
+    tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()
+    time: TimeSpec | None = None
     check: tuple[CheckSpec, ...] = ()
     published: dict[str, Any] = Field(default_factory=dict)

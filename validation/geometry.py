@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import cast
 
-from palpate.meshes.errors import SurfaceError
+from palpate.meshes.errors import FileFormatError, InputError, SurfaceError
 from palpate.meshes.files import read_mesh, read_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
@@ -25,8 +25,6 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
         InputError: A file that cannot be read, a surface that bounds no solid, or no mesher
             that manages.
     """
-    from palpate.validation.case import inside_folder
-
     geometry, units = spec.geometry, spec.units
     scale = units.metres(1.0)
     if geometry.mesh is not None:
@@ -99,3 +97,17 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
             return shape_sphere(metres(geometry.radius), edge_length=edge)
         case _:
             return shape_kidney(edge_length=edge)
+
+
+def inside_folder(folder: Path, name: str) -> Path:
+    """A path of a case, which may not leave the case's folder.
+
+    Raises:
+        InputError: It does, links included.
+    """
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise InputError(f"{name!r} lies outside the case's folder; put the file beside the case")
+    if not path.is_file():
+        raise FileFormatError(name, f"no such file beside the case in {folder}")
+    return path

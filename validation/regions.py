@@ -1,4 +1,4 @@
-"""Choosing parts of the boundary: a facet is chosen when its centroid lies in the region."""
+"""Choosing parts of the body: a facet or cell is chosen when its centroid lies in the region."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.case_schema import RegionSpec
+from palpate.validation.regions_schema import RegionSpec
 from palpate.validation.units import Units
 
 
@@ -45,9 +45,21 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
         inside = np.ones(len(facets), dtype=bool)
     inside &= _contains(mesh.points[facets].mean(axis=1), region, units)
     if not inside.any():
-        raise EmptyRegionError(_nothing(mesh, units, what))
+        raise EmptyRegionError(_nothing(mesh, units, what, "boundary facet"))
     chosen: Indices = np.ascontiguousarray(facets[inside])
     return chosen
+
+
+def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
+    """Cells whose centroid lies in a box, ball or half space, shape (n,).
+
+    Raises:
+        EmptyRegionError: Nothing is selected; the message gives the body's extent.
+    """
+    inside = _contains(mesh.points[mesh.cells].mean(axis=1), region, units)
+    if not inside.any():
+        raise EmptyRegionError(_nothing(mesh, units, what, "cell"))
+    return np.flatnonzero(inside).astype(np.int32)
 
 
 def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
@@ -75,12 +87,12 @@ def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> 
     return inside
 
 
-def _nothing(mesh: TetMesh, units: Units, what: str) -> str:
+def _nothing(mesh: TetMesh, units: Units, what: str, part: str) -> str:
     low, high = (
         [round(float(x) / units.metres(1.0), 4) for x in corner]
         for corner in (mesh.points.min(axis=0), mesh.points.max(axis=0))
     )
     return (
-        f"{what}: the region selects no boundary facet; the body reaches from {low} to {high} "
+        f"{what}: the region selects no {part}; the body reaches from {low} to {high} "
         f"{units.length}; move or enlarge the region"
     )

@@ -9,6 +9,7 @@ import pytest
 
 from palpate.fastsim.amplitudes import Histories, smooth_ramp
 from palpate.fastsim.dynamics import Precision, simulate
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
@@ -100,6 +101,29 @@ def test_one_amplitude_for_all_is_the_same_as_one_for_each(ragged_box: TetMesh) 
     each = simulate(problem, amplitude=[ramp, ramp]).displacements
     np.testing.assert_array_equal(one, each)
     assert len(Histories(problem, [ramp, ramp], ramp)) == 2
+
+
+def test_loads_and_supports_bring_their_own_amplitudes(ragged_box: TetMesh) -> None:
+    left, right = ends(ragged_box)
+    ramp, wave = smooth_ramp(0.4), TabularAmplitude((0.0, 0.1, 0.5), (0.0, 1.0, -1.0))
+    span = TimeSpan(0.5, num_outputs=2)
+
+    def run(own: bool) -> np.ndarray:
+        problem = Problem(
+            ragged_box,
+            SOFT,
+            (
+                Support(left),
+                Support(right, displacement=(0.0, 0.0, 0.01), amplitude=ramp if own else None),
+            ),
+            (BodyForce((0.0, 0.0, -100.0), wave if own else None),),
+            span,
+        )
+        given = {} if own else {"amplitude": wave, "support_amplitude": [None, ramp]}
+        return simulate(problem, **given).displacements
+
+    np.testing.assert_array_equal(run(own=True), run(own=False))
+    assert np.abs(run(own=True)[-1]).max() > 1e-3
 
 
 @pytest.mark.parametrize("num_outputs", [1, 3, 300])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
@@ -83,6 +86,10 @@ def test_supports_follow_their_amplitude_and_loads_theirs(box):
         np.tile(result.times[:, None], (1, len(right))), rel=1e-12
     )
     assert not result.displacements[:, left].any()
+    own = TabularAmplitude((0.0, 1.0), (0.0, 10.0))
+    pulled = Support(right, displacement=(0.1, 0.0, 0.0), amplitude=own)
+    itself = simulate_explicit(dataclasses.replace(problem, supports=(supports[0], pulled)))
+    assert itself.displacements == pytest.approx(result.displacements, rel=1e-12)
 
     def impulse(t):
         return 1.0 if t < 0.5e-3 else 0.0

@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.kidney import KIDNEY_VOLUME
+from palpate.meshes.problem import Material, TimeSpan
+from palpate.meshes.rigid_tool import CapsuleShape, SphereShape
 from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case import builtin_cases, load_case
@@ -60,6 +63,110 @@ metric = "smallest"""
     assert isinstance(loads[2], Pressure)
     corners = load_case(path).problem.mesh.points[loads[2].facets]
     assert (corners[:, :, 2] == 1.0).all()
+
+
+MOVING = """
+[time]
+end_time = 0.5
+mass_damping = 2.0
+num_outputs = 5
+
+[[inclusion]]
+region = { box = { min = [-1, -1, -1], max = [1000, 9000, 9000] } }
+material = { youngs_modulus = 5.0, poissons_ratio = 0.4, density = 1200.0 }
+
+[[tool]]
+shape = "capsule"
+radius = 100.0
+half_length = 250.0
+friction_coefficient = 0.1
+region = { half_space = { point = [0.0, 0.0, 999.0], normal = [0.0, 0.0, 1.0] } }
+
+[[tool.pose]]
+time = 0.0
+position = [1000.0, 500.0, 1101.0]
+rotation = { axis = [0.0, 2.0, 0.0], angle_deg = 90.0 }
+
+[[tool.pose]]
+time = 0.5
+position = [1000.0, 500.0, 1001.0]
+rotation = { axis = [0.0, 2.0, 0.0], angle_deg = 90.0 }
+
+[[check]]
+metric = "smallest"""
+
+
+def moving_case(write_case: Write, *changes: tuple[str, str]) -> Path:
+    tables = MOVING
+    for old, new in changes:
+        assert old in tables, old
+        tables = tables.replace(old, new)
+    return write_case(
+        ("\n[geometry]", '\n[units]\nlength = "mm"\nstress = "kPa"\n\n[geometry]'),
+        ("[2.0, 1.0, 1.0]", "[2000.0, 1000.0, 1000.0]"),
+        ("edge_length = 0.5", "edge_length = 500.0"),
+        ("[1.999, 0.0, 0.0]", "[1999.0, 0.0, 0.0]"),
+        (
+            "force = [60",
+            "amplitude = { times = [0, 1], factors = [0, 2], smooth = true }\nforce = [60",
+        ),
+        ('[[check]]\nmetric = "smallest', tables.lstrip("\n")),
+    )
+
+
+def test_time_amplitudes_tools_and_inclusions(write_case: Write) -> None:
+    problem = load_case(moving_case(write_case)).problem
+    assert problem.time == TimeSpan(0.5, None, 2.0, 5)
+    assert problem.loads[0].amplitude == TabularAmplitude((0.0, 1.0), (0.0, 2.0), is_smooth=True)
+    (tool,) = problem.tools
+    assert tool.shape == CapsuleShape(0.1, 0.25)
+    assert tool.friction_coefficient == 0.1
+    assert len(tool.contact_facets) == 16
+    position, rotation = tool.path.pose_at(0.25)
+    assert position == pytest.approx([1.0, 0.5, 1.051])
+    assert rotation @ [0.0, 0.0, 1.0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
+    (inclusion,) = problem.inclusions
+    assert inclusion.material == Material(5e3, 0.4, 1200.0)
+    centres = problem.mesh.points[problem.mesh.cells].mean(axis=1)
+    assert np.array_equal(inclusion.cells, np.flatnonzero(centres[:, 0] <= 1.0))
+
+
+def test_a_single_tool_needs_no_list_and_may_be_driven_by_a_force(write_case: Write) -> None:
+    driven = """[tool]
+shape = "sphere"
+radius = 100.0
+pose = [{ time = 0.0, position = [0.0, 0.0, 1101.0] }]
+drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
+"""
+    start, end = MOVING.index("[[tool]]"), MOVING.index("[[check]]")
+    (tool,) = load_case(moving_case(write_case, (MOVING[start:end], driven))).problem.tools
+    assert tool.shape == SphereShape(0.1)
+    assert tool.drive is not None
+    assert (tool.drive.force, tool.drive.mass, tool.drive.amplitude(7.0)) == (3.0, 0.02, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("radius = 100.0", "radius = 0.0"), ["tool.1.radius", "greater than 0"]),
+        (("radius = 100.0", "radios = 100.0"), ["radios", "'radius'"]),
+        (("half_length = 250.0", ""), ["needs half_length"]),
+        (("half_length", "half_widths = [1, 1, 1]\nhalf_length"), ["takes no half_widths"]),
+        (("time = 0.5\npos", "time = -0.5\npos"), ["backwards at knot 1"]),
+        (("position = [1000.0, 500.0, 1101.0]", "position = [nan, 0, 0]"), ["finite"]),
+        (("[0.0, 2.0, 0.0]", "[0.0, 0.0, 0.0]"), ["axis"]),
+        (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
+        (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
+        (("region = { box", "region = { group = 'a', box"), ["inclusion", "a ball"]),
+    ],
+)
+def test_mistakes_in_what_moves_are_named(
+    write_case: Write, change: tuple[str, str], words: list[str]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        load_case(moving_case(write_case, change)).problem  # noqa: B018
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
 
 
 def test_built_in_cases_are_whole() -> None:
