@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.loads import apply_loads
+from palpate.reference.materials import by_cell, lame_parameters
 from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
 from palpate.reference.supports import hold
 
@@ -20,27 +22,29 @@ _LAWS: dict[Strain, Any] = {
 }
 
 
-def lame_parameters(material: Material) -> tuple[float, float]:
-    """Return lmbda and mu [Pa] of an isotropic material."""
-    E, nu = material.youngs_modulus, material.poissons_ratio
-    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
-
-
 class ElasticBody:
-    """Internal forces, their tangent and energy on a space; E and nu are constants of the forms.
+    """Internal forces, their tangent and energy on a space; E and nu are data of the forms.
 
     Args:
         space: Displacement space.
         material: Elastic constants.
         strain: Strain measure.
+        inclusions: Cells with other elastic constants.
     """
 
-    def __init__(self, space: TransferredSpace, material: Material, strain: Strain) -> None:
+    def __init__(
+        self,
+        space: TransferredSpace,
+        material: Material,
+        strain: Strain,
+        inclusions: Sequence[Inclusion] = (),
+    ) -> None:
         self.space = space
         self.strain = strain
         mesh = space.transferred.mesh
         lmbda, mu = (
-            fem.Constant(mesh, PETSc.ScalarType(value)) for value in lame_parameters(material)
+            by_cell(space.transferred, material, inclusions, lambda m, k=k: lame_parameters(m)[k])  # type: ignore[misc]
+            for k in (0, 1)
         )
         self.lame = lmbda, mu
         self.u = fem.Function(space.space)
@@ -84,7 +88,7 @@ class Equilibrium(ElasticBody):
 
     def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
         space = create_space(transfer(problem.mesh), degree)
-        super().__init__(space, problem.material, strain)
+        super().__init__(space, problem.material, strain, problem.inclusions)
         self.held = hold(space, problem.supports)
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
         loads = apply_loads(space, problem.loads, self.u, self.v, strain)

@@ -24,8 +24,9 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.equilibrium import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
-from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.fenicsx import ufl
 from palpate.reference.loads import apply_loads
+from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer
 from palpate.reference.supports import hold
 
@@ -130,8 +131,8 @@ class _Twin:
         self, problem: Problem, strain: Strain, loads_by: Amplitudes, supports_by: Amplitudes
     ) -> None:
         space = create_space(transfer(problem.mesh), 1)
-        self.body = ElasticBody(space, problem.material, strain)
-        self.mass = _row_sums_of_mass(self.body, problem.material.density)
+        self.body = ElasticBody(space, problem.material, strain, problem.inclusions)
+        self.mass = _row_sums_of_mass(self.body, problem)
         self._dead: list[tuple[Amplitude, Points]] = []
         self._followers: list[tuple[Amplitude, Any]] = []
         own: Amplitudes = [load.amplitude for load in problem.loads]
@@ -167,10 +168,11 @@ class _Twin:
         return moved
 
 
-def _row_sums_of_mass(body: ElasticBody, density: float) -> Points:
+def _row_sums_of_mass(body: ElasticBody, problem: Problem) -> Points:
     """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
-    mesh = body.space.transferred.mesh
-    rho = fem.Constant(mesh, PETSc.ScalarType(density))
+    transferred = body.space.transferred
+    mesh = transferred.mesh
+    rho = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.density)
     one = ufl.as_vector([1.0, 1.0, 1.0])
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 1})
     return fenicsx.assemble_vector(fenicsx.form(rho * ufl.inner(one, body.v) * dx))

@@ -42,6 +42,7 @@ __all__ = [
     "assemble_scalar",
     "assemble_vector",
     "cell_dofs",
+    "cell_function",
     "cell_nodes",
     "create_matrix",
     "create_mesh",
@@ -113,6 +114,18 @@ def vector_space(mesh: Any, degree: int) -> Any:
         if _IS_OLD:
             return fem.VectorFunctionSpace(mesh, ("Lagrange", degree))
         return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+
+
+def cell_function(mesh: Any, values: Points) -> Any:
+    """Return the function with a constant value in each cell, dolfinx numbering."""
+    with _compiling():
+        if _IS_OLD:
+            space = fem.FunctionSpace(mesh, ("DG", 0))
+        else:
+            space = fem.functionspace(mesh, ("DG", 0))
+    function = fem.Function(space)
+    function.x.array[cell_dofs(space)[:, 0]] = values
+    return function
 
 
 def form(expression: Any) -> Any:

@@ -15,8 +15,9 @@ from palpate.reference.availability import is_available
 if is_available():
     from palpate.reference import fenicsx
     from palpate.reference.deformed_state import DetFSampler
-    from palpate.reference.equilibrium import Equilibrium, lame_parameters
+    from palpate.reference.equilibrium import Equilibrium
     from palpate.reference.fenicsx import ufl
+    from palpate.reference.materials import lame_parameters
     from palpate.reference.newton import Newton
     from palpate.reference.supports import HeldDofs
 

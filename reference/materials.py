@@ -1,0 +1,40 @@
+"""Material by cell: constants that jump at the cells' boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.problem import Inclusion, Material
+from palpate.reference import fenicsx
+from palpate.reference.mesh_transfer import TransferredMesh
+
+
+def lame_parameters(material: Material) -> tuple[float, float]:
+    """Return lmbda and mu [Pa] of an isotropic material."""
+    E, nu = material.youngs_modulus, material.poissons_ratio
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+def by_cell(
+    transferred: TransferredMesh,
+    material: Material,
+    inclusions: Sequence[Inclusion],
+    value: Callable[[Material], float],
+) -> Any:
+    """Return a number of the material in every cell, as a function that is constant in each.
+
+    Always a function, also for one material: then every body compiles to the same forms.
+
+    Args:
+        transferred: The mesh.
+        material: Of the cells in no inclusion.
+        inclusions: Cells of another material (see `Problem`).
+        value: What is wanted of a material.
+    """
+    values = np.full(transferred.source.num_cells, value(material))
+    for inclusion in inclusions:
+        values[np.asarray(inclusion.cells)] = value(inclusion.material)
+    return fenicsx.cell_function(transferred.mesh, values[transferred.cell_of_cell])
