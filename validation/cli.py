@@ -16,9 +16,11 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.bench_cli import bench
+from palpate.validation.exchange_cli import compare, export
 from palpate.validation.mesh_cli import mesh
 from palpate.validation.progress_lines import progress_lines
 from palpate.validation.simulators import Fault
+from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 
 # Exit codes, the same for every verb (README).
 USAGE, INTERNAL = 2, 4
@@ -36,6 +38,10 @@ app.add_typer(reference_app, name="reference")
 Cases = Annotated[list[str], typer.Argument(help="built-in names, or paths to .toml files")]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
 OptionalFile = Annotated[Path | None, typer.Option()]
+Command = Annotated[
+    str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
+]
+TimeLimit = Annotated[float, typer.Option(help="of the simulator, in seconds")]
 
 
 class Simulator(StrEnum):
@@ -55,6 +61,8 @@ def cases() -> None:
 
 
 app.command()(mesh)
+app.command()(export)
+app.command()(compare)
 
 
 @app.command()
@@ -95,16 +103,20 @@ def gate(
     summary: OptionalFile = None,
     live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
     fault: Annotated[Fault, typer.Option(help="seed a fault, to see the gate go red")] = Fault.NONE,
+    simulator: Command = None,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
 ) -> None:
-    """Judge fastsim on cases; the exit code is the verdict."""
+    """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation import outputs
     from palpate.validation.case import load_case
     from palpate.validation.judge import exit_code, judge_case
+    from palpate.validation.simulators.candidate import candidate_for
 
+    candidate = candidate_for(simulator, time_limit, fault)
     loaded = [load_case(name) for name in names]
     progress = progress_lines()
-    results = [judge_case(c, live=live, fault=fault, progress=progress) for c in loaded]
+    results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
     texts = {
         json: outputs.results_json(results, _version()),
         junit: outputs.junit_xml(results),
@@ -118,17 +130,24 @@ def gate(
 
 
 @app.command()
-def report(names: Cases, output: Folder) -> None:
+def report(
+    names: Cases,
+    output: Folder,
+    simulator: Command = None,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+) -> None:
     """Solve with both, judge, and write report.html with everything beside it."""
     from palpate.validation import outputs
     from palpate.validation.case import load_case
     from palpate.validation.judge import exit_code, judge_case
     from palpate.validation.report.html import write_report
     from palpate.validation.run_folder import MARK, run_folder
+    from palpate.validation.simulators.candidate import candidate_for
 
     loaded = [load_case(name) for name in names]
     progress = progress_lines()
-    results = [judge_case(c, live=True, progress=progress) for c in loaded]
+    candidate = candidate_for(simulator, time_limit)
+    results = [judge_case(c, live=True, candidate=candidate, progress=progress) for c in loaded]
     with run_folder(output) as fresh:
         progress("drawing the report")
         write_report(results, fresh)

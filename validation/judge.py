@@ -16,11 +16,13 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
+from palpate.validation.case_schema import CheckSpec
 from palpate.validation.checks import judge_check
-from palpate.validation.metrics import COMPARISONS, make_state
+from palpate.validation.metrics import COMPARISONS
 from palpate.validation.reference_set import SAME_MESH, ReferenceSet, solve_live
 from palpate.validation.results import CaseResult, CheckResult, State, Verdict, gravest
-from palpate.validation.simulators import CandidateFailedError, Fault, run_fastsim
+from palpate.validation.simulators import CandidateFailedError
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.stored_references import (
     MissingReferenceError,
     StaleReferenceError,
@@ -28,27 +30,25 @@ from palpate.validation.stored_references import (
     problem_key,
 )
 
-CANDIDATE = "fastsim"
-
 
 def judge_case(
     case: Case,
     *,
     live: bool = False,
-    fault: Fault = Fault.NONE,
+    candidate: Candidate | None = None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> CaseResult:
-    """Judge fastsim on a case.
+    """Judge a candidate on a case.
 
     Args:
         case: The case; it needs at least one check.
         live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
-        fault: Seeded into the candidate, to show that the checks go red.
+        candidate: Who is judged; fastsim where None.
         progress: Called with one line for each thing done.
 
     Raises:
-        InputError: The case cannot be used, has no check, or its stored reference is missing or
-            stale.
+        InputError: The case cannot be used, has no check for this candidate, its stored reference
+            is missing or stale, or the candidate's result cannot be read.
     """
     if not case.checks:
         raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
@@ -56,32 +56,26 @@ def judge_case(
     problem = case.problem
     progress(f"mesh {case.mesh.origin}")
     notes = [f"Mesh: {case.mesh.origin}."]
-    if fault is not Fault.NONE:
-        notes.append(f"A fault is seeded into the candidate: {fault}.")
+    judged = candidate or fastsim_candidate()
+    notes.extend(judged.notes)
+    specs = _checks_for(case, judged, notes)
     references = find_references(case, live=live, progress=progress)
     notes.append(f"Reference: {references.origin}.")
     notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
 
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
-    for strain in Strain:
+    for strain in Strain if judged.has_both_strains else (case.strain,):
         try:
-            answer = run_fastsim(problem, strain, progress, fault)
+            candidates[strain] = judged.solve(problem, strain, progress)
         except CandidateFailedError as error:
             failures[strain] = str(error)
             continue
-        candidates[strain] = make_state(
-            problem.mesh,
-            answer.displacement,
-            label=CANDIDATE,
-            simulator=CANDIDATE,
-            strain=strain,
-            seconds=answer.seconds,
-            details=answer.details,
-        )
+        if "exchange" in candidates[strain].details:
+            notes.append(str(candidates[strain].details["exchange"]))
 
     checks: list[CheckResult] = []
-    for spec in case.checks:
+    for spec in specs:
         strain = spec.strain or case.strain
         is_truth = spec.against == "truth"
         reference = (
@@ -107,6 +101,7 @@ def judge_case(
         checks=tuple(checks),
         states=states,
         problem=problem,
+        candidate=judged.name,
         metrics=_metrics(case, candidates, references),
         provenance=_provenance(case, references),
         notes=tuple(notes),
@@ -115,6 +110,22 @@ def judge_case(
         rest_surface_area=problem.mesh.surface_area,
         error_fields=_error_fields(candidates, references),
     )
+
+
+def _checks_for(case: Case, candidate: Candidate, notes: list[str]) -> list[CheckSpec]:
+    """The checks that a candidate can answer; what is left out is told."""
+    if candidate.has_both_strains:
+        return list(case.checks)
+    specs = [spec for spec in case.checks if (spec.strain or case.strain) is case.strain]
+    left_out = len(case.checks) - len(specs)
+    if not specs:
+        raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
+    if left_out:
+        notes.append(
+            f"{left_out} check(s) of the other strain measure are left out: {candidate.name} is "
+            f"asked for {case.strain} strain."
+        )
+    return specs
 
 
 def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) -> ReferenceSet:
@@ -155,7 +166,8 @@ def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> 
         for reference in (references.states.get((SAME_MESH, strain)), references.truth(strain)):
             if reference is not None:
                 error = candidate.displacement - reference.displacement
-                fields[f"{CANDIDATE} - {reference.label}, {strain}"] = np.linalg.norm(error, axis=1)
+                name = f"{candidate.label} - {reference.label}, {strain}"
+                fields[name] = np.linalg.norm(error, axis=1)
     return fields
 
 

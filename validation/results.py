@@ -107,6 +107,7 @@ class CaseResult:
         rest_volume: [m3].
         rest_surface_area: [m2].
         error_fields: Error at the points, by name [m], shape (num_points,).
+        candidate: Name of who was judged: the label of its states.
     """
 
     name: str
@@ -122,6 +123,7 @@ class CaseResult:
     rest_volume: float
     rest_surface_area: float
     error_fields: Mapping[str, Points]
+    candidate: str = "fastsim"
 
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""

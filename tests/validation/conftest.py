@@ -1,11 +1,18 @@
-"""Small cases written to a folder."""
+"""Small cases written to a folder, and a small problem with its answer."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.problem import Material, Problem
+from palpate.validation.benchmarks.bodies import brick_box
 
 BLOCK = """
 schema = 1
@@ -55,3 +62,23 @@ def write_case(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def problem() -> Problem:
+    mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.2)
+    facets = mesh.boundary_facets
+    x = mesh.points[facets][:, :, 0]
+    held = facets[(x < 1e-9).all(axis=1)]
+    pulled = facets[(x > 2.0 - 1e-9).all(axis=1)]
+    return Problem(
+        mesh,
+        Material(1000.0, 0.3),
+        (Support(np.unique(held).astype(np.int32), held),),
+        (Traction(pulled, (60.0, 20.0, -10.0)),),
+    )
+
+
+@pytest.fixture(scope="session")
+def answer(problem: Problem) -> NDArray[np.float64]:
+    return solve_static(problem).displacement

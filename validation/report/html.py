@@ -56,7 +56,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         plot = Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
     mesh = result.problem.mesh
     material = result.problem.material
-    green = result.state("fastsim", Strain.GREEN)
+    green = result.state(result.candidate, Strain.GREEN)
     return {
         "result": result,
         "table": state_table(result),

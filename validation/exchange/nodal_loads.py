@@ -1,0 +1,84 @@
+"""Loads and supports of a problem as arrays over its points, for simulators that want just that.
+
+Written apart from every simulator's own, so that a fault in one is not handed to the others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
+from palpate.meshes.problem import Problem
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+
+def nodal_force(mesh: TetMesh, load: Load) -> Points:
+    """Force of a dead load at each point for linear tetrahedra [N], shape (num_points, 3).
+
+    A constant density gives every corner a quarter of its cell's force, a constant traction a
+    third of its facet's. Pressure follows the surface and has no place here: it gives zero.
+    """
+    force = np.zeros_like(mesh.points)
+    match load:
+        case BodyForce():
+            quarters = signed_volumes(mesh.points, mesh.cells) / 4.0
+            share = np.bincount(mesh.cells.ravel(), np.repeat(quarters, 4), mesh.num_points)
+            force += share[:, None] * np.array(load.force_density)
+        case Traction():
+            thirds = facet_areas(mesh.points, load.facets) / 3.0
+            share = np.bincount(load.facets.ravel(), np.repeat(thirds, 3), mesh.num_points)
+            force += share[:, None] * np.array(load.traction)
+        case PointForce():
+            np.add.at(force, load.points, load.forces)
+        case Pressure():
+            pass
+    return force
+
+
+def facet_areas(points: Points, facets: Indices) -> Points:
+    """Area of each facet [m2], shape (num_facets,)."""
+    a, b, c = (points[facets[:, k]] for k in range(3))
+    areas: Points = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
+def held_components(problem: Problem) -> tuple[NDArray[np.uint8], Points]:
+    """Which components of which points are held, and where.
+
+    Returns:
+        `fixed`, 1 where held, shape (num_points, 3); `prescribed_displacement` [m], the same
+        shape, 0 where free.
+    """
+    fixed = np.zeros(problem.mesh.points.shape, dtype=np.uint8)
+    moved = np.zeros_like(problem.mesh.points)
+    for support in problem.supports:
+        for axis, (is_held, value) in enumerate(
+            zip(support.components, support.displacement, strict=True)
+        ):
+            if is_held:
+                fixed[support.points, axis] = 1
+                moved[support.points, axis] = value
+    return fixed, moved
+
+
+def lumped_mass(problem: Problem) -> Points:
+    """A quarter of each cell's mass to each of its corners [kg], shape (num_points,)."""
+    mesh = problem.mesh
+    mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(problem)[:, 2]
+    lumped: Points = np.zeros(mesh.num_points)
+    lumped += np.bincount(mesh.cells.ravel(), np.repeat(mass / 4.0, 4), mesh.num_points)
+    return lumped
+
+
+def cell_materials(problem: Problem) -> Points:
+    """Young's modulus [Pa], Poisson's ratio [-] and density [kg/m3] by cell, (num_cells, 3)."""
+    body = problem.material
+    rows = np.tile(
+        [body.youngs_modulus, body.poissons_ratio, body.density], (problem.mesh.num_cells, 1)
+    )
+    for inclusion in problem.inclusions:
+        part = inclusion.material
+        rows[inclusion.cells] = (part.youngs_modulus, part.poissons_ratio, part.density)
+    return rows

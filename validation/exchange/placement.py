@@ -1,0 +1,186 @@
+"""From a result file to displacements at the points of a case.
+
+In this order: `original_id` says which point is which; points that lie where the case's lie are
+matched by place; the same number of points without places is taken in order; another mesh is
+located and its field read at the case's points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import MeshError
+from palpate.meshes.problem import Problem
+from palpate.meshes.quality import edge_lengths
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.exchange.point_location import locate
+from palpate.validation.exchange.result_files import ResultFile, ResultFileError
+from palpate.validation.simulators.answer import CandidateFailedError
+
+# Two places are the same within this part of the body's diagonal: what ASCII files with seven
+# digits (single precision) keep.
+SAME_PLACE = 1e-6
+# How far the case's points may lie outside of another mesh, in its mean edge lengths: chords
+# cut corners off a curved surface.
+OUTSIDE = 0.5
+# A body this many times as large as the case's is in another unit.
+_OTHER_UNIT = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A result at the points of a case.
+
+    Attributes:
+        displacement: [m], (num_times, num_points, 3).
+        notes: What was done to get there, for people.
+        own_mesh: The result's own mesh, where it has another than the case.
+        own_displacement: On it [m], (num_times, num_own_points, 3).
+    """
+
+    displacement: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
+    own_mesh: TetMesh | None = None
+    own_displacement: NDArray[np.float64] | None = None
+
+
+def place(result: ResultFile, problem: Problem) -> Placed:
+    """Bring a result to the case's points.
+
+    Raises:
+        ResultFileError: A wrong count, ids that name no point or one twice, or points that cannot
+            be matched to the body.
+        CandidateFailedError: NaN or infinity, or a body of quite another size: a unit error.
+    """
+    rest = problem.mesh.points
+    _require_finite(result)
+    if result.original_id is not None:
+        order = _by_id(result, len(rest))
+        return Placed(_displacement(result.values[:, order], rest, result))
+    if result.points is None:
+        if result.values.shape[1] != len(rest):
+            raise ResultFileError(
+                result.path,
+                f"holds {result.values.shape[1]} points, the case {len(rest)}; send `original_id`, "
+                "or a .vtu with the tetrahedra",
+            )
+        return Placed(_displacement(result.values, rest, result))
+    _require_same_size(result, rest)
+    if len(result.points) == len(rest):
+        found = _by_place(result, rest)
+        if found is not None:
+            return found
+    return _on_other_mesh(result, problem)
+
+
+def _require_finite(result: ResultFile) -> None:
+    bad = np.flatnonzero(~np.isfinite(result.values).all(axis=(0, 2)))
+    if bad.size:
+        raise CandidateFailedError(
+            f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
+        )
+    if result.points is not None and not np.isfinite(result.points).all():
+        raise ResultFileError(result.path, "its points hold NaN or infinity")
+
+
+def _displacement(
+    values: NDArray[np.float64], rest: Points, result: ResultFile
+) -> NDArray[np.float64]:
+    return values - rest if result.are_positions else values
+
+
+def _by_id(result: ResultFile, num_points: int) -> NDArray[np.int64]:
+    ids = result.original_id
+    assert ids is not None
+    if ids.min() < 0 or ids.max() >= num_points:
+        raise ResultFileError(result.path, f"original_id lies outside 0..{num_points - 1}")
+    order = np.full(num_points, -1)
+    order[ids] = np.arange(len(ids))
+    if len(ids) != num_points or (order < 0).any():
+        missing = np.flatnonzero(order < 0)
+        raise ResultFileError(
+            result.path,
+            f"original_id must name each of {num_points} points once; {missing.size} missing"
+            + (f", first {int(missing[0])}" if missing.size else ""),
+        )
+    return order
+
+
+def _require_same_size(result: ResultFile, rest: Points) -> None:
+    assert result.points is not None
+    ratio = float(np.ptp(result.points, axis=0).max() / np.ptp(rest, axis=0).max())
+    if not 1.0 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+        raise CandidateFailedError(
+            f"its body is {ratio:.4g} times as large as the case's; say `length_unit`, or send "
+            "metres"
+        )
+
+
+def _by_place(result: ResultFile, rest: Points) -> Placed | None:
+    """Same points, in the case's order, in another order, or moved along with the body."""
+    assert result.points is not None
+    tolerance = SAME_PLACE * float(np.linalg.norm(np.ptp(rest, axis=0)))
+    if np.abs(result.points - rest).max() <= tolerance:
+        return Placed(_displacement(result.values, rest, result))
+    last = result.values[-1] if result.are_positions else rest + result.values[-1]
+    if np.abs(result.points - last).max() <= tolerance:
+        note = "The result's points are moved ones; taken in the case's order."
+        return Placed(_displacement(result.values, rest, result), (note,))
+    order = _match_places(result.points, rest, tolerance)
+    if order is None:
+        return None
+    note = "The result's points are in another order; matched by place."
+    return Placed(_displacement(result.values[:, order], rest, result), (note,))
+
+
+def _match_places(points: Points, rest: Points, tolerance: float) -> NDArray[np.int64] | None:
+    """For each rest point the one of `points` at its place; None unless it is one to one."""
+    order = np.full(len(rest), -1)
+    # Rounded both ways, so that a place near a rounding edge is found in one of them.
+    for shift in (0.0, 0.5):
+        keys = [np.floor(p / (8.0 * tolerance) + shift).astype(np.int64) for p in (points, rest)]
+        table = {tuple(key): index for index, key in enumerate(keys[0].tolist())}
+        for index in np.flatnonzero(order < 0):
+            found = table.get(tuple(keys[1][index].tolist()), -1)
+            if found >= 0 and np.abs(points[found] - rest[index]).max() <= tolerance:
+                order[index] = found
+    for index in np.flatnonzero(order < 0):
+        apart = np.abs(points - rest[index]).max(axis=1)
+        if apart.min() > tolerance:
+            return None
+        order[index] = int(apart.argmin())
+    return order if len(np.unique(order)) == len(order) else None
+
+
+def _on_other_mesh(result: ResultFile, problem: Problem) -> Placed:
+    assert result.points is not None
+    rest = problem.mesh.points
+    if result.cells is None:
+        raise ResultFileError(
+            result.path, "its points are not the case's and it has no tetrahedra to read between"
+        )
+    try:
+        own = TetMesh(result.points, result.cells.astype(np.int32))
+    except MeshError as error:
+        raise ResultFileError(result.path, f"its mesh cannot be used ({error})") from error
+    location = locate(own.points, own.cells, rest)
+    edge = float(edge_lengths(own.points, own.cells).mean())
+    far = np.flatnonzero(location.distances > OUTSIDE * edge)
+    if far.size:
+        raise ResultFileError(
+            result.path,
+            f"{far.size} of the case's points lie outside its mesh, one by "
+            f"{location.distances.max():.3g} m; is it the same body, at rest?",
+        )
+    moved = _displacement(result.values, own.points, result)
+    read = np.stack([location.read(own.cells, state) for state in moved])
+    outside = int((location.distances > 1e-6 * edge).sum())
+    note = (
+        f"The result is on a mesh of its own with {own.num_cells} cells; read at the case's points"
+        f" ({outside} of them up to {location.distances.max():.2g} m outside of it)."
+    )
+    return Placed(read, (note,), own, moved)

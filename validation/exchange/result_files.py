@@ -1,0 +1,222 @@
+"""Reading what another simulator answered: .npz, .vtu or .csv, nothing taken on trust.
+
+What cannot be read is a ResultFileError (exit 2). NaN is read: it is the candidate's failure.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import FileFormatError
+from palpate.meshes.files import read_point_data
+from palpate.validation.units import LENGTH
+
+RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
+# More than any case here; a file that declares more is damaged or hostile.
+_MOST_BYTES = 8 * 1024**3
+_AXES = ("x", "y", "z")
+
+
+class ResultFileError(FileFormatError):
+    """A result that cannot be used: unreadable, wrong count, units unknown; `.path` names it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResultFile:
+    """A result as it stands, in metres.
+
+    Attributes:
+        path: Where it was read.
+        values: Displacement, or positions, [m]; (num_times, num_points, 3).
+        are_positions: Whether `values` are positions.
+        times: [s], (num_times,); None for a single state.
+        points: The result's own points [m], (num_points, 3), if it gives any.
+        cells: Its own tetrahedra, (n, 4), if it gives any.
+        original_id: Number in the case of each point, (num_points,), if given.
+        case_key: Of the case it answers, if given.
+        about: Tool, version, law: what the simulator says of itself.
+    """
+
+    path: Path
+    values: NDArray[np.float64]
+    are_positions: bool
+    times: Points | None = None
+    points: Points | None = None
+    cells: NDArray[np.int64] | None = None
+    original_id: NDArray[np.int64] | None = None
+    case_key: str = ""
+    about: dict[str, Any] = field(default_factory=dict)
+
+
+def read_result(path: str | Path) -> ResultFile:
+    """Read a result by its ending.
+
+    Raises:
+        ResultFileError: Missing, damaged, of another kind, without displacement or positions (or
+            with both), of the wrong shape, or with a unit that is not known.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in RESULT_SUFFIXES:
+        raise ResultFileError(path, f"unknown kind; use {', '.join(RESULT_SUFFIXES)}")
+    if not file.is_file():
+        raise ResultFileError(path, "no such file")
+    match suffix:
+        case ".npz":
+            named = _read_npz(file)
+        case ".vtu":
+            named = _read_vtu(file)
+        case _:
+            named = _read_csv(file)
+    return _from_arrays(file, named)
+
+
+def _from_arrays(file: Path, named: dict[str, Any]) -> ResultFile:
+    given = [key for key in ("displacement", "positions") if key in named]
+    if len(given) != 1:
+        has = ", ".join(sorted(named)) or "nothing"
+        raise ResultFileError(
+            file, f"needs exactly one of displacement, positions (it holds: {has})"
+        )
+    scale = _scale(file, named)
+    values = _numbers(file, given[0], named[given[0]])
+    if values.ndim == 2:
+        values = values[None]
+    if values.ndim != 3 or values.shape[2] != 3 or 0 in values.shape:
+        raise ResultFileError(
+            file, f"{given[0]} has shape {values.shape}; needs (num_points, 3) or with times first"
+        )
+    times = points = cells = original = None
+    if "times" in named:
+        times = np.atleast_1d(_numbers(file, "times", named["times"]))
+        if times.shape != (len(values),) or not (np.diff(times) > 0.0).all():
+            raise ResultFileError(file, f"times must increase, one for each of {len(values)}")
+    elif len(values) > 1:
+        raise ResultFileError(file, f"holds {len(values)} states without `times`")
+    if "points" in named:
+        points = scale * _numbers(file, "points", named["points"])
+        if points.shape != values.shape[1:]:
+            raise ResultFileError(
+                file, f"{len(points)} points but {values.shape[1]} rows of {given[0]}"
+            )
+    if "cells" in named:
+        cells = _whole(file, "cells", named["cells"])
+        if cells.ndim != 2 or cells.shape[1] != 4:
+            raise ResultFileError(file, f"cells have shape {cells.shape}; needs (num_cells, 4)")
+        if cells.size and not (cells.min() >= 0 and cells.max() < values.shape[1]):
+            raise ResultFileError(file, "cells name points that do not exist")
+    if "original_id" in named:
+        original = _whole(file, "original_id", named["original_id"]).ravel()
+        if len(original) != values.shape[1]:
+            raise ResultFileError(
+                file, f"{len(original)} original_id but {values.shape[1]} rows of {given[0]}"
+            )
+    return ResultFile(
+        file,
+        scale * values,
+        given[0] == "positions",
+        times,
+        points,
+        cells,
+        original,
+        str(named.get("case_key", "")),
+        _about(file, named),
+    )
+
+
+def _scale(file: Path, named: dict[str, Any]) -> float:
+    unit = str(named.get("length_unit", "m"))
+    if unit not in LENGTH:
+        raise ResultFileError(file, f"length_unit {unit!r} is not known; use {', '.join(LENGTH)}")
+    return LENGTH[unit]
+
+
+def _about(file: Path, named: dict[str, Any]) -> dict[str, Any]:
+    if "about" not in named:
+        return {}
+    try:
+        about = json.loads(str(named["about"]))
+    except ValueError as error:
+        raise ResultFileError(file, f"`about` is not JSON ({error})") from error
+    if not isinstance(about, dict):
+        raise ResultFileError(file, "`about` must be a JSON object")
+    return {str(key): value for key, value in about.items()}
+
+
+def _numbers(file: Path, name: str, array: Any) -> NDArray[np.float64]:
+    values = np.asarray(array)
+    if values.dtype.kind not in "fiu":
+        raise ResultFileError(file, f"{name} holds {values.dtype}, not numbers")
+    return np.asarray(values, dtype=np.float64)
+
+
+def _whole(file: Path, name: str, array: Any) -> NDArray[np.int64]:
+    values = _numbers(file, name, array)
+    if not (np.isfinite(values).all() and (values == np.floor(values)).all()):
+        raise ResultFileError(file, f"{name} holds what is no whole number")
+    return values.astype(np.int64)
+
+
+def _read_npz(file: Path) -> dict[str, Any]:
+    try:
+        with ZipFile(file) as archive:
+            declared = sum(entry.file_size for entry in archive.infolist())
+        if declared > _MOST_BYTES:
+            raise ResultFileError(file, f"declares {declared / 1e9:.0f} GB; damaged?")
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, MemoryError) as error:
+        if isinstance(error, ResultFileError):
+            raise
+        raise ResultFileError(file, f"cannot be read as npz ({error})") from error
+
+
+def _read_vtu(file: Path) -> dict[str, Any]:
+    try:
+        points, fields = read_point_data(file)
+    except FileFormatError as error:
+        raise ResultFileError(file, str(error).removeprefix(f"{file}: ")) from error
+    named: dict[str, Any] = {"points": points, **fields}
+    # Read once above, every failure turned into an error there.
+    blocks = [np.asarray(b.data) for b in meshio.read(file).cells if b.type == "tetra"]
+    if blocks:
+        named["cells"] = np.vstack(blocks)
+    return named
+
+
+def _read_csv(file: Path) -> dict[str, Any]:
+    """Columns x, y, z (points), ux, uy, uz or px, py, pz, original_id; one row for each point."""
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ResultFileError(file, f"cannot be read as csv ({error})") from error
+    if len(rows) < 2:
+        raise ResultFileError(file, "needs a line of column names and one line for each point")
+    names = [name.strip() for name in rows[0]]
+    columns: dict[str, NDArray[np.float64]] = {}
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
+    except ValueError as error:
+        raise ResultFileError(file, f"a cell is no number, or a row is short ({error})") from error
+    if table.shape[1] != len(names) or len(set(names)) != len(names):
+        raise ResultFileError(file, f"{len(names)} different column names needed for the columns")
+    columns = dict(zip(names, table.T, strict=True))
+    named: dict[str, Any] = {}
+    for key, prefix in (("points", ""), ("displacement", "u"), ("positions", "p")):
+        wanted = [f"{prefix}{axis}" for axis in _AXES]
+        if all(name in columns for name in wanted):
+            named[key] = np.column_stack([columns[name] for name in wanted])
+    if "original_id" in columns:
+        named["original_id"] = columns["original_id"]
+    return named

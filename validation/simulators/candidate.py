@@ -1,0 +1,130 @@
+"""A candidate as the judge sees it: a name, and a way to its states."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.exchange.placement import Placed, place
+from palpate.validation.exchange.result_files import read_result
+from palpate.validation.metrics import make_state
+from palpate.validation.results import State
+from palpate.validation.simulators.answer import Progress
+from palpate.validation.simulators.fastsim import Fault, run_fastsim
+from palpate.validation.simulators.outside import OutsideSimulator, require_answers
+
+Solve = Callable[[Problem, Strain, Progress], State]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Who is judged.
+
+    Attributes:
+        name: For people, and the label of its states.
+        solve: Its state of a problem with a strain measure; raises CandidateFailedError.
+        has_both_strains: Whether it is asked for both strain measures, or for the case's only.
+        notes: What a reader of the verdict must know of it.
+    """
+
+    name: str
+    solve: Solve
+    has_both_strains: bool = False
+    notes: tuple[str, ...] = field(default=())
+
+
+def fastsim_candidate(fault: Fault = Fault.NONE) -> Candidate:
+    """fastsim, with a seeded fault if asked."""
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        answer = run_fastsim(problem, strain, progress, fault)
+        return make_state(
+            problem.mesh,
+            answer.displacement,
+            label="fastsim",
+            simulator="fastsim",
+            strain=strain,
+            seconds=answer.seconds,
+            details=answer.details,
+        )
+
+    seeded = f"A fault is seeded into the candidate: {fault}."
+    return Candidate("fastsim", solve, True, () if fault is Fault.NONE else (seeded,))
+
+
+def candidate_for(command: str | None, time_limit: float, fault: Fault = Fault.NONE) -> Candidate:
+    """fastsim, or the program of a command line.
+
+    Raises:
+        InputError: The command line cannot be used, or a fault is asked of another program.
+    """
+    if command is None:
+        return fastsim_candidate(fault)
+    if fault is not Fault.NONE:
+        raise InputError("--fault seeds fastsim; it does not go with --simulator")
+    return outside_candidate(OutsideSimulator(command, time_limit))
+
+
+def outside_candidate(simulator: OutsideSimulator) -> Candidate:
+    """A program that reads a case folder and writes a result."""
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        answer = simulator.run(problem, strain, progress)
+        details = {**answer.about, "command": simulator.command}
+        return placed_state(problem, answer.placed, simulator.name, strain, answer.seconds, details)
+
+    note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
+    return Candidate(simulator.name, solve, False, (note,))
+
+
+def result_candidate(path: str | Path) -> Candidate:
+    """A result file that somebody brings."""
+    name = Path(path).stem
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        progress(f"reading {path}")
+        result = read_result(path)
+        require_answers(result, problem, strain)
+        return placed_state(problem, place(result, problem), name, strain, 0.0, dict(result.about))
+
+    return Candidate(name, solve, False, (f"Result: {Path(path).name}.",))
+
+
+def placed_state(
+    problem: Problem,
+    placed: Placed,
+    name: str,
+    strain: Strain,
+    seconds: float,
+    details: dict[str, object],
+) -> State:
+    """The state of a result, its last one where it has times.
+
+    On a mesh of its own, volume and area are the case's at rest plus the change on its own, so
+    that a slightly different body at rest is no error; det F is that of its own cells.
+    """
+    told = {**details, **({"exchange": " ".join(placed.notes)} if placed.notes else {})}
+    mesh = problem.mesh
+    state = make_state(
+        mesh,
+        placed.displacement[-1],
+        label=name,
+        simulator=name,
+        strain=strain,
+        seconds=seconds,
+        details=told,
+    )
+    own = placed.own_mesh
+    if own is None or placed.own_displacement is None:
+        return state
+    there = make_state(own, placed.own_displacement[-1], label=name, simulator=name, strain=strain)
+    return dataclasses.replace(
+        state,
+        volume=mesh.volume + (there.volume - own.volume),
+        surface_area=mesh.surface_area + (there.surface_area - own.surface_area),
+        smallest_det_f=there.smallest_det_f,
+    )

@@ -1,0 +1,175 @@
+"""Any program as a candidate: it reads a case folder and writes a result file.
+
+It runs in a process group of its own with a time limit; the group ends with it. A crash, no
+answer in time, no result file or NaN in it is the candidate's failure; a file that cannot be
+read is an input error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.exchange.case_folder import case_key, write_case_folder
+from palpate.validation.exchange.placement import Placed, place
+from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
+from palpate.validation.simulators.answer import CandidateFailedError, Progress
+
+DEFAULT_TIME_LIMIT = 600.0
+_PLACE = re.compile(r"\{(case|result)(?::(npz|vtu|csv))?\}")
+_STDERR_CHARACTERS = 2000
+
+
+class CommandError(InputError):
+    """A simulator's command line that cannot be used."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutsideAnswer:
+    """What a program answered.
+
+    Attributes:
+        placed: At the case's points.
+        seconds: Wall time of the program.
+        about: What it says of itself.
+    """
+
+    placed: Placed
+    seconds: float
+    about: dict[str, object]
+
+
+@dataclass(frozen=True)
+class OutsideSimulator:
+    """A command line with {case} (a folder) and {result} (a file to write).
+
+    {result} ends in .npz; {result:vtu} and {result:csv} ask for the other kinds. No shell reads
+    the line.
+
+    Args:
+        command: For example "mysim {case} {result:vtu}".
+        time_limit: [s], > 0.
+
+    Raises:
+        CommandError: A place is missing or named twice, or the time limit is not above 0.
+    """
+
+    command: str
+    time_limit: float = DEFAULT_TIME_LIMIT
+
+    def __post_init__(self) -> None:
+        try:
+            words = shlex.split(self.command)
+        except ValueError as error:
+            raise CommandError(f"simulator {self.command!r}: {error}") from error
+        places = [match[1] for match in _PLACE.finditer(self.command)]
+        if not words or places.count("result") != 1 or places.count("case") < 1:
+            raise CommandError(
+                f'simulator {self.command!r}: needs {{case}} and {{result}}, as in "mysim {{case}} '
+                '{result}"'
+            )
+        if not self.time_limit > 0.0:
+            raise CommandError(f"time limit {self.time_limit:g} s: needs a value above 0")
+
+    @property
+    def name(self) -> str:
+        """The program's file name, for people."""
+        words = [w for w in shlex.split(self.command) if not _PLACE.search(w)]
+        scripts = [w for w in words if w.endswith(".py")]
+        return Path((scripts or words or ["simulator"])[-1 if scripts else 0]).stem
+
+    def run(
+        self, problem: Problem, strain: Strain, progress: Progress, *, case_name: str = "case"
+    ) -> OutsideAnswer:
+        """Run it on a problem.
+
+        Raises:
+            CommandError: There is no such program.
+            ResultFileError: Its result cannot be read, or has the wrong count.
+            CandidateFailedError: It crashed, took too long, left no result, or answered NaN.
+        """
+        with tempfile.TemporaryDirectory(prefix="palpate-simulator-") as scratch:
+            case = Path(scratch, "case")
+            write_case_folder(case, problem, strain, name=case_name)
+            words, file = self._filled(case, Path(scratch))
+            progress(f"{self.name}, {strain} strain, {problem.mesh.num_cells} cells")
+            start = time.perf_counter()
+            _run(words, scratch, self.time_limit)
+            seconds = time.perf_counter() - start
+            if not file.is_file():
+                raise CandidateFailedError(f"{self.name} ended without writing a result")
+            result = read_result(file)
+            require_answers(result, problem, strain)
+            return OutsideAnswer(place(result, problem), seconds, dict(result.about))
+
+    def _filled(self, case: Path, scratch: Path) -> tuple[list[str], Path]:
+        suffix = next(m[2] or "npz" for m in _PLACE.finditer(self.command) if m[1] == "result")
+        result = scratch / f"result.{suffix}"
+        values = {"case": str(case), "result": str(result)}
+        words = [_PLACE.sub(lambda m: values[m[1]], w) for w in shlex.split(self.command)]
+        return words, result
+
+
+def require_answers(result: ResultFile, problem: Problem, strain: Strain) -> None:
+    """Refuse a result that names another case.
+
+    Raises:
+        ResultFileError: Its `case_key` is another's.
+    """
+    if result.case_key and result.case_key != case_key(problem, strain):
+        raise ResultFileError(
+            result.path, "answers another case (its `case_key` differs): run it again"
+        )
+
+
+def _run(words: list[str], folder: str, time_limit: float) -> None:
+    """Run to the end or the time limit; nothing it started outlives this."""
+    program = shutil.which(words[0])
+    if program is None:
+        raise CommandError(f"simulator: no program {words[0]!r} here; is it on the path?")
+    with Path(folder, "output.txt").open("w+b") as output:
+        process = subprocess.Popen(
+            [os.path.abspath(program), *words[1:]],  # noqa: PTH100  (links are kept: venvs)
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            process.wait(time_limit)
+        except subprocess.TimeoutExpired:
+            raise CandidateFailedError(
+                f"no answer within {time_limit:g} s{_last_line(output)}"
+            ) from None
+        finally:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        if process.returncode < 0:
+            raise CandidateFailedError(
+                f"it crashed (signal {-process.returncode}){_last_line(output)}"
+            )
+        if process.returncode > 0:
+            raise CandidateFailedError(f"it ended with {process.returncode}{_last_line(output)}")
+
+
+def _last_line(output: object) -> str:
+    """The last thing it said, after a colon."""
+    stream = output
+    assert hasattr(stream, "seek")
+    assert hasattr(stream, "read")
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, size - _STDERR_CHARACTERS))
+    lines = stream.read().decode("utf-8", errors="replace").strip().splitlines()
+    return f": {lines[-1][:200]}" if lines else ""
