@@ -42,12 +42,12 @@ class DetFSampler:
     def smallest(self, displacement: Points) -> float:
         """Smallest det F at the sample points [-]."""
         self._body.set_displacement(displacement)
-        return float(np.min(self._det_f()))
+        return fenicsx.smallest(float(np.min(self._det_f())))
 
     def largest_gradient(self, displacement: Points) -> float:
         """Largest Frobenius norm of grad u at the sample points [-]."""
         self._body.set_displacement(displacement)
-        return float(np.sqrt(np.max(self._gradient())))
+        return fenicsx.largest(float(np.sqrt(np.max(self._gradient()))))
 
 
 @dataclass(frozen=True)

@@ -59,12 +59,13 @@ class ElasticBody:
 
     @property
     def num_dofs(self) -> int:
-        """Degrees of freedom in all."""
+        """Degrees of freedom that this rank owns."""
         return 3 * self.space.num_blocks
 
     def set_displacement(self, displacement: Points) -> None:
         """Make `u` the given flat vector."""
-        self.u.x.array[:] = displacement
+        self.u.x.array[: self.num_dofs] = displacement
+        self.u.x.scatter_forward()
 
     def internal_force(self, displacement: Points) -> Points:
         """Nodal internal forces [N], flat, shape (num_dofs,)."""

@@ -4,6 +4,9 @@
 The rest of the room reads the same on both. Import dolfinx only through this module:
 
     from palpate.reference.fenicsx import PETSc, fem, ufl
+
+Under mpirun every rank runs the same lines. A flat vector of the room holds the entries its rank
+owns; what is summed or compared over a whole body goes through `total`, `smallest` or `largest`.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 __all__ = [
+    "COMM",
     "MPI",
     "VERSION",
     "PETSc",
@@ -49,7 +53,11 @@ __all__ = [
     "evaluate_in_cells",
     "fem",
     "form",
+    "largest",
     "meshtags",
+    "norm",
+    "smallest",
+    "total",
     "ufl",
     "vector_space",
 ]
@@ -57,6 +65,14 @@ __all__ = [
 # "0.11.0.post0" reads (0, 11).
 VERSION: tuple[int, int] = tuple(int(n) for n in re.findall(r"\d+", dolfinx.__version__)[:2])  # type: ignore[assignment]
 _IS_OLD = VERSION < (0, 6)
+
+# All ranks; one of its own where there is no mpirun.
+COMM = MPI.COMM_WORLD
+
+if _IS_OLD:
+    _ADD: Any = dolfinx.la.ScatterMode.add
+else:
+    _ADD = dolfinx.la.InsertMode.add
 
 # -O2 without -march=native or -ffast-math: the same digits on every machine of the family.
 _JIT = {"cffi_extra_compile_args": ["-O2", "-g0"], "timeout": 60}
@@ -75,11 +91,14 @@ def _compiling() -> Iterator[dict[str, Any]]:
     root = logging.getLogger()
     level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
     old_default = defaults["cache_dir"]
-    with locked(folder), warnings.catch_warnings():
+    # One rank compiles while the others wait for it: it alone may wait for the lock.
+    lock = locked(folder) if COMM.rank == 0 else contextlib.nullcontext()
+    with lock, warnings.catch_warnings():
         # The old compiler uses names that numpy deprecates, and leaves files to the collector.
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.simplefilter("ignore", ResourceWarning)
-        remove_unfinished(folder)
+        if COMM.rank == 0:
+            remove_unfinished(folder)
         # 0.5 compiles elements and coordinate maps without a way to pass options.
         defaults["cache_dir"] = (folder, old_default[1])
         # cffi builds through setuptools, which reconfigures the root logger and logs every command.
@@ -94,18 +113,21 @@ def _compiling() -> Iterator[dict[str, Any]]:
 
 
 def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
-    """Return a dolfinx mesh of linear tetrahedra on this process alone; it renumbers both."""
-    x = np.ascontiguousarray(points, dtype=np.float64)
-    rows = np.ascontiguousarray(cells, dtype=np.int64)
+    """Return a dolfinx mesh of linear tetrahedra, spread over the ranks; it renumbers both."""
+    # Rank 0 brings everything; dolfinx spreads it.
+    share = slice(None) if COMM.rank == 0 else slice(0)
+    x = np.ascontiguousarray(points[share], dtype=np.float64)
+    rows = np.ascontiguousarray(cells[share], dtype=np.int64)
     with _compiling():
         if _IS_OLD:
             shape = ufl.Cell("tetrahedron", geometric_dimension=3)
             domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1))
-            return dolfinx.mesh.create_mesh(MPI.COMM_SELF, rows, x, domain)
+            no_ghosts = dolfinx.mesh.GhostMode.none
+            return dolfinx.mesh.create_mesh(COMM, rows, x, domain, no_ghosts)
         import basix.ufl
 
         element = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
-        return dolfinx.mesh.create_mesh(MPI.COMM_SELF, rows, element, x)
+        return dolfinx.mesh.create_mesh(COMM, rows, element, x)
 
 
 def vector_space(mesh: Any, degree: int) -> Any:
@@ -148,13 +170,42 @@ def assemble_into_matrix(matrix: Any, compiled: Any) -> None:
 
 
 def assemble_vector(compiled: Any) -> Points:
-    """Assemble a compiled linear form, flat, shape (num_dofs,)."""
-    return np.array(fem.assemble_vector(compiled).array)
+    """Assemble a compiled linear form, flat, the entries this rank owns."""
+    vector = fem.assemble_vector(compiled)
+    space = compiled.function_spaces[0]
+    num_owned = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+    if COMM.size > 1:
+        vector.scatter_reverse(_ADD)
+    return np.array(vector.array[:num_owned])
 
 
 def assemble_scalar(compiled: Any) -> float:
-    """Integrate a compiled functional."""
-    return float(fem.assemble_scalar(compiled))
+    """Integrate a compiled functional over the whole body."""
+    return float(total(float(fem.assemble_scalar(compiled))))
+
+
+def total(value: Any) -> Any:
+    """Sum of a number or an array over the ranks, the same on each."""
+    return COMM.allreduce(value, MPI.SUM)
+
+
+def smallest(value: float) -> float:
+    """Smallest of the ranks' numbers; NaN where one is."""
+    return -largest(-value)
+
+
+def largest(value: float) -> float:
+    """Largest of the ranks' numbers; NaN where one is."""
+    if COMM.size == 1:
+        return value
+    return float(np.max(COMM.allgather(value)))
+
+
+def norm(values: Points) -> float:
+    """Euclidean norm of a flat vector over all ranks."""
+    if COMM.size == 1:
+        return float(np.linalg.norm(values))
+    return float(np.sqrt(total(float(values @ values))))
 
 
 def cell_dofs(space: Any) -> np.ndarray[Any, Any]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from palpate.meshes.arrays import Indices, Points
+from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
@@ -22,15 +24,16 @@ class LinearSolver:
     """Solves A du = b with some entries of du prescribed.
 
     Args:
-        coordinates: Rest position of each node of the space [m], shape (num_blocks, 3).
+        coordinates: Rest position of each node that this rank owns [m], shape (num_blocks, 3).
         is_symmetric: Whether the tangents are (they are unless a load follows the surface).
     """
 
     def __init__(self, coordinates: Points, *, is_symmetric: bool) -> None:
-        self._num_dofs = 3 * len(coordinates)
-        self._coordinates = coordinates
+        num_nodes = fenicsx.total(len(coordinates))
+        centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
+        self._centred = coordinates - centre
         self._is_symmetric = is_symmetric
-        self._is_direct = self._num_dofs < LARGEST_DIRECT
+        self._is_direct = 3 * num_nodes < LARGEST_DIRECT
         self._ksp = self._direct() if self._is_direct else self._multigrid()
 
     @property
@@ -49,7 +52,7 @@ class LinearSolver:
 
         Args:
             matrix: PETSc matrix.
-            rhs: Right-hand side, shape (num_dofs,).
+            rhs: Right-hand side, the entries this rank owns, shape (num_dofs,).
             held: Prescribed entries, shape (n,).
             values: Their values, shape (n,).
             tolerance: Relative residual at which an iterative solve stops.
@@ -71,7 +74,7 @@ class LinearSolver:
         finally:
             x.destroy()
             b.destroy()
-        if not np.isfinite(solution).all():
+        if not math.isfinite(fenicsx.norm(solution)):
             raise LinearSolveError("the tangent stiffness is singular")
         solution[held] = values
         return solution
@@ -83,7 +86,7 @@ class LinearSolver:
         negative curvature on the way to a random right-hand side.
         """
         x, b = matrix.createVecs()
-        b.array[:] = np.random.default_rng(0).standard_normal(self._num_dofs)
+        b.array[:] = np.random.default_rng(fenicsx.COMM.rank).standard_normal(b.local_size)
         b.array[held] = 0.0
         self._hold(matrix, held, x, b)
         try:
@@ -107,8 +110,12 @@ class LinearSolver:
 
     def _hold(self, matrix: Any, held: Indices, x: Any, b: Any) -> None:
         # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
-        typical = float(np.mean(np.abs(matrix.getDiagonal().array))) or 1.0
-        matrix.zeroRowsColumns(held, diag=typical, x=x, b=b)
+        diagonal = matrix.getDiagonal()
+        typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
+        diagonal.destroy()
+        first, _ = matrix.getOwnershipRange()
+        rows = np.asarray(held, dtype=PETSc.IntType) + first
+        matrix.zeroRowsColumns(rows, diag=typical, x=x, b=b)
         if self._is_symmetric:
             matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
@@ -130,7 +137,7 @@ class LinearSolver:
             )
 
     def _direct(self) -> Any:
-        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        ksp = PETSc.KSP().create(fenicsx.COMM)
         ksp.setType("preonly")
         ksp.setOptionsPrefix("palpate_reference_direct_")
         # MUMPS tells the signs of the pivots only where it also looks for null ones.
@@ -142,7 +149,7 @@ class LinearSolver:
         return ksp
 
     def _multigrid(self) -> Any:
-        ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        ksp = PETSc.KSP().create(fenicsx.COMM)
         ksp.setOptionsPrefix("palpate_reference_")
         options = PETSc.Options("palpate_reference_")
         for key, value in {
@@ -163,18 +170,20 @@ class LinearSolver:
         return ksp
 
     def _attach_rigid_modes(self, matrix: Any, held: Indices) -> None:
-        centred = self._coordinates - self._coordinates.mean(axis=0)
-        modes = np.zeros((6, len(centred), 3))
+        extent = fenicsx.largest(float(np.max(np.abs(self._centred), initial=0.0)))
+        modes = np.zeros((6, len(self._centred), 3))
         for axis in range(3):
             modes[axis, :, axis] = 1.0
-            modes[3 + axis] = np.cross(np.eye(3)[axis], centred)
+            modes[3 + axis] = np.cross(np.eye(3)[axis], self._centred / extent)
         flat = modes.reshape(6, -1)
         flat[:, held] = 0.0
-        orthonormal = np.linalg.qr(flat.T)[0].T
+        # By their Gram matrix, summed over the ranks; what the supports leave nothing of goes.
+        sizes, directions = np.linalg.eigh(fenicsx.total(flat @ flat.T))
+        kept = sizes > 1e-10 * max(float(sizes[-1]), 1e-300)
         vectors = []
-        for mode in orthonormal:
+        for mode in (directions[:, kept] / np.sqrt(sizes[kept])).T @ flat:
             vector = matrix.createVecRight()
             vector.array[:] = mode
             vectors.append(vector)
         matrix.setBlockSizes(3, 3)
-        matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=PETSc.COMM_SELF))
+        matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=fenicsx.COMM))

@@ -111,7 +111,8 @@ def _point_forces(space: TransferredSpace, load: PointForce, what: str) -> Point
     if forces.shape != (len(points), 3) or not np.isfinite(forces).all():
         raise InputError(f"{what}: forces [N] need shape ({len(points)}, 3) of finite values")
     nodal = np.zeros((space.num_blocks, 3))
-    np.add.at(nodal, space.dof_of_point[points], forces)
+    here = np.isin(space.dof_of_point[points], space.owned_dofs(points))
+    np.add.at(nodal, space.dof_of_point[points[here]], forces[here])
     return nodal.ravel()
 
 

@@ -48,9 +48,9 @@ class TransferredMesh:
     Attributes:
         source: The TetMesh.
         mesh: The dolfinx mesh.
-        point_of_node: The TetMesh's point of each geometry node, shape (num_points,).
-        cell_of_cell: The TetMesh's cell of each dolfinx cell, shape (num_cells,).
-        point_of_vertex: The TetMesh's point of each topological vertex, shape (num_points,).
+        point_of_node: The TetMesh's point of each geometry node of this rank.
+        cell_of_cell: The TetMesh's cell of each dolfinx cell of this rank.
+        point_of_vertex: The TetMesh's point of each topological vertex of this rank.
     """
 
     source: TetMesh
@@ -61,7 +61,7 @@ class TransferredMesh:
 
     @cached_property
     def _boundary_numbers(self) -> dict[tuple[int, ...], int]:
-        """Number of each boundary facet by its three points, sorted."""
+        """Number of each boundary facet of this rank by its three points, sorted."""
         topology = self.mesh.topology
         triples = self.point_of_vertex[topology.connectivity(2, 0).array].reshape(-1, 3)
         on_boundary = np.diff(topology.connectivity(2, 3).offsets) == 1
@@ -71,8 +71,12 @@ class TransferredMesh:
             for number, row in zip(np.flatnonzero(on_boundary), rows, strict=True)
         }
 
+    @cached_property
+    def _facets_of_source(self) -> frozenset[tuple[int, ...]]:
+        return frozenset(map(tuple, np.sort(self.source.boundary_facets, axis=1).tolist()))
+
     def facet_entities(self, facets: Indices, what: str) -> Indices:
-        """Numbers of boundary facets in the dolfinx mesh, sorted, shape (n,).
+        """Numbers of boundary facets in this rank's part of the dolfinx mesh, sorted.
 
         Args:
             facets: Facets by points, shape (n, 3), in any order of points.
@@ -84,16 +88,18 @@ class TransferredMesh:
         rows = checked_indices(facets, 3, self.source.num_points, f"facets of {what}")
         if len(rows) == 0:
             return np.zeros(0, dtype=np.int32)
-        try:
-            found = [self._boundary_numbers[tuple(row)] for row in np.sort(rows, axis=1).tolist()]
-        except KeyError as error:
-            points = [int(p) for p in error.args[0]]
-            raise InputError(
-                f"{what}: facet {points} is not on the boundary of the mesh; choose boundary facets"
-            ) from None
-        if len(set(found)) < len(found):
+        triples = list(map(tuple, np.sort(rows, axis=1).tolist()))
+        for triple in triples:
+            if triple not in self._facets_of_source:
+                raise InputError(
+                    f"{what}: facet {list(triple)} is not on the boundary of the mesh; "
+                    "choose boundary facets"
+                )
+        if len(set(triples)) < len(triples):
             raise InputError(f"{what}: a facet is given twice; remove the copy")
-        return np.array(sorted(found), dtype=np.int32)
+        # A facet between two ranks looks like one of the boundary here, and is not asked for.
+        here = self._boundary_numbers
+        return np.array(sorted(here[t] for t in triples if t in here), dtype=np.int32)
 
     def facet_measure(self, facets: Indices, what: str, *, degree: int) -> Any:
         """Return the UFL measure of area over some boundary facets, exact to a degree."""
@@ -118,14 +124,20 @@ def transfer(mesh: TetMesh) -> TransferredMesh:
     for pair in ((3, 0), (2, 0), (2, 3)):
         topology.create_connectivity(*pair)
     vertices = topology.connectivity(3, 0).array
-    point_of_vertex = np.full(topology.index_map(0).size_local, -1, dtype=np.int32)
+    vertex_map = topology.index_map(0)
+    num_vertices = vertex_map.size_local + vertex_map.num_ghosts
+    point_of_vertex = np.full(num_vertices, -1, dtype=np.int32)
     point_of_vertex[vertices] = point_of_node[nodes.ravel()]
 
     arrived = np.array_equal(received.geometry.x[:, :3], mesh.points[point_of_node])
     same_cells = np.array_equal(
         np.sort(point_of_node[nodes], axis=1), np.sort(mesh.cells[cell_of_cell], axis=1)
     )
-    if not (arrived and same_cells and len(point_of_node) == mesh.num_points):
+    num_arrived = fenicsx.total(int(received.geometry.index_map().size_local))
+    num_cells = fenicsx.total(len(cell_of_cell))
+    if not (
+        arrived and same_cells and (num_arrived, num_cells) == (mesh.num_points, mesh.num_cells)
+    ):
         raise RuntimeError("dolfinx did not return the mesh it was given")  # pragma: no cover
     return TransferredMesh(mesh, received, point_of_node, cell_of_cell, point_of_vertex)
 
@@ -138,7 +150,8 @@ class TransferredSpace:
         transferred: The mesh.
         degree: Polynomial degree.
         space: The dolfinx space.
-        dof_of_point: Blocked dof at each of the TetMesh's points, shape (num_points,).
+        dof_of_point: Blocked dof at each of the TetMesh's points, shape (num_points,); beyond
+            `num_blocks` where another rank owns it, -1 where this rank knows nothing of it.
     """
 
     transferred: TransferredMesh
@@ -148,13 +161,37 @@ class TransferredSpace:
 
     @property
     def num_blocks(self) -> int:
-        """Number of nodes of the space, three degrees of freedom each."""
+        """Number of nodes that this rank owns, three degrees of freedom each."""
         return int(self.space.dofmap.index_map.size_local)
+
+    @property
+    def num_global_blocks(self) -> int:
+        """Number of nodes of the space over all ranks."""
+        return int(self.space.dofmap.index_map.size_global)
+
+    @property
+    def coordinates(self) -> Points:
+        """Rest places of the nodes that this rank owns [m], shape (num_blocks, 3)."""
+        places: Points = self.space.tabulate_dof_coordinates()[: self.num_blocks]
+        return places
+
+    def owned_dofs(self, points: Indices) -> Indices:
+        """Blocked dofs at those of some points that this rank owns."""
+        dofs = self.dof_of_point[points]
+        owned: Indices = dofs[self._is_owned(dofs)]
+        return owned
+
+    def _is_owned(self, dofs: Indices) -> np.ndarray[Any, Any]:
+        owned: np.ndarray[Any, Any] = (dofs >= 0) & (dofs < self.num_blocks)
+        return owned
 
     def at_points(self, values: Points) -> Points:
         """Values of a flat vector of the space at the TetMesh's points, shape (num_points, 3)."""
-        picked: Points = np.array(values).reshape(-1, 3)[self.dof_of_point]
-        return picked
+        picked = np.zeros((self.transferred.source.num_points, 3))
+        here = self._is_owned(self.dof_of_point)
+        picked[here] = np.array(values).reshape(-1, 3)[self.dof_of_point[here]]
+        everywhere: Points = picked if fenicsx.COMM.size == 1 else fenicsx.total(picked)
+        return everywhere
 
     def from_points(self, values: Points) -> Points:
         """Return the flat vector of a field that is linear between the TetMesh's points."""
@@ -166,16 +203,18 @@ class TransferredSpace:
             )
         if not np.isfinite(nodal).all():
             raise InputError("the displacement has a value that is NaN or infinite")
-        flat = np.zeros((self.num_blocks, 3))
         if self.degree == 1:
-            flat[self.dof_of_point] = nodal
+            flat = np.zeros((self.num_blocks, 3))
+            here = self._is_owned(self.dof_of_point)
+            flat[self.dof_of_point[here]] = nodal[here]
             return flat.ravel()
         linear = create_space(self.transferred, 1)
         low = fenicsx.fem.Function(linear.space)
-        low.x.array[:] = linear.from_points(nodal)
+        known = linear.dof_of_point >= 0
+        low.x.array.reshape(-1, 3)[linear.dof_of_point[known]] = nodal[known]
         high = fenicsx.fem.Function(self.space)
         high.interpolate(low)
-        interpolated: Points = np.array(high.x.array)
+        interpolated: Points = np.array(high.x.array[: 3 * self.num_blocks])
         return interpolated
 
 
@@ -185,6 +224,6 @@ def create_space(transferred: TransferredMesh, degree: int) -> TransferredSpace:
     dofs = fenicsx.cell_dofs(space)
     nodes = fenicsx.cell_nodes(transferred.mesh)
     # The first four dofs of a Lagrange cell sit at its vertices, in the order of its nodes.
-    dof_of_point = np.zeros(transferred.source.num_points, dtype=np.int32)
+    dof_of_point = np.full(transferred.source.num_points, -1, dtype=np.int32)
     dof_of_point[transferred.point_of_node[nodes].ravel()] = dofs[:, :4].ravel()
     return TransferredSpace(transferred, degree, space, dof_of_point)

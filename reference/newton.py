@@ -16,6 +16,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
+from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
@@ -73,9 +74,7 @@ class Newton:
         self._tolerance = relative_tolerance
         self._max_iterations = max_iterations
         space = equilibrium.space
-        self._linear = LinearSolver(
-            space.space.tabulate_dof_coordinates(), is_symmetric=not equilibrium.has_followers
-        )
+        self._linear = LinearSolver(space.coordinates, is_symmetric=not equilibrium.has_followers)
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self.is_linear = equilibrium.strain is Strain.LINEAR
@@ -103,7 +102,7 @@ class Newton:
         linear strain, and under follower loads, whose tangent is not symmetric.
         """
         eq = self._equilibrium
-        if self.is_linear or eq.has_followers or eq.free.size == 0:
+        if self.is_linear or eq.has_followers or fenicsx.total(eq.free.size) == 0:
             return True
         matrix = eq.tangent(displacement, load_factor)
         return self._linear.is_positive_definite(matrix, eq.held.dofs)
@@ -129,14 +128,14 @@ class Newton:
             internal = eq.internal_force(u)
             external = load_factor * eq.external_force(u)
             residual = internal - external
-            norm = float(np.linalg.norm(residual[free]))
-            scale = max(float(np.linalg.norm(internal)), float(np.linalg.norm(external)))
+            norm = fenicsx.norm(residual[free])
+            scale = max(fenicsx.norm(internal), fenicsx.norm(external))
             if not math.isfinite(norm):
                 return NewtonOutcome(u, False, "the residual is not finite", iteration, math.inf)
             relative = norm / scale if scale > 0.0 else 0.0
             if report:
                 report(iteration, relative, det_f)
-            is_at_supports = bool(np.all(u[held] == target))
+            is_at_supports = fenicsx.total(int(np.sum(u[held] != target))) == 0
             is_stalled = norm > 0.5 * last_norm and norm <= rounding
             last_norm = norm
             if is_at_supports and (norm <= self._tolerance * scale or is_stalled):
@@ -188,6 +187,6 @@ class Newton:
         The strain is computed from I + grad u, so its rounding error is eps even where u is small
         beside the cell size.
         """
-        largest = float(np.max(np.abs(u), initial=0.0))
+        largest = fenicsx.largest(float(np.max(np.abs(u), initial=0.0)))
         length = largest if self.is_linear else max(largest, self._cell_size)
         return 4.0 * float(np.finfo(float).eps) * float(matrix.norm()) * length  # type: ignore[attr-defined]

@@ -69,7 +69,7 @@ def solve_static(
     equilibrium = Equilibrium(problem, strain=Strain(strain), degree=degree)
     sampler = DetFSampler(equilibrium)
     newton = Newton(equilibrium, sampler, relative_tolerance=relative_tolerance)
-    tell(f"{equilibrium.num_dofs} degrees of freedom, {newton.linear_solver}")
+    tell(f"{3 * equilibrium.space.num_global_blocks} degrees of freedom, {newton.linear_solver}")
     path = follow_load(newton, sampler, equilibrium.num_dofs, progress=tell)
     nodal = equilibrium.space.at_points(path.displacement)
     smallest_det_f = sampler.smallest(path.displacement)

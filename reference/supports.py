@@ -62,4 +62,5 @@ def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
     points = checked_indices(support.points, 1, num_points, f"points of {what}")
     entities = space.transferred.facet_entities(support.facets, what)
     on_facets = fenicsx.fem.locate_dofs_topological(space.space, 2, entities)
-    return np.union1d(space.dof_of_point[points], np.asarray(on_facets, dtype=np.int32))
+    owned = np.asarray(on_facets, dtype=np.int32)
+    return np.union1d(space.owned_dofs(points), owned[owned < space.num_blocks])
