@@ -201,6 +201,17 @@ class CheckSpec(Table):
         return self
 
 
+class EvidenceSpec(Table):
+    """What a credibility file asks that only the user can say (ASME V&V 40-2018)."""
+
+    question: str = ""
+    context_of_use: str = ""
+    quantities_of_interest: str = ""
+    applicability: str = ""
+    model_influence: Literal["low", "medium", "high"] | None = None
+    decision_consequence: Literal["low", "medium", "high"] | None = None
+
+
 class CaseSpec(Table):
     """A whole case file."""
 
@@ -218,4 +229,5 @@ class CaseSpec(Table):
     tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()
     time: TimeSpec | None = None
     check: tuple[CheckSpec, ...] = ()
+    evidence: EvidenceSpec = EvidenceSpec()
     published: dict[str, Any] = Field(default_factory=dict)

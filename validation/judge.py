@@ -109,6 +109,8 @@ def judge_case(
         rest_volume=problem.mesh.volume,
         rest_surface_area=problem.mesh.surface_area,
         error_fields=_error_fields(candidates, references),
+        case_text=case.path.read_text(encoding="utf-8-sig"),
+        evidence=case.spec.evidence.model_dump(exclude_defaults=True),
     )
 
 

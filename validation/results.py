@@ -108,6 +108,8 @@ class CaseResult:
         rest_surface_area: [m2].
         error_fields: Error at the points, by name [m], shape (num_points,).
         candidate: Name of who was judged: the label of its states.
+        case_text: The case file as it was read.
+        evidence: What the case says for a credibility file: question, context of use...
     """
 
     name: str
@@ -124,6 +126,8 @@ class CaseResult:
     rest_surface_area: float
     error_fields: Mapping[str, Points]
     candidate: str = "fastsim"
+    case_text: str = ""
+    evidence: Mapping[str, Any] = field(default_factory=dict)
 
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""

@@ -1,10 +1,12 @@
-"""The report: one HTML file that opens offline anywhere, verdict first."""
+"""The report: one HTML file for each case that opens offline anywhere, verdict first."""
 
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +16,39 @@ from markupsafe import Markup
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.outputs import check_name
+from palpate.validation.report.credibility import credibility
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
-from palpate.validation.results import CaseResult
+from palpate.validation.report.viewer_data import compared_pairs, viewer_json
+from palpate.validation.results import CaseResult, Verdict, gravest
+
+INDEX = "index.html"
 
 
 def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
-    """Write report.html with its pictures and tables into a folder that exists.
+    """Write the pages with their pictures and tables into a folder that exists.
 
-    A picture that cannot be drawn is said so in its place; the verdict never depends on it.
+    One case gives report.html; several give NAME.html each, and index.html that links them. A
+    picture that cannot be drawn is said so in its place; the verdict never depends on it.
+
+    Returns:
+        The page to open first.
     """
+    environment = _environment()
+    if len(results) == 1:
+        return _write_case(environment, results[0], folder / "report.html", "")
+    for result in results:
+        _write_case(environment, result, folder / f"{result.name}.html", INDEX)
+    path = folder / INDEX
+    page = environment.get_template("index.html.j2").render(
+        results=results, verdict=gravest([r.verdict for r in results]), closest=_closest
+    )
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("palpate.validation.report"),
         autoescape=True,
@@ -35,11 +59,21 @@ def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
     environment.globals["check_name"] = check_name
     environment.filters["number"] = _number
     environment.filters["signed"] = lambda x: "" if x is None else f"{x:+.2f} %"
+    return environment
+
+
+def _write_case(environment: Environment, result: CaseResult, path: Path, index: str) -> Path:
+    """One page; its CSP admits the one script of ours, by hash, and nothing from elsewhere."""
+    template = resources.files("palpate.validation.report") / "templates" / "viewer.js"
+    script = template.read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     page = environment.get_template("report.html.j2").render(
-        cases=[_case_view(result, folder) for result in results],
-        title=", ".join(result.title for result in results),
+        r=result,
+        index=index,
+        script=Markup(script),
+        script_hash=Markup(f"sha256-{digest}"),
+        **_case_view(result, path.parent),
     )
-    path = folder / "report.html"
     path.write_text(page, encoding="utf-8")
     return path
 
@@ -49,26 +83,44 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
     for name, path in list(pictures.items()):
         pictures[name] = path.rename(folder / f"{result.name}-{name}.png")
     (folder / f"{result.name}-states.csv").write_text(state_table_csv(result), encoding="utf-8")
+    problem = result.problem
     try:
         # The SVG is our own drawing; the text in it is a fixed list of metric names.
         plot = Markup(checks_svg(result))
     except Exception as error:  # a plot must never take the verdict with it
         plot = Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
-    mesh = result.problem.mesh
-    material = result.problem.material
-    green = result.state(result.candidate, Strain.GREEN)
     return {
-        "result": result,
         "table": state_table(result),
         "pictures": {name: _data_url(path) for name, path in pictures.items()},
+        "scene": Markup(viewer_json(result)) if result.states else "",
+        "pairs": compared_pairs(result),
         "plot": plot,
-        "quality": measure_quality(mesh),
-        "material": material,
-        "green": green,
-        "num_supports": len(result.problem.supports),
-        "loads": [type(load).__name__ for load in result.problem.loads],
+        "quality": measure_quality(problem.mesh),
+        "material": problem.material,
+        "green": result.state(result.candidate, Strain.GREEN),
+        "num_supports": len(problem.supports),
+        "loads": [type(load).__name__ for load in problem.loads],
+        "tools": [type(tool.shape).__name__ for tool in problem.tools],
+        "num_inclusions": len(problem.inclusions),
+        "credibility": credibility(result),
         "provenance": json.dumps(dict(result.provenance), indent=2, allow_nan=False),
     }
+
+
+def _closest(result: CaseResult) -> str:
+    """The check that uses most of its limit, or the first that did not pass."""
+    for check in result.checks:
+        if check.verdict is not Verdict.PASSED:
+            return f"{check_name(check)}: {check.message}"
+    shares = [
+        ((check.value + check.reference_error) / check.limit, check)
+        for check in result.checks
+        if check.value is not None and check.limit > 0.0 and check.against != "candidate"
+    ]
+    if not shares:
+        return "–"
+    share, check = max(shares, key=lambda pair: pair[0])
+    return f"{check_name(check)}: {100 * share:.2g} % of its limit"
 
 
 def _data_url(path: Path) -> str:

@@ -1,0 +1,68 @@
+"""A report as PDF, printed by a Chromium that is already on the machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from palpate.meshes.errors import InputError
+
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+_TIME_LIMIT = 180.0
+
+
+def find_browser() -> str | None:
+    """Path of a Chromium; PALPATE_BROWSER names another than those usually found."""
+    chosen = os.environ.get("PALPATE_BROWSER")
+    names = (chosen,) if chosen else _BROWSERS
+    return next((path for path in map(shutil.which, names) if path), None)
+
+
+def require_browser() -> str:
+    """Path of a Chromium.
+
+    Raises:
+        InputError: There is none.
+    """
+    browser = find_browser()
+    if browser is None:
+        raise InputError(
+            "a PDF needs Chromium: install it (Debian: apt install chromium), name it in "
+            "PALPATE_BROWSER, or open the page and print it"
+        )
+    return browser
+
+
+def print_pdf(page: Path) -> Path:
+    """Print a page beside itself, whole or not at all.
+
+    Raises:
+        InputError: No browser, or it made no PDF.
+    """
+    browser = require_browser()
+    target = page.with_suffix(".pdf")
+    with tempfile.TemporaryDirectory(dir=page.parent, prefix=".pdf.") as scratch:
+        made = Path(scratch) / "page.pdf"
+        command = [
+            browser,
+            "--headless",
+            "--disable-gpu",
+            "--no-pdf-header-footer",
+            # Chromium refuses to start as root with its sandbox; the page is ours.
+            *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
+            f"--user-data-dir={scratch}/profile",
+            f"--print-to-pdf={made}",
+            page.absolute().as_uri(),
+        ]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=_TIME_LIMIT, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise InputError(f"{browser} could not print the report: {error}") from error
+        if done.returncode != 0 or not made.is_file():
+            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise InputError(f"{browser} could not print the report: {' '.join(last) or 'no PDF'}")
+        made.replace(target)
+    return target

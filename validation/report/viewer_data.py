@@ -1,0 +1,135 @@
+"""What the page's 3-D view draws: the boundary and its motions, packed small.
+
+Displacements are rounded to 1/32767 of the largest component: enough for a picture, never for a
+number. Errors are computed before that, in full precision.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.problem import Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.results import CaseResult, State
+
+_MILLI = 1e3
+_STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
+_COLOURS = 32
+
+
+def viewer_json(result: CaseResult) -> str:
+    """The scene of a case as JSON that is safe inside a <script> element; lengths in mm."""
+    mesh = result.problem.mesh
+    used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
+    points = mesh.points[used] * _MILLI
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    scene = {
+        "points": _packed(points - centre, np.float32),
+        "facets": _packed(facets.reshape(-1, 3), np.uint32),
+        "marks": _packed(_marks(result, used), np.int8),
+        "solutions": [_solution(state, used) for state in result.states],
+        "errors": _errors(result, used),
+        "colours": _colours(),
+        "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
+        "axis": int(np.argmin(_reach(mesh, result.states))),
+    }
+    # "</script>" in a name must not end the element.
+    return json.dumps(scene, allow_nan=False).replace("<", "\\u003c")
+
+
+def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
+    """One motion: whole numbers times `step` millimetres."""
+    displacement = state.displacement[used] * _MILLI
+    largest = float(np.abs(displacement).max())
+    step = largest / 32767.0 if largest > 0.0 else 1.0
+    return {
+        "name": _name(state),
+        "is_reference": state.simulator == "reference",
+        "step": step,
+        "displacement": _packed(np.rint(displacement / step), np.int16),
+        "largest": float(np.linalg.norm(displacement, axis=1).max()),
+    }
+
+
+def compared_pairs(result: CaseResult) -> list[str]:
+    """What the view's list offers, in the order of the scene's errors."""
+    states = result.states
+    return [
+        f"{_name(states[candidate])} with {states[reference].label}"
+        for candidate, reference in _pairs(result)
+    ]
+
+
+def _pairs(result: CaseResult) -> list[tuple[int, int]]:
+    """Every candidate with every reference of its strain, Green strain first."""
+    numbered = list(enumerate(result.states))
+    pairs = [
+        (number, other)
+        for number, candidate in numbered
+        for other, reference in numbered
+        if candidate.simulator != "reference"
+        and reference.simulator == "reference"
+        and candidate.strain is reference.strain
+    ]
+    return sorted(pairs, key=lambda pair: result.states[pair[0]].strain is not Strain.GREEN)
+
+
+def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
+    """Length of the error of every compared pair."""
+    errors = []
+    for number, other in _pairs(result):
+        candidate, reference = result.states[number], result.states[other]
+        apart = candidate.displacement[used] - reference.displacement[used]
+        length = np.linalg.norm(apart, axis=1) * _MILLI
+        errors.append(
+            {
+                "candidate": number,
+                "reference": other,
+                "largest": float(length.max()),
+                "length": _packed(length, np.float32),
+            }
+        )
+    return errors
+
+
+def _name(state: State) -> str:
+    return f"{state.label}, {_STRAIN_NAMES[state.strain]}"
+
+
+def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:
+    """1 where a point is held, -1 where it is pushed, 0 elsewhere."""
+    marks = np.zeros(result.problem.mesh.num_points, dtype=np.int8)
+    for load in result.problem.loads:
+        for part in ("facets", "points"):
+            rows = getattr(load, part, None)
+            if rows is not None:
+                marks[rows] = -1
+    for support in result.problem.supports:
+        marks[support.points] = 1
+    chosen: NDArray[Any] = marks[used]
+    return chosen
+
+
+def _reach(mesh: TetMesh, states: tuple[State, ...]) -> NDArray[Any]:
+    """Extent of the body in all its states: the first look is along the least of it."""
+    everything = [mesh.points, *(mesh.points + state.displacement for state in states)]
+    reach: NDArray[Any] = np.ptp(np.vstack(everything), axis=0)
+    return reach
+
+
+def _colours() -> list[list[float]]:
+    import matplotlib as mpl
+
+    table = mpl.colormaps["viridis"](np.linspace(0.0, 1.0, _COLOURS))[:, :3]
+    return [[round(float(c), 4) for c in row] for row in table]
+
+
+def _packed(array: NDArray[Any], kind: type[np.generic]) -> str:
+    """Little-endian bytes in base64."""
+    data = np.ascontiguousarray(array, dtype=np.dtype(kind).newbyteorder("<")).tobytes()
+    return base64.b64encode(data).decode("ascii")
