@@ -43,6 +43,9 @@ class Solid:
         facets: NDArray[np.int32],
         pressure: float,
     ) -> None: ...
+    def add_diagonal_blocks(
+        self, points: NDArray[np.int32], blocks: NDArray[np.float64]
+    ) -> None: ...
     def absolute_row_sums(self, sums: NDArray[np.float64]) -> None: ...
     def multiply_tangent(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None: ...
     def build_multigrid(self, is_free: NDArray[np.uint8]) -> int: ...
@@ -194,8 +197,26 @@ class StopReason(Enum):
     inverted_cell = 1
     out_of_bounds = 2
     energy_growth = 3
+    deep_in_tool = 4
 
 def widest_instruction_set() -> InstructionSet: ...
+
+class ToolShape:
+    @staticmethod
+    def sphere(radius: float) -> ToolShape: ...
+    @staticmethod
+    def capsule(radius: float, half_length: float) -> ToolShape: ...
+    @staticmethod
+    def box(x: float, y: float, z: float) -> ToolShape: ...
+    @staticmethod
+    def half_space() -> ToolShape: ...
+    @staticmethod
+    def surface(points: NDArray[np.float64], facets: NDArray[np.int32]) -> ToolShape: ...
+    def gaps(
+        self, places: NDArray[np.float64], pose: NDArray[np.float64]
+    ) -> tuple[
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
+    ]: ...
 
 class ExplicitRun32:
     @staticmethod
@@ -242,7 +263,23 @@ class ExplicitRun32:
         every: int,
         displacements: NDArray[np.float64],
         energies: NDArray[np.float64],
+        poses: NDArray[np.float64],
+        reactions: NDArray[np.float64],
     ) -> tuple[int, StopReason, int]: ...
+    def add_tool(
+        self,
+        shape: ToolShape,
+        is_constraint: bool,
+        friction: float,
+        reach: float,
+        deepest: float,
+        direction: tuple[float, float, float],
+        mass: float,
+        points: NDArray[np.float64],
+        vertices: NDArray[np.int32],
+        stiffnesses: NDArray[np.float64],
+    ) -> None: ...
+    def get_contact_force(self, force: NDArray[np.float64]) -> None: ...
     def internal_force(self, force: NDArray[np.float64]) -> None: ...
 
 class ExplicitRun64:
@@ -290,5 +327,21 @@ class ExplicitRun64:
         every: int,
         displacements: NDArray[np.float64],
         energies: NDArray[np.float64],
+        poses: NDArray[np.float64],
+        reactions: NDArray[np.float64],
     ) -> tuple[int, StopReason, int]: ...
+    def add_tool(
+        self,
+        shape: ToolShape,
+        is_constraint: bool,
+        friction: float,
+        reach: float,
+        deepest: float,
+        direction: tuple[float, float, float],
+        mass: float,
+        points: NDArray[np.float64],
+        vertices: NDArray[np.int32],
+        stiffnesses: NDArray[np.float64],
+    ) -> None: ...
+    def get_contact_force(self, force: NDArray[np.float64]) -> None: ...
     def internal_force(self, force: NDArray[np.float64]) -> None: ...

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import Amplitudes, Histories
+from palpate.fastsim.contact.contact_law import ContactLaw
+from palpate.fastsim.contact.explicit_tools import ExplicitTools, ToolTrack
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.fastsim.forces import checked_displacement
+from palpate.fastsim.forces import checked_displacement, lumped_mass
 from palpate.fastsim.time_steps import critical_time_step, sharp_critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.problem import Problem, Strain
 
 __all__ = [
     "DynamicResult",
@@ -64,6 +66,7 @@ class DynamicResult:
         num_steps: Steps done.
         energies: If asked for.
         instruction_set: What the step ran on.
+        tools: What each tool did and felt.
     """
 
     times: Points
@@ -74,6 +77,7 @@ class DynamicResult:
     num_steps: int
     energies: Energies | None = None
     instruction_set: str = ""
+    tools: tuple[ToolTrack, ...] = ()
 
 
 def simulate(
@@ -87,6 +91,7 @@ def simulate(
     precision: Precision = Precision.DOUBLE,
     num_threads: int = 1,
     tracks_energy: bool = False,
+    contact: ContactLaw | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> DynamicResult:
     """Run the explicit scheme over the problem's time span.
@@ -106,6 +111,7 @@ def simulate(
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
         tracks_energy: Sum up work and losses at every step (slower).
+        contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
         progress: Called with one line per stored state.
 
     Returns:
@@ -114,6 +120,8 @@ def simulate(
     Raises:
         InputError: No time span, or arrays of the wrong shape.
         UnstableStepError: The chosen step is above the critical one.
+        ToolError: A tool is in the body at the start, slips between its vertices, or is faster
+            than they can follow.
         BlowUpError: A cell inverted (Green strain), a number left its bounds, or energy grew
             from nothing; carries the last good state.
     """
@@ -122,7 +130,19 @@ def simulate(
         raise InputError("a dynamic run needs a time span; add [time] to the case")
     if num_threads < 1:
         raise InputError(f"num_threads = {num_threads}: needs at least 1")
-    critical = _critical(problem, span, strain)
+    critical = sharp_critical_time_step(mesh, problem.material, strain=strain)
+    tools = None
+    if problem.tools:
+        tools = ExplicitTools(
+            problem,
+            contact,
+            lumped_mass(mesh, problem.material.density),
+            critical_time_step=critical,
+            time_step=span.time_step,
+        )
+        critical = tools.critical_time_step
+    if span.time_step is not None and span.time_step > critical:
+        raise UnstableStepError(span.time_step, critical)
     wanted = span.time_step if span.time_step is not None else SAFETY * critical
     per_output = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
     body = ExplicitBody(
@@ -134,6 +154,7 @@ def simulate(
         precision=precision,
         num_threads=num_threads,
         tracks_energy=tracks_energy,
+        tools=tools,
     )
     zero = np.zeros_like(mesh.points)
     body.start(
@@ -150,8 +171,9 @@ def simulate(
             now = done * span.end_time / span.num_outputs
             progress(f"t = {now:.4g} s of {span.end_time:.4g} s")
     displacements = np.concatenate(states)
+    times = span.end_time / span.num_outputs * np.arange(span.num_outputs + 1)
     return DynamicResult(
-        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+        times=times,
         displacements=displacements,
         velocity=body.velocity(),
         time_step=body.dt,
@@ -159,6 +181,7 @@ def simulate(
         num_steps=body.steps,
         energies=_energies(body, displacements, np.concatenate(rows)) if tracks_energy else None,
         instruction_set=body.instruction_set,
+        tools=() if tools is None else tools.tracks(times),
     )
 
 
@@ -179,7 +202,7 @@ def _outputs(
             else:
                 num_steps = every = min(piece, left)
             start = time.perf_counter()
-            states, energies = body.advance(num_steps, every)
+            states, energies = body.advance(num_steps, every, is_output=left <= num_steps)
             pace = max(time.perf_counter() - start, 1e-6) / num_steps
             piece = max(1, int(_BREATH / pace))
             first = energies[:1] if first is None else first
@@ -191,11 +214,3 @@ def _outputs(
 def _energies(body: ExplicitBody, displacements: Points, rows: Points) -> Energies:
     strain = np.array([body.strain_energy(u) for u in displacements])
     return Energies(strain, *rows.T)
-
-
-def _critical(problem: Problem, span: TimeSpan, strain: Strain) -> float:
-    """Critical step about rest, sharp: the cells' bound is often only half of it."""
-    critical = sharp_critical_time_step(problem.mesh, problem.material, strain=strain)
-    if span.time_step is not None and span.time_step > critical:
-        raise UnstableStepError(span.time_step, critical)
-    return critical

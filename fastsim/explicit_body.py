@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Histories
+from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError
 from palpate.fastsim.forces import (
     STRAIN_MEASURE,
@@ -30,6 +31,7 @@ _REASONS = {
     _core.StopReason.inverted_cell: "a cell inverted",
     _core.StopReason.out_of_bounds: "a displacement left all bounds",
     _core.StopReason.energy_growth: "energy grew from nothing",
+    _core.StopReason.deep_in_tool: "a vertex moved so fast or deep that it may pass through a tool",
 }
 
 
@@ -53,6 +55,7 @@ class ExplicitBody:
         precision: Of the step.
         num_threads: At least 1.
         tracks_energy: Whether `advance` returns energies.
+        tools: Rigid tools; None is none.
 
     Attributes:
         displacement: At the last good step [m], shape (num_points, 3).
@@ -71,6 +74,7 @@ class ExplicitBody:
         precision: Precision = Precision.DOUBLE,
         num_threads: int = 1,
         tracks_energy: bool = False,
+        tools: ExplicitTools | None = None,
     ) -> None:
         mesh = problem.mesh
         self.problem = problem
@@ -106,6 +110,10 @@ class ExplicitBody:
         )
         self._give_loads()
         self._run.set_moving_supports(self._held, self._held_histories)
+        self._tools = tools
+        self._contact_force = np.zeros_like(mesh.points)
+        if tools is not None:
+            tools.attach(self._run, time_step, is_timed=mass is None)
 
     @property
     def instruction_set(self) -> str:
@@ -119,6 +127,9 @@ class ExplicitBody:
         """
         free = self._is_free.astype(bool)
         self.displacement = np.where(free, displacement, self._held_at(0.0))
+        self._contact_force[:] = 0.0
+        if self._tools is not None:
+            self._tools.start(self.displacement)
         speed = np.where(free, velocity, 0.0)
         acceleration = self.force() / self._mass - self._damping * speed
         self._increment = self.dt * speed - 0.5 * self.dt**2 * acceleration
@@ -127,12 +138,15 @@ class ExplicitBody:
         self._run.set_state(self.displacement, self._increment, energy)
         self.steps = 0
 
-    def advance(self, num_steps: int, every: int) -> tuple[Points, Points]:
+    def advance(
+        self, num_steps: int, every: int, *, is_output: bool = True
+    ) -> tuple[Points, Points]:
         """Do steps without stopping; return the states at every n-th of them.
 
         Args:
             num_steps: A multiple of `every`.
             every: Steps between two records, >= 1.
+            is_output: Whether the tools' tracks are wanted at the records.
 
         Returns:
             Displacements [m], shape (num_records, num_points, 3); and kinetic energy, external
@@ -145,10 +159,16 @@ class ExplicitBody:
         count = num_steps // every
         states = np.empty((count, *self.displacement.shape))
         energies = np.zeros((count + 1, 3))
-        factors = self._histories.at(self.dt * (self.steps + np.arange(num_steps + 2)))
-        done, reason, point = self._run.advance(factors, every, states, energies)
+        times = self.dt * (self.steps + np.arange(num_steps + 2))
+        factors, tools = self._histories.at(times), self._tools
+        poses = np.zeros((len(times), 0)) if tools is None else tools.rows(times)
+        reactions = np.zeros((0, 0)) if tools is None else tools.begin_reactions(count)
+        done, reason, point = self._run.advance(factors, every, states, energies, poses, reactions)
         self.steps += done
         self._run.get_state(self.displacement, self._increment)
+        if tools is not None:
+            self._run.get_contact_force(self._contact_force)
+            tools.collect(reactions, is_output=is_output)
         # The step looks at the state it starts from: the last one has not been looked at.
         looks = reason is _core.StopReason.none and self._strain is Strain.GREEN
         if looks and self.smallest_det_f(self.displacement)[0] <= 0.0:
@@ -173,9 +193,9 @@ class ExplicitBody:
         return speed
 
     def load(self) -> Points:
-        """All loads F(t) at the present state, pressure included [N], shape (num_points, 3)."""
+        """All loads F(t) at the present state, pressure and tools included [N], (num_points, 3)."""
         factors = self._histories.at([self.steps * self.dt])[0]
-        load: Points = np.tensordot(factors, self._dead, axes=1)
+        load: Points = np.tensordot(factors, self._dead, axes=1) + self._contact_force
         for pressure, history in self._pressures:
             pushed = Problem(self.problem.mesh, self.problem.material, (), (pressure,))
             load += factors[history] * external_force(pushed, self.displacement)

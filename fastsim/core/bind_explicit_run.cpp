@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 
 #include <cstdint>
@@ -97,19 +98,43 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
         .def(
             "advance",
             [](Run &run, Rows<const double> factors, std::int64_t every,
-               States<double> displacements, Table3<double> energies) {
+               States<double> displacements, Table3<double> energies, Rows<const double> poses,
+               Rows<double> reactions) {
                 const ExplicitPlan plan{as_span(factors),
                                         factors.shape(1),
                                         static_cast<std::int64_t>(factors.shape(0)) - 2,
                                         every,
                                         as_span(displacements),
-                                        as_span(energies)};
+                                        as_span(energies),
+                                        as_span(poses),
+                                        as_span(reactions)};
                 nb::gil_scoped_release release;
                 const ExplicitOutcome outcome = run.advance(plan);
                 return std::make_tuple(outcome.steps_done, outcome.reason, outcome.point);
             },
             nb::arg("factors").noconvert(), nb::arg("every"), nb::arg("displacements").noconvert(),
-            nb::arg("energies").noconvert())
+            nb::arg("energies").noconvert(), nb::arg("poses").noconvert(),
+            nb::arg("reactions").noconvert())
+        .def(
+            "add_tool",
+            [](Run &run, const ToolShape &shape, bool is_constraint, double friction, double reach,
+               double deepest, const Point &direction, double mass, Table3<const double> points,
+               Vector<const Index> vertices, Vector<const double> stiffnesses) {
+                nb::gil_scoped_release release;
+                run.add_tool({shape, is_constraint, friction, reach, deepest, direction, mass},
+                             as_span(points), as_span(vertices), as_span(stiffnesses));
+            },
+            nb::arg("shape"), nb::arg("is_constraint"), nb::arg("friction"), nb::arg("reach"),
+            nb::arg("deepest"), nb::arg("direction"), nb::arg("mass"),
+            nb::arg("points").noconvert(), nb::arg("vertices").noconvert(),
+            nb::arg("stiffnesses").noconvert())
+        .def(
+            "get_contact_force",
+            [](const Run &run, Table3<double> force) {
+                nb::gil_scoped_release release;
+                run.get_contact_force(as_span(force));
+            },
+            nb::arg("force").noconvert())
         .def(
             "internal_force",
             [](Run &run, Table3<double> force) {
@@ -133,7 +158,8 @@ void bind_explicit_run(nb::module_ &module) {
         .value("none", StopReason::none)
         .value("inverted_cell", StopReason::inverted_cell)
         .value("out_of_bounds", StopReason::out_of_bounds)
-        .value("energy_growth", StopReason::energy_growth);
+        .value("energy_growth", StopReason::energy_growth)
+        .value("deep_in_tool", StopReason::deep_in_tool);
     module.def("widest_instruction_set", &widest_instruction_set);
     bind_run<float>(module, "ExplicitRun32");
     bind_run<double>(module, "ExplicitRun64");

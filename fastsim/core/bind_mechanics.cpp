@@ -1,4 +1,5 @@
 // Bindings of the mechanics: no logic, no defaults. Python has checked every array.
+#include "bind_arrays.hpp"
 #include "mechanics/block_matrix.hpp"
 #include "mechanics/central_difference.hpp"
 #include "mechanics/conjugate_gradient.hpp"
@@ -125,6 +126,14 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("displaced_points").noconvert(), nb::arg("facets").noconvert(),
             nb::arg("pressure"))
+        .def(
+            "add_diagonal_blocks",
+            [](Solid &solid, GivenColumn<Index> points, GivenTable<double, 9> blocks) {
+                nb::gil_scoped_release release;
+                add_diagonal_blocks({points.data(), points.size()}, as_rows<Matrix3>(blocks),
+                                    solid.matrix);
+            },
+            nb::arg("points").noconvert(), nb::arg("blocks").noconvert())
         .def(
             "absolute_row_sums",
             [](const Solid &solid, Table3<double> sums) {

@@ -10,6 +10,7 @@ void bind_surface(nb::module_ &module);
 void bind_collision(nb::module_ &module);
 void bind_grading(nb::module_ &module);
 void bind_mechanics(nb::module_ &module);
+void bind_contact(nb::module_ &module);
 void bind_explicit_run(nb::module_ &module);
 
 NB_MODULE(_core, module) {
@@ -20,5 +21,6 @@ NB_MODULE(_core, module) {
     bind_collision(module);
     bind_grading(module);
     bind_mechanics(module);
+    bind_contact(module);
     bind_explicit_run(module);
 }

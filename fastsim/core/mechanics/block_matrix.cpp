@@ -145,6 +145,15 @@ void add_pressure_tangent(std::span<const double> displaced_points, std::span<co
     }
 }
 
+void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,
+                         BlockMatrix &matrix) {
+    for (std::size_t k = 0; k < points.size(); ++k) {
+        Matrix3 &m = matrix.blocks[matrix.diagonal[static_cast<std::size_t>(points[k])]];
+        for (std::size_t j = 0; j < 9; ++j)
+            m[j] += blocks[k][j];
+    }
+}
+
 void absolute_row_sums(const BlockMatrix &matrix, std::span<double> sums) {
     for (std::size_t i = 0; i < matrix.num_points; ++i)
         for (std::size_t r = 0; r < 3; ++r) {

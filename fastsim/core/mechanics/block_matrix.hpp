@@ -44,6 +44,10 @@ void assemble_secant(const RestCells &rest, std::span<const Index> cells,
 void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
                           double pressure, BlockMatrix &matrix);
 
+/// Adds to the diagonal blocks of some points, each named once.
+void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,
+                         BlockMatrix &matrix);
+
 /// Sum of the magnitudes of each row: Gershgorin's bound on the eigenvalues.
 void absolute_row_sums(const BlockMatrix &matrix, std::span<double> sums);
 

@@ -194,10 +194,14 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
         const auto row = [&](std::size_t r) {
             return plan.factors.subspan(r * plan.num_histories, plan.num_histories);
         };
+        const auto poses = [&](std::size_t r) {
+            const std::size_t size = pose_size * _tools.size();
+            return plan.poses.subspan(r * size, size);
+        };
         if (step == 0)
-            return Step{row(0), row(1), true, true};
+            return Step{row(0), row(1), true, true, poses(0), poses(1)};
         const auto [is_new, is_jump] = load_change(row(step - 1), row(step));
-        return Step{row(step), row(step + 1), is_new, is_jump};
+        return Step{row(step), row(step + 1), is_new, is_jump, poses(step), poses(step + 1)};
     };
     Barrier barrier(num_threads);
     // Two slots for each thread, used in turn: a fast thread never overwrites what is being read.
@@ -223,7 +227,8 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
             }
         };
         // With energies, once more at the end: forces there complete the sums.
-        const std::size_t num_looks = num_steps + (_settings.tracks_energy ? 1 : 0);
+        const bool has_tools = !_tools.empty();
+        const std::size_t num_looks = num_steps + (_settings.tracks_energy || has_tools ? 1 : 0);
         for (std::size_t step = 0; step < num_looks; ++step) {
             const std::size_t slot = step % 2;
             const Step now = step_of(step);
@@ -236,6 +241,7 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
             if (const StopReason reason = any(flags, slot); reason != StopReason::none)
                 return stop(reason, step);
             gather_forces(share, now);
+            const bool is_clear = !has_tools || touch_tools(share, now);
             const bool is_last = step + 1 >= num_steps, looks = is_last || step % 16 == 15;
             if (_settings.tracks_energy)
                 track(share, step > 0, step < num_steps);
@@ -246,7 +252,9 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
             } else {
                 const bool is_good = update(share);
                 move_supports(share, now);
-                late[thread].reason[slot] = is_good ? StopReason::none : StopReason::out_of_bounds;
+                late[thread].reason[slot] = !is_good    ? StopReason::out_of_bounds
+                                            : !is_clear ? StopReason::deep_in_tool
+                                                        : StopReason::none;
                 if (looks)
                     watch(share);
                 if ((step + 1) % every == 0)
@@ -256,6 +264,14 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
             barrier.wait();
             if (thread == 0 && _settings.tracks_energy && step % every == 0)
                 sum_energies(energies_at(step / every));
+            if (thread == 0 && has_tools) {
+                const std::size_t size = reaction_size * _tools.size();
+                sum_reactions();
+                if (step % every == 0)
+                    record_tools(plan.reactions.subspan(size * (step / every), size));
+                if (step < num_steps)
+                    move_tools(now);
+            }
             if (step == num_steps)
                 return;
             StopReason reason = any(late, slot);

@@ -13,8 +13,9 @@
 //     state of the last good look is kept
 //
 // explicit_setup.cpp: what a run is made of; explicit_run.cpp: the steps; explicit_energy.cpp: 4,
-// and the sums for the balance of energy.
+// and the sums for the balance of energy; explicit_tools.cpp: rigid tools.
 
+#include "contact/tool_touch.hpp"
 #include "mechanics/step_kernel.hpp"
 #include "mechanics/tet4.hpp"
 
@@ -42,7 +43,7 @@ template <typename T> struct Aligned {
 
 template <typename T> using AlignedVector = std::vector<T, Aligned<T>>;
 
-enum class StopReason { none, inverted_cell, out_of_bounds, energy_growth };
+enum class StopReason { none, inverted_cell, out_of_bounds, energy_growth, deep_in_tool };
 
 struct ExplicitOutcome {
     std::int64_t
@@ -50,6 +51,10 @@ struct ExplicitOutcome {
     StopReason reason;  // the state is then the last good one
     std::int64_t point; // that moved fastest when energy grew or bounds were left, else -1
 };
+
+/// Numbers of a tool in a row of poses: position, rotation row by row, drive [N]; and in a row of
+/// reactions: force, moment about its origin, impulse since the last record, offset, gap.
+inline constexpr std::size_t pose_size = 13, reaction_size = 11;
 
 /// The steps of one call. A history is a factor over time; loads and supports name theirs.
 struct ExplicitPlan {
@@ -59,6 +64,8 @@ struct ExplicitPlan {
     std::int64_t every;              // steps between records; > 0
     std::span<double> displacements; // num_steps / every records of 3 num_points
     std::span<double> energies;      // one record more, of kinetic energy, work, loss; if tracked
+    std::span<const double> poses;   // (num_steps + 2) rows, pose_size for each tool
+    std::span<double> reactions;     // one record more, reaction_size for each tool
 };
 
 struct ExplicitSettings {
@@ -95,6 +102,14 @@ template <typename Real> class ExplicitRun {
     /// Held components that move: factor times value; history -1 for all others.
     void set_moving_supports(std::span<const double> values, std::span<const Index> histories);
 
+    /// A rigid tool that touches some vertices, each with its stiffness k A [N/m] (penalty only).
+    /// Pre-condition: `points` are those of the body at rest.
+    void add_tool(const TouchSettings &settings, std::span<const double> points,
+                  std::span<const Index> vertices, std::span<const double> stiffnesses);
+
+    /// What the tools push with at the last state looked at.
+    void get_contact_force(std::span<double> force) const;
+
     /// Changes D = mass_damping M from here on.
     void set_mass_damping(double mass_damping);
 
@@ -114,6 +129,14 @@ template <typename Real> class ExplicitRun {
         double next = 0.0, pull = 0.0; // increment ahead [m], and what makes it so [N]
     };
 
+    struct Tool {
+        TouchSettings settings;
+        std::vector<TouchVertex> vertices;    // ascending entries
+        double offset = 0.0, increment = 0.0; // along the direction, if driven by a force
+        Reaction reaction{};
+        Point impulse{};
+    };
+
     struct Share { // of one thread
         std::size_t first_batch, last_batch;
         std::size_t first_touched, last_touched; // points its cells touch
@@ -127,6 +150,8 @@ template <typename Real> class ExplicitRun {
         double given = 0.0, pressure_work = 0.0;
         double watched_kinetic = 0.0, fastest = -1.0, furthest = 0.0;
         std::size_t fastest_point = 0;
+        std::vector<std::size_t> touched; // first entries of the records tools push on
+        std::vector<Reaction> reactions;  // of each tool
     };
 
     /// What a thread needs to know of the step it is in.
@@ -134,6 +159,7 @@ template <typename Real> class ExplicitRun {
         std::span<const double> now, next; // factors
         bool is_new_load;                  // a factor differs from the last step's
         bool is_jump;                      // by so much that its work must be counted apart
+        std::span<const double> poses, next_poses;
     };
 
     /// Entries of the records: one point more than there are, for the corners of the cells that
@@ -154,6 +180,12 @@ template <typename Real> class ExplicitRun {
     std::pair<bool, bool> load_change(std::span<const double> before,
                                       std::span<const double> now) const;
     void combine_dead_loads(Share &share, std::span<const double> factors);
+    void rest_tools();
+    Pose pose_of(const Tool &tool, std::span<const double> row) const;
+    bool touch_tools(Share &share, const Step &step);
+    void sum_reactions();
+    void record_tools(std::span<double> row);
+    void move_tools(const Step &step);
     void record(const Share &share, std::span<double> displacement) const;
 
     void track(Share &share, bool completes_half, bool begins_half);
@@ -182,6 +214,8 @@ template <typename Real> class ExplicitRun {
     std::vector<Index> _pressure_histories;
     AlignedVector<Real> _pressure_force;       // records of 4; empty without pressure
     std::vector<std::size_t> _pressed_entries; // those of it that can differ from zero
+    std::vector<Tool> _tools;
+    AlignedVector<Real> _contact_force; // records of 4; empty without tools
     std::size_t _num_batches = 0;
     std::vector<Share> _shares;
     Real _keep, _limit;

@@ -131,6 +131,7 @@ void ExplicitRun<Real>::set_state(std::span<const double> displacement,
     _steps_since_good = 0;
     _energy_at_start = energy;
     _has_begun = false;
+    rest_tools();
     for (Share &share : _shares)
         share.work = share.loss = share.given = share.pressure_work = 0.0;
 }

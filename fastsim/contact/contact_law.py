@@ -1,0 +1,198 @@
+"""How contact is enforced, how stiff, and how fast a tool may be.
+
+Penalty: pressure k max(0, -g). A vertex of mass m and area A then has a frequency of its own, and
+
+    omega^2 <= omega_body^2 + max k A / m,      dt_critical = 2 / omega
+
+(the largest eigenvalue of a sum is at most the sum of the largest). The default stiffness,
+
+    k = min(10 (lambda + 2 mu) / h,  0.5625 omega_body^2 min(m / A)),
+
+presses a layer of cells ten times as much as the gap, or less where the critical step would
+shrink by more than a fifth. Under a time step that is given, the second bound is
+(0.9 (2 / dt)^2 - omega_body^2) min(m / A).
+
+Speed: before a vertex is turned round, the tool may come a quarter of the way to its own middle
+over it, or through a cell, and the vertex itself another quarter (more than that ends the run). It
+takes one step with the constraint; under a penalty the time of the vertex' own bounce,
+sqrt(m / (k A)), and as far as a wave of speed c loads it, rho c / k:
+
+    v_max = 0.25 min(half thickness of the tool, smallest cell height) / max(dt, those).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from palpate.fastsim.contact.tool_contact import ToolContact
+from palpate.fastsim.errors import UnstableStepError
+from palpate.fastsim.forces import lame_parameters
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, PlaneShape, SphereShape, ToolShape
+from palpate.meshes.tet_mesh import CELL_FACETS, signed_volumes
+
+# Layers of cells that are as stiff as the default penalty.
+_LAYERS = 0.1
+# Stiffness that shortens the critical step by a fifth: 1 / 0.8^2 - 1.
+_SHARE_OF_SQUARED_FREQUENCY = 0.5625
+# What of the bound a given time step leaves is used.
+_SHARE_OF_BOUND = 0.9
+
+
+class ContactForm(StrEnum):
+    """Penalty, or the constraint itself (no vertex inside)."""
+
+    PENALTY = "penalty"
+    CONSTRAINT = "constraint"
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """How contact is enforced.
+
+    Args:
+        form: Penalty or constraint.
+        stiffness: Penalty stiffness k [Pa/m]; None derives it from material, mesh and time step.
+            Not used by the constraint in motion; in statics its multipliers are found with it.
+
+    Raises:
+        InputError: A stiffness that is not above 0.
+    """
+
+    form: ContactForm = ContactForm.CONSTRAINT
+    stiffness: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.stiffness is not None and not (
+            np.isfinite(self.stiffness) and self.stiffness > 0.0
+        ):
+            raise InputError(f"contact stiffness = {self.stiffness:g} Pa/m: needs a value above 0")
+
+
+def layer_stiffness(problem: Problem, contact: ToolContact) -> float:
+    """(lambda + 2 mu) / h [Pa/m], h the mean edge of the contact facets: one layer of cells."""
+    lmbda, mu = lame_parameters(problem.material)
+    return (lmbda + 2.0 * mu) / mean_edge(problem, contact)
+
+
+def mean_edge(problem: Problem, contact: ToolContact) -> float:
+    """Mean edge of the contact facets [m]."""
+    corners = problem.mesh.points[contact.facets]
+    edges = corners - np.roll(corners, 1, axis=1)
+    return float(np.linalg.norm(edges, axis=2).mean())
+
+
+def explicit_stiffness(
+    problem: Problem,
+    contact: ToolContact,
+    law: ContactLaw,
+    mass: Points,
+    critical_time_step: float,
+    time_step: float | None,
+) -> float:
+    """Penalty stiffness k [Pa/m] for explicit steps (formula above).
+
+    Raises:
+        UnstableStepError: The step leaves no room for any penalty.
+    """
+    if law.stiffness is not None:
+        return law.stiffness
+    squared = (2.0 / critical_time_step) ** 2
+    lightest = float((mass[contact.vertices] / contact.areas).min())
+    if time_step is None:
+        room = _SHARE_OF_SQUARED_FREQUENCY * squared
+    else:
+        room = _SHARE_OF_BOUND * (2.0 / time_step) ** 2 - squared
+        if room <= 0.0:
+            raise UnstableStepError(time_step, np.sqrt(_SHARE_OF_BOUND) * critical_time_step)
+    return min(layer_stiffness(problem, contact) / _LAYERS, room * lightest)
+
+
+def critical_with_contact(
+    critical_time_step: float, contacts: list[tuple[ToolContact, float]], mass: Points
+) -> float:
+    """Critical step [s] of a body whose vertices are pushed by penalties (contact, k)."""
+    squared = (2.0 / critical_time_step) ** 2
+    added = np.zeros(len(mass))
+    for contact, stiffness in contacts:
+        added[contact.vertices] += stiffness * contact.areas / mass[contact.vertices]
+    return float(2.0 / np.sqrt(squared + added.max(initial=0.0)))
+
+
+def largest_speed(
+    problem: Problem,
+    contact: ToolContact,
+    mass: Points,
+    time_step: float,
+    stiffness: float | None,
+) -> float:
+    """Relative speed up to which no vertex passes through the tool [m/s] (formula above).
+
+    Args:
+        problem: Mesh and material.
+        contact: The tool.
+        mass: Lumped [kg], shape (num_points,).
+        time_step: [s].
+        stiffness: Of the penalty [Pa/m]; None for the constraint.
+    """
+    lasting = time_step
+    if stiffness is not None and len(contact.vertices):
+        lmbda, mu = lame_parameters(problem.material)
+        rho = problem.material.density
+        bounce = float(np.sqrt((mass[contact.vertices] / contact.areas).max() / stiffness))
+        lasting = max(time_step, bounce, rho * np.sqrt((lmbda + 2.0 * mu) / rho) / stiffness)
+    way = min(half_thickness(contact.tool.shape), _smallest_height(problem))
+    return 0.25 * way / lasting
+
+
+def half_thickness(shape: ToolShape) -> float:
+    """Half of the smallest way through a shape [m]; infinite for a half space."""
+    match shape:
+        case SphereShape() | CapsuleShape():
+            return shape.radius
+        case BoxShape():
+            return min(shape.half_widths)
+        case PlaneShape():
+            return float("inf")
+        case _:
+            surface = shape.surface
+            return 0.5 * float(_ways_through(surface.points[surface.facets]).min())
+
+
+def _ways_through(corners: Points) -> Points:
+    """From the centre of each facet straight inwards to the next facet [m], shape (n,).
+
+    Moeller and Trumbore 1997, every facet against every other.
+    """
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    inwards = -np.cross(u, v)
+    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
+    centres = corners.mean(axis=1)
+    ways = np.empty(len(corners))
+    for k in range(len(corners)):
+        p = np.cross(inwards[k], v)
+        det = np.sum(u * p, axis=1)
+        det[np.abs(det) < 1e-14 * np.abs(det).max()] = np.inf
+        s = centres[k] - a
+        q = np.cross(s, u)
+        first, second = np.sum(s * p, axis=1) / det, q @ inwards[k] / det
+        length = np.sum(v * q, axis=1) / det
+        hit = (first >= 0.0) & (second >= 0.0) & (first + second <= 1.0) & (length > 0.0)
+        hit[k] = False
+        ways[k] = length[hit].min(initial=np.inf)
+    return ways
+
+
+def _smallest_height(problem: Problem) -> float:
+    """Smallest height of a cell [m]: three volumes over the largest facet."""
+    mesh = problem.mesh
+    corners = mesh.points[mesh.cells[:, CELL_FACETS]]
+    areas = 0.5 * np.linalg.norm(
+        np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]), axis=2
+    )
+    return float((3.0 * signed_volumes(mesh.points, mesh.cells) / areas.max(axis=1)).min())

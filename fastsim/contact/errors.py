@@ -1,0 +1,89 @@
+"""What can be wrong with a tool beside a body, with the data that shows it."""
+
+from __future__ import annotations
+
+from palpate.fastsim.errors import FastsimError
+from palpate.meshes.rigid_tool import ToolError
+
+
+class ToolInsideError(ToolError):
+    """A tool overlaps the body before anything has moved.
+
+    Attributes:
+        tool: Number of the tool, from 0.
+        depth: How deep its deepest vertex is [m]; infinite where the tool is inside as a whole.
+        allowed: How deep it may be at the start [m].
+        place: Of that vertex, or of the tool's point that is inside [m].
+    """
+
+    def __init__(
+        self, tool: int, depth: float, allowed: float, place: tuple[float, float, float]
+    ) -> None:
+        self.tool = tool
+        self.depth = depth
+        self.allowed = allowed
+        self.place = place
+        where = ", ".join(f"{x:.4g}" for x in place)
+        how = "has its middle in the body" if depth == float("inf") else f"is {depth:.3g} m deep"
+        super().__init__(
+            f"tool {tool + 1} {how} at the start, at ({where}) m; at most {allowed:.3g} m is "
+            "allowed (a tenth of the edges there): begin its path outside of the body"
+        )
+
+
+class ToolTooSmallError(ToolError):
+    """A tool that fits between the vertices at which contact is looked for.
+
+    Attributes:
+        tool: Number of the tool, from 0.
+        half_thickness: Of the tool where it is thinnest [m].
+        spacing: Largest radius of a circle through the corners of a facet in its way [m].
+    """
+
+    def __init__(self, tool: int, half_thickness: float, spacing: float) -> None:
+        self.tool = tool
+        self.half_thickness = half_thickness
+        self.spacing = spacing
+        super().__init__(
+            f"tool {tool + 1} is {half_thickness:.3g} m thick (half), facets in its way have "
+            f"corners {spacing:.3g} m from their centre: it would slip between them; refine the "
+            "mesh there, or take a larger tool"
+        )
+
+
+class ToolTooFastError(ToolError):
+    """A tool that moves too far in one step for its side to be known.
+
+    Attributes:
+        tool: Number of the tool, from 0.
+        speed: Largest speed of a point of the tool on its path [m/s].
+        allowed: Speed up to which nothing passes through [m/s].
+    """
+
+    def __init__(self, tool: int, speed: float, allowed: float) -> None:
+        self.tool = tool
+        self.speed = speed
+        self.allowed = allowed
+        super().__init__(
+            f"tool {tool + 1} moves at {speed:.4g} m/s; with this time step and mesh vertices may "
+            f"pass through it above {allowed:.4g} m/s: move it more slowly, or take a shorter step"
+        )
+
+
+class ContactLostError(FastsimError):
+    """No equilibrium with the tool beyond a point of its path.
+
+    Attributes:
+        time: Last time of the path at which equilibrium was found.
+        reason: What ended the iteration beyond it.
+        partial: Result up to there (`ContactResult`).
+    """
+
+    def __init__(self, time: float, reason: str, partial: object) -> None:
+        self.time = time
+        self.reason = reason
+        self.partial = partial
+        super().__init__(
+            f"no equilibrium with the tool beyond t = {time:.6g} of its path: {reason}; press "
+            "less deep, refine below the tool, or take linear strain"
+        )

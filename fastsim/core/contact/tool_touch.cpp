@@ -1,0 +1,142 @@
+#include "contact/tool_touch.hpp"
+
+#include "predicates/vector_algebra.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fastsim {
+
+namespace {
+
+/// One vertex, in double precision whatever the body's.
+struct Mover {
+    Point place, increment, mobility;
+
+    Point after(const Point &force) const {
+        Point at = place;
+        for (std::size_t j = 0; j < 3; ++j)
+            at[j] += increment[j] + mobility[j] * force[j];
+        return at;
+    }
+};
+
+template <typename Real>
+Mover mover_of(const TouchedBody<Real> &body, std::size_t entry, const Point &place) {
+    Mover mover{place, {}, {}};
+    for (std::size_t j = 0; j < 3; ++j) {
+        const std::size_t i = entry + j;
+        mover.mobility[j] = static_cast<double>(body.mobility[i]);
+        mover.increment[j] =
+            static_cast<double>(body.keep) * static_cast<double>(body.increment[i]) +
+            mover.mobility[j] * static_cast<double>(body.external[i] - body.force[i]);
+    }
+    return mover;
+}
+
+// A vertex with held components leaves the tool along another line than its normal.
+constexpr int most_corrections = 6;
+
+Point constraint_force(const TouchSettings &tool, const Pose &next, const Mover &mover, Gap &gap) {
+    Point force{};
+    gap = gap_at(tool.shape, next, mover.after(force));
+    Gap last = gap;
+    for (int k = 0; k < most_corrections && last.distance < 0.0; ++k) {
+        double give = 0.0;
+        for (std::size_t j = 0; j < 3; ++j)
+            give += mover.mobility[j] * last.normal[j] * last.normal[j];
+        if (!(give > 0.0))
+            break;
+        force = along(force, last.normal, -last.distance / give);
+        const bool is_free =
+            mover.mobility[0] == mover.mobility[1] && mover.mobility[1] == mover.mobility[2];
+        if (is_free)
+            break;
+        last = gap_at(tool.shape, next, mover.after(force));
+    }
+    return force;
+}
+
+Point friction_force(const TouchSettings &tool, const Pose &now, const Pose &next,
+                     const Mover &mover, const Point &pushed, const Point &normal) {
+    const Point end = mover.after(pushed);
+    const Point own = next.to_tool(end);
+    const Point came = along(now.position, now.turned_out(own), 1.0);
+    Point slip{};
+    for (std::size_t j = 0; j < 3; ++j)
+        slip[j] = (end[j] - mover.place[j]) - (end[j] - came[j]);
+    slip = along(slip, normal, -dot(slip, normal));
+    Point force{};
+    for (std::size_t j = 0; j < 3; ++j)
+        if (mover.mobility[j] > 0.0)
+            force[j] = -slip[j] / mover.mobility[j];
+    const double size = norm(force), most = tool.friction * norm(pushed);
+    return size > most ? along({}, force, most / size) : force;
+}
+
+} // namespace
+
+template <typename Real>
+Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices, const Pose &now,
+               const Pose &next, const TouchedBody<Real> &body, std::vector<std::size_t> &touched) {
+    Reaction reaction{};
+    Real fastest(0);
+    const Box box = posed_box(box_of(tool.shape), now, tool.reach);
+    for (const TouchVertex &vertex : vertices) {
+        Point place{};
+        bool is_near = true;
+        for (std::size_t j = 0; j < 3; ++j) {
+            place[j] = vertex.rest[j] + static_cast<double>(body.displacement[vertex.entry + j]);
+            is_near &= place[j] >= box.low[j] && place[j] <= box.high[j];
+            fastest = std::max(fastest, std::abs(body.increment[vertex.entry + j]));
+        }
+        if (!is_near)
+            continue;
+        Point force{};
+        Gap gap{};
+        if (tool.is_constraint) {
+            const Mover mover = mover_of(body, vertex.entry, place);
+            force = constraint_force(tool, next, mover, gap);
+            reaction.gap = std::min(reaction.gap, gap.distance);
+            if (!(gap.distance < 0.0))
+                continue;
+            if (tool.friction > 0.0)
+                force =
+                    along(force, friction_force(tool, now, next, mover, force, gap.normal), 1.0);
+        } else {
+            gap = gap_at(tool.shape, now, place);
+            reaction.gap = std::min(reaction.gap, gap.distance);
+            if (!(gap.distance < 0.0))
+                continue;
+            force = along({}, gap.normal, -gap.distance * vertex.stiffness);
+            if (tool.friction > 0.0) {
+                const Mover mover = mover_of(body, vertex.entry, place);
+                force =
+                    along(force, friction_force(tool, now, next, mover, force, gap.normal), 1.0);
+            }
+        }
+        // What the body feels is rounded to its precision; the tool feels just that.
+        Point felt{};
+        for (std::size_t j = 0; j < 3; ++j) {
+            const Real rounded = static_cast<Real>(force[j]);
+            body.force[vertex.entry + j] -= rounded;
+            body.contact[vertex.entry + j] += rounded;
+            felt[j] = static_cast<double>(rounded);
+            reaction.force[j] -= felt[j];
+        }
+        const Point moment = cross(minus(place, now.position), felt);
+        reaction.moment = along(reaction.moment, moment, -1.0);
+        touched.push_back(vertex.entry);
+    }
+    reaction.fastest = static_cast<double>(fastest);
+    return reaction;
+}
+
+template Reaction touch<float>(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
+                               const Pose &, const TouchedBody<float> &,
+                               std::vector<std::size_t> &);
+template Reaction touch<double>(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
+                                const Pose &, const TouchedBody<double> &,
+                                std::vector<std::size_t> &);
+
+} // namespace fastsim

@@ -1,0 +1,60 @@
+#pragma once
+// Forces between a rigid tool and the boundary vertices of a body in explicit motion.
+//
+//  penalty     f = k A max(0, -g) n, with the gap g where the vertex is
+//  constraint  the force that puts the vertex onto the tool at the end of the step, where it would
+//              end inside: with lumped mass a Lagrange multiplier for each vertex by itself
+//              (Carpenter, Taylor and Katona 1991, "Lagrange constraints for transient finite
+//              element surface contact": forward increments)
+//  friction    the force that stops the slip of the step ahead, at most mu times the normal force
+//
+// Vertices are first held against the tool's box. Forces on the tool are minus the sums of those
+// on the vertices, to the last bit.
+
+#include "contact/tool_shape.hpp"
+
+#include <cstddef>
+#include <limits>
+#include <span>
+#include <vector>
+
+namespace fastsim {
+
+struct TouchSettings {
+    ToolShape shape;
+    bool is_constraint;
+    double friction; // Coulomb's coefficient
+    double reach;    // vertices so far outside may come in during a step [m]
+    double deepest;  // beyond this depth the side is no longer known [m]
+    Point direction; // of a tool driven by a force
+    double mass;     // of that; 0 if the tool follows its path
+};
+
+struct TouchVertex {
+    std::size_t entry; // of its record
+    Point rest;
+    double stiffness; // k A [N/m]
+};
+
+/// On the tool, about its origin; `gap` is the smallest met (with the constraint, where vertices
+/// would have been), `fastest` the largest component of an increment.
+struct Reaction {
+    Point force{}, moment{};
+    double gap = std::numeric_limits<double>::infinity();
+    double fastest = 0.0;
+};
+
+/// A body's arrays, records of 4.
+template <typename Real> struct TouchedBody {
+    const Real *displacement, *increment, *external, *mobility;
+    Real *force;   // inner force; what pushes the body is taken off
+    Real *contact; // gathered here too
+    Real keep;
+};
+
+/// Adds the forces of a tool on some vertices; entries of the touched ones are added to a list.
+template <typename Real>
+Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices, const Pose &now,
+               const Pose &next, const TouchedBody<Real> &body, std::vector<std::size_t> &touched);
+
+} // namespace fastsim
