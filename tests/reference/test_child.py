@@ -18,7 +18,8 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.problem_files import save_problem
 from palpate.reference import child
 from palpate.reference.availability import is_available
-from palpate.reference.child import child_environment, solve_static_in_child
+from palpate.reference.child import solve_static_in_child
+from palpate.reference.child_process import child_environment
 from palpate.reference.errors import (
     ReferenceCrashedError,
     ReferenceNotConvergedError,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from palpate.reference.child import child_environment
+from palpate.reference.child_process import child_environment
 from palpate.reference.jit_cache import cache_folder, locked, remove_unfinished
 
 

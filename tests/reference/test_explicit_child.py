@@ -1,0 +1,50 @@
+"""The explicit twin in its own process: the same trajectory, and its failures."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.reference.availability import is_available
+from palpate.reference.errors import ReferenceBlowUpError, ReferenceTimeoutError
+from palpate.reference.explicit_child import simulate_explicit_in_child
+
+if is_available():
+    from palpate.reference.explicit import simulate_explicit
+
+pytestmark = pytest.mark.dolfinx
+
+
+@pytest.fixture
+def swing(box):
+    mesh = box((3, 1, 1), (0.3, 0.1, 0.1))
+    held = mesh.facet_groups["x0"]
+    supports = (Support(np.unique(held).astype(np.int32), held),)
+    span = TimeSpan(0.05, 1e-3, 1.0, 5)
+    return Problem(mesh, Material(1e4, 0.35), supports, (BodyForce((0.0, 90.0, -300.0)),), span)
+
+
+def test_the_child_gives_the_same_trajectory_bit_for_bit(swing):
+    there = simulate_explicit_in_child(swing, time_limit=120)
+    here = simulate_explicit(swing)
+    assert np.array_equal(there.displacements, here.displacements)
+    assert np.array_equal(there.strain_energies, here.strain_energies)
+    assert np.array_equal(there.times, here.times)
+    assert (there.time_step, there.num_steps) == (1e-3, 50)
+
+
+def test_failures_come_back_typed(swing):
+    with pytest.raises(InputError, match="time_step given"):
+        simulate_explicit_in_child(dataclasses.replace(swing, time=TimeSpan(1.0)), time_limit=60)
+    wild = dataclasses.replace(swing, time=TimeSpan(100.0, 0.1, 0.0, 10))
+    with pytest.raises(ReferenceBlowUpError) as caught:
+        simulate_explicit_in_child(wild, time_limit=120)
+    assert caught.value.displacement.shape == swing.mesh.points.shape
+    assert np.isfinite(caught.value.displacement).all()
+    with pytest.raises(ReferenceTimeoutError):
+        simulate_explicit_in_child(swing, time_limit=0.2)
