@@ -11,13 +11,15 @@ from palpate.validation.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, 
 from palpate.validation.regions_schema import BallRegion, RegionSpec, Table, Vector
 from palpate.validation.units import Units
 
-METRICS = (
-    "displacement_l2",
-    "displacement_max",
-    "max_displacement",
-    "volume",
-    "surface_area",
-    "smallest_det_f",
+# The candidate's own, without a reference.
+OWN_METRICS = ("smallest_det_f", "inverted_cells")
+# Only against the reference on the same mesh.
+SAME_MESH_METRICS = (
+    "displacement_h1",
+    "energy_norm",
+    "local_volume",
+    "reaction_force",
+    "strain_energy",
 )
 
 
@@ -179,11 +181,19 @@ class CheckSpec(Table):
 
     metric: Literal[
         "displacement_l2",
+        "displacement_h1",
+        "energy_norm",
         "displacement_max",
         "max_displacement",
         "volume",
+        "local_volume",
         "surface_area",
+        "surface_hausdorff",
+        "surface_mean_distance",
+        "reaction_force",
+        "strain_energy",
         "smallest_det_f",
+        "inverted_cells",
     ]
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
     strain: Strain | None = None
@@ -192,11 +202,12 @@ class CheckSpec(Table):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
-        if (self.metric == "smallest_det_f") != (self.against == "candidate"):
-            raise ValueError(
-                'smallest_det_f goes with against = "candidate", and nothing else does'
-            )
-        if self.metric != "smallest_det_f" and self.limit <= 0.0:
+        if (self.metric in OWN_METRICS) != (self.against == "candidate"):
+            own = " and ".join(OWN_METRICS)
+            raise ValueError(f'{own} go with against = "candidate", and nothing else does')
+        if self.metric in SAME_MESH_METRICS and self.against != "same_mesh":
+            raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
+        if self.metric not in OWN_METRICS and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-from palpate.meshes.problem import Strain
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case_schema import CheckSpec
-from palpate.validation.metrics import COMPARISONS
+from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
 from palpate.validation.results import CheckResult, State, Verdict
 
 
@@ -29,7 +28,7 @@ def decide(error: float, bar: float, limit: float) -> Verdict:
 def judge_check(
     spec: CheckSpec,
     strain: Strain,
-    mesh: TetMesh,
+    problem: Problem,
     candidate: State | None,
     reference: State | None,
     bar: float,
@@ -40,14 +39,14 @@ def judge_check(
     Args:
         spec: Metric, limit and reason.
         strain: Which solution is judged.
-        mesh: The case's mesh.
+        problem: The case's problem.
         candidate: The candidate's state, or None with `failure` saying why.
         reference: The reference's, or None if there is none.
         bar: The reference's error bar, relative to the check's scale.
         failure: Why a state is missing.
     """
     value: float | None = None
-    scale, unit = "-", "-"
+    scale, unit = "-", CATALOGUE[spec.metric].unit
     if candidate is None:
         verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
     elif spec.metric == "smallest_det_f":
@@ -55,10 +54,15 @@ def judge_check(
         is_good = math.isfinite(value) and value > spec.limit
         verdict = Verdict.PASSED if is_good else Verdict.FAILED
         message = f"smallest det F {value:.4g} {'>' if is_good else 'not >'} {spec.limit:g}"
+    elif spec.metric == "inverted_cells":
+        count = inverted_cells(problem.mesh, candidate.displacement)
+        value, scale, bar = float(count), "none", 0.0
+        verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
+        message = f"{count} inverted cell(s), at most {spec.limit:g}"
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
-        difference = COMPARISONS[spec.metric](mesh, candidate, reference)
+        difference = measure(spec.metric, problem, candidate, reference)
         scale = difference.scale_name
         verdict = decide(difference.value, bar, spec.limit)
         value = difference.value if math.isfinite(difference.value) else None

@@ -18,7 +18,7 @@ from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case_schema import CheckSpec
 from palpate.validation.checks import judge_check
-from palpate.validation.metrics import COMPARISONS
+from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.reference_set import SAME_MESH, ReferenceSet, solve_live
 from palpate.validation.results import CaseResult, CheckResult, State, Verdict, gravest
 from palpate.validation.simulators import CandidateFailedError
@@ -86,7 +86,7 @@ def judge_case(
             judge_check(
                 spec,
                 strain,
-                problem.mesh,
+                problem,
                 candidates.get(strain),
                 reference,
                 bar if is_truth else 0.0,
@@ -196,10 +196,19 @@ def _metrics(
         for word, reference in pairs:
             if reference is None:
                 continue
-            for metric, compare in COMPARISONS.items():
-                value = compare(mesh, candidate, reference).value
+            for metric in _comparable(word):
+                value = measure(metric, case.problem, candidate, reference).value
                 metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
     return metrics
+
+
+def _comparable(against: str) -> list[str]:
+    """Metrics that compare with a reference of this kind."""
+    return [
+        metric.name
+        for metric in CATALOGUE.values()
+        if metric.compare and (against == "same_mesh" or not metric.needs_same_mesh)
+    ]
 
 
 def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """How far apart two solutions are: each metric with its unit, its scale and its meaning."""
 
+from palpate.validation.metrics.catalogue import CATALOGUE, Metric, measure
+from palpate.validation.metrics.fields import det_f, inverted_cells
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
     SMALLEST_CHANGE,
@@ -14,14 +16,19 @@ from palpate.validation.metrics.pairs import (
 )
 
 __all__ = [
+    "CATALOGUE",
     "COMPARISONS",
     "SMALLEST_CHANGE",
     "Difference",
+    "Metric",
+    "det_f",
     "displacement_l2",
     "displacement_max",
+    "inverted_cells",
     "l2_norm",
     "make_state",
     "max_displacement",
+    "measure",
     "surface_area",
     "volume",
 ]

@@ -43,21 +43,21 @@ def displacement_l2(mesh: TetMesh, candidate: State, reference: State) -> Differ
     """Relative L2 error of displacement, weighted by volume."""
     scale = l2_norm(mesh, reference.displacement)
     error = l2_norm(mesh, candidate.displacement - reference.displacement)
-    return _ratio(error, scale, "L2 norm of the reference's displacement")
+    return ratio(error, scale, "L2 norm of the reference's displacement")
 
 
 def displacement_max(mesh: TetMesh, candidate: State, reference: State) -> Difference:
     """Largest error of a point over the largest displacement of the reference."""
     del mesh
     error = float(np.linalg.norm(candidate.displacement - reference.displacement, axis=1).max())
-    return _ratio(error, reference.max_displacement, "the reference's largest displacement")
+    return ratio(error, reference.max_displacement, "the reference's largest displacement")
 
 
 def max_displacement(mesh: TetMesh, candidate: State, reference: State) -> Difference:
     """Error of the largest displacement, over the reference's."""
     del mesh
     error = abs(candidate.max_displacement - reference.max_displacement)
-    return _ratio(error, reference.max_displacement, "the reference's largest displacement")
+    return ratio(error, reference.max_displacement, "the reference's largest displacement")
 
 
 def volume(mesh: TetMesh, candidate: State, reference: State) -> Difference:
@@ -68,7 +68,7 @@ def volume(mesh: TetMesh, candidate: State, reference: State) -> Difference:
     change = abs(reference.volume - mesh.volume)
     floor = SMALLEST_CHANGE * mesh.volume
     name = "the reference's change of volume" if change >= floor else "0.1 % of the rest volume"
-    return _ratio(abs(candidate.volume - reference.volume), max(change, floor), name)
+    return ratio(abs(candidate.volume - reference.volume), max(change, floor), name)
 
 
 def surface_area(mesh: TetMesh, candidate: State, reference: State) -> Difference:
@@ -76,7 +76,7 @@ def surface_area(mesh: TetMesh, candidate: State, reference: State) -> Differenc
     change = abs(reference.surface_area - mesh.surface_area)
     floor = SMALLEST_CHANGE * mesh.surface_area
     name = "the reference's change of area" if change >= floor else "0.1 % of the rest area"
-    return _ratio(abs(candidate.surface_area - reference.surface_area), max(change, floor), name)
+    return ratio(abs(candidate.surface_area - reference.surface_area), max(change, floor), name)
 
 
 COMPARISONS = {
@@ -88,7 +88,7 @@ COMPARISONS = {
 }
 
 
-def _ratio(error: float, scale: float, name: str) -> Difference:
+def ratio(error: float, scale: float, name: str) -> Difference:
     """A reference that does not move at all gives no scale: then only zero error is zero."""
     if scale == 0.0:
         return Difference(0.0 if error == 0.0 else math.inf, scale, name)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation import metrics
@@ -16,6 +16,7 @@ from palpate.validation.checks import decide, judge_check
 from palpate.validation.results import State, Verdict, gravest
 
 MESH = refine_uniformly(TetMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]]))
+PROBLEM = Problem(MESH, Material(1000.0, 0.3), (), ())
 
 
 def state(displacement: np.ndarray) -> State:  # type: ignore[type-arg]
@@ -92,12 +93,14 @@ def test_a_worse_reference_never_makes_passing_easier() -> None:
 def test_missing_states_never_pass() -> None:
     spec = CheckSpec(metric="volume", limit=1e9, reason="r")
     good = state(0.1 * MESH.points)
-    no_candidate = judge_check(spec, Strain.GREEN, MESH, None, good, 0.0, "it crashed")
+    no_candidate = judge_check(spec, Strain.GREEN, PROBLEM, None, good, 0.0, "it crashed")
     assert (no_candidate.verdict, no_candidate.message) == (Verdict.FAILED, "it crashed")
-    no_reference = judge_check(spec, Strain.GREEN, MESH, good, None, 0.0, "")
+    no_reference = judge_check(spec, Strain.GREEN, PROBLEM, good, None, 0.0, "")
     assert no_reference.verdict is Verdict.INCONCLUSIVE
     assert gravest([]) is Verdict.INCONCLUSIVE
     own = CheckSpec(metric="smallest_det_f", against="candidate", limit=0.0, reason="r")
     inverted = state(-2.0 * MESH.points * [1.0, 0.0, 0.0])
-    assert judge_check(own, Strain.GREEN, MESH, inverted, None, 0.0, "").verdict is Verdict.FAILED
-    assert judge_check(own, Strain.GREEN, MESH, good, None, 0.0, "").verdict is Verdict.PASSED
+    assert (
+        judge_check(own, Strain.GREEN, PROBLEM, inverted, None, 0.0, "").verdict is Verdict.FAILED
+    )
+    assert judge_check(own, Strain.GREEN, PROBLEM, good, None, 0.0, "").verdict is Verdict.PASSED

@@ -1,0 +1,144 @@
+"""Strain, energy, force and local-volume metrics against closed forms of homogeneous states."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.forces import assemble_internal_force
+from palpate.fastsim.forces import strain_energy as fastsim_energy
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Inclusion, Material, Problem, Strain
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case_schema import CheckSpec
+from palpate.validation.checks import judge_check
+from palpate.validation.metrics import CATALOGUE, elasticity, fields, make_state, measure
+from palpate.validation.results import State, Verdict
+
+E, NU = 1000.0, 0.25
+LMBDA, MU = 400.0, 400.0  # both are E / 2.5 at Poisson's ratio 0.25
+MESH = brick_box((3, 2, 2), (3.0, 1.0, 2.0), ragged=0.2)
+LEFT = np.flatnonzero(MESH.points[:, 0] == 0.0).astype(np.int32)
+RIGHT = np.flatnonzero(MESH.points[:, 0] == 3.0).astype(np.int32)
+PROBLEM = Problem(MESH, Material(E, NU), (Support(LEFT), Support(RIGHT)), ())
+VOLUME, SECTION = 6.0, 2.0
+ROUNDING = 1e3 * np.finfo(float).eps
+
+
+def stretched(a: float) -> State:
+    """Confined stretch: x becomes a x."""
+    return make_state(
+        MESH, MESH.points * [a - 1.0, 0, 0], label="x", simulator="x", strain=Strain.GREEN
+    )
+
+
+def test_energy_of_a_confined_stretch() -> None:
+    # psi = (lmbda + 2 mu)/2 E11^2 with E11 = (a^2 - 1)/2.
+    a = 1.2
+    expected = VOLUME * (LMBDA + 2 * MU) / 2 * ((a * a - 1) / 2) ** 2
+    found = elasticity.strain_energy(PROBLEM, stretched(a).displacement, Strain.GREEN)
+    assert found == pytest.approx(expected, rel=ROUNDING)
+    linear = elasticity.strain_energy(PROBLEM, stretched(a).displacement, Strain.LINEAR)
+    assert linear == pytest.approx(VOLUME * (LMBDA + 2 * MU) / 2 * (a - 1) ** 2, rel=ROUNDING)
+
+
+def test_support_forces_of_a_confined_stretch() -> None:
+    # P11 = a (lmbda + 2 mu)(a^2 - 1)/2 on the section, pulled apart; free sides push nothing along.
+    a = 0.9
+    force = SECTION * a * (LMBDA + 2 * MU) * (a * a - 1) / 2
+    found = elasticity.support_reactions(PROBLEM, stretched(a).displacement, Strain.GREEN)
+    assert found[1, 0] == pytest.approx(force, rel=ROUNDING)
+    assert found[0, 0] == pytest.approx(-force, rel=ROUNDING)
+
+
+def test_the_judges_force_is_the_derivative_of_its_energy_and_fastsims_own() -> None:
+    rng = np.random.default_rng(5)
+    u = 0.03 * rng.standard_normal(MESH.points.shape)
+    for strain in Strain:
+        force = elasticity.internal_force(PROBLEM, u, strain)
+        assert np.linalg.norm(force) > 1.0
+        direction = rng.standard_normal(u.shape)
+        step = 1e-5
+        energies = [
+            elasticity.strain_energy(PROBLEM, u + s * step * direction, strain) for s in (1, -1)
+        ]
+        slope = (energies[0] - energies[1]) / (2 * step)
+        assert slope == pytest.approx(float((force * direction).sum()), rel=1e-6)
+        theirs = assemble_internal_force(MESH, u, material=PROBLEM.material, strain=strain)
+        np.testing.assert_allclose(force, theirs, rtol=0.0, atol=ROUNDING * np.abs(theirs).max())
+        ours = elasticity.strain_energy(PROBLEM, u, strain)
+        assert ours == pytest.approx(
+            fastsim_energy(MESH, u, material=PROBLEM.material, strain=strain), rel=ROUNDING
+        )
+
+
+def test_an_inclusion_counts_with_its_own_stiffness() -> None:
+    cells = np.arange(10, dtype=np.int32)
+    mixed = dataclasses.replace(PROBLEM, inclusions=(Inclusion(cells, Material(3 * E, NU)),))
+    u = stretched(1.1).displacement
+    part = elasticity.strain_energy(mixed, u, Strain.GREEN) - elasticity.strain_energy(
+        PROBLEM, u, Strain.GREEN
+    )
+    corners = MESH.points[MESH.cells[:10]]
+    inside = np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6.0
+    expected = 2.0 * inside * (LMBDA + 2 * MU) / 2 * ((1.1**2 - 1) / 2) ** 2
+    assert part == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        # Stretches of 1.1 and 1.102: gradients 0.1 and 0.102.
+        ("displacement_h1", 0.02),
+        ("energy_norm", 0.02),
+        ("local_volume", 0.02),
+        ("strain_energy", ((1.102**2 - 1) / (1.1**2 - 1)) ** 2 - 1),
+        ("reaction_force", 1.102 * (1.102**2 - 1) / (1.1 * (1.1**2 - 1)) - 1),
+    ],
+)
+def test_errors_of_a_stretch_two_per_cent_too_large(name: str, expected: float) -> None:
+    # Confined by lateral supports everywhere, so that the section's force is all there is.
+    held = Support(np.arange(MESH.num_points, dtype=np.int32), components=(False, True, True))
+    along = [Support(p, components=(True, False, False)) for p in (LEFT, RIGHT)]
+    problem = dataclasses.replace(PROBLEM, supports=(*along,))
+    del held
+    found = measure(name, problem, stretched(1.102), stretched(1.1)).value
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_local_volume_sees_what_total_volume_does_not() -> None:
+    # x^2-like motion: half of the body swells, half is squeezed, the ends stay.
+    u = np.zeros_like(MESH.points)
+    u[:, 0] = 0.05 * MESH.points[:, 0] * (3.0 - MESH.points[:, 0])
+    bulged = make_state(MESH, u, label="x", simulator="x", strain=Strain.GREEN)
+    rest = stretched(1.0)
+    assert measure("volume", PROBLEM, bulged, rest).value < 1e-9
+    assert measure("local_volume", PROBLEM, bulged, rest).value > 10.0
+
+
+def test_inverted_cells_are_counted() -> None:
+    u = np.zeros_like(MESH.points)
+    assert fields.inverted_cells(MESH, u) == 0
+    inner = np.setdiff1d(np.arange(MESH.num_points), MESH.boundary_facets)[0]
+    around = int((MESH.cells == inner).any(axis=1).sum())
+    u[inner] = [100.0, 0.0, 0.0]
+    count = fields.inverted_cells(MESH, u)
+    assert 0 < count < around
+    state = make_state(MESH, u, label="x", simulator="x", strain=Strain.GREEN)
+    spec = CheckSpec(metric="inverted_cells", against="candidate", limit=0.0, reason="r")
+    check = judge_check(spec, Strain.GREEN, PROBLEM, state, None, 0.0, "")
+    assert check.verdict is Verdict.FAILED
+    assert check.unit == "cells"
+    u[inner, 0] = math.nan
+    assert fields.inverted_cells(MESH, u) == around
+
+
+def test_every_metric_of_a_case_file_is_in_the_catalogue_and_says_what_it_means() -> None:
+    named = CheckSpec.model_fields["metric"].annotation
+    assert set(named.__args__) == set(CATALOGUE)  # type: ignore[union-attr]
+    for metric in CATALOGUE.values():
+        assert metric.meaning
+        assert metric.scale

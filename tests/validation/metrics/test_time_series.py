@@ -1,0 +1,78 @@
+"""Oscillations are taken apart exactly, and their errors are those that were put in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.meshes.errors import InputError
+from palpate.validation.metrics.time_series import fit_oscillation, oscillation_error
+
+TIMES = np.linspace(0.3, 2.3, 101)
+
+
+def cosine(
+    mean: float = 0.5, amplitude: float = 2.0, frequency: float = 3.3,
+    phase: float = 0.4, damping: float = 0.7,
+) -> np.ndarray:  # type: ignore[type-arg]  # fmt: skip
+    t = TIMES - TIMES[0]
+    wave = np.cos(2 * math.pi * frequency * t + phase)
+    return mean + amplitude * np.exp(-damping * t) * wave
+
+
+@pytest.mark.parametrize("phase", [-3.0, -1.0, 0.4, 2.9])
+@pytest.mark.parametrize("damping", [0.0, 0.7, 3.0])
+@pytest.mark.parametrize("frequency", [0.9, 3.3, 17.0])
+def test_a_damped_cosine_is_recovered(phase: float, damping: float, frequency: float) -> None:
+    found = fit_oscillation(TIMES, cosine(phase=phase, damping=damping, frequency=frequency))
+    assert found.mean == pytest.approx(0.5, abs=1e-8)
+    assert found.amplitude == pytest.approx(2.0, rel=1e-7)
+    assert found.frequency == pytest.approx(frequency, rel=1e-8)
+    assert found.phase == pytest.approx(phase, abs=1e-7)
+    assert found.damping == pytest.approx(damping, abs=1e-7)
+    assert found.misfit < 1e-9
+
+
+def test_errors_are_those_put_in() -> None:
+    reference = fit_oscillation(TIMES, cosine())
+    candidate = fit_oscillation(TIMES, cosine(mean=0.6, amplitude=2.1, frequency=3.33, damping=0.9))
+    error = oscillation_error(candidate, reference, 2.0)
+    assert error.amplitude == pytest.approx(0.05, rel=1e-6)
+    assert error.frequency == pytest.approx(0.03 / 3.3, rel=1e-6)
+    # 0.03 Hz over 2 s is 0.06 periods behind.
+    assert error.phase == pytest.approx(0.06, rel=1e-5)
+    assert error.damping == pytest.approx(0.2 / 3.3, rel=1e-5)
+    assert error.mean == pytest.approx(0.1 / 2.0, rel=1e-6)
+
+
+def test_phase_does_not_jump_by_a_turn() -> None:
+    early, late = (
+        fit_oscillation(TIMES, cosine(phase=p)) for p in (-math.pi + 0.01, math.pi - 0.01)
+    )
+    assert oscillation_error(early, late, 2.0).phase == pytest.approx(
+        0.02 / (2 * math.pi), rel=1e-5
+    )
+
+
+def test_noise_and_a_second_mode_move_the_fit_little_and_show_in_the_misfit() -> None:
+    noisy = cosine() + 0.05 * cosine(mean=0.0, amplitude=2.0, frequency=11.0)
+    found = fit_oscillation(TIMES, noisy)
+    assert found.frequency == pytest.approx(3.3, rel=5e-3)
+    assert 0.01 < found.misfit < 0.1
+
+
+@pytest.mark.parametrize(
+    ("times", "values", "message"),
+    [
+        (TIMES, np.ones(101), "does not oscillate"),
+        (TIMES[:5], np.arange(5.0), "12 samples"),
+        (TIMES, np.full(101, np.nan), "finite"),
+        (TIMES[::-1], cosine(), "increasing"),
+        (TIMES, cosine(frequency=0.4, damping=0.0), "periods"),
+    ],
+)
+def test_what_tells_nothing_is_refused(times: object, values: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fit_oscillation(times, values)  # type: ignore[arg-type]

@@ -1,0 +1,141 @@
+"""Every metric by name: unit, scale, meaning, and how it is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.validation.metrics import fields, pairs, surfaces
+from palpate.validation.metrics.pairs import Difference
+from palpate.validation.results import State
+
+Compare = Callable[[Problem, State, State], Difference]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One metric.
+
+    Attributes:
+        name: As in a case file.
+        meaning: What it says, in one line.
+        scale: What the error is divided by.
+        compare: Candidate and reference to a relative error; None where it is the candidate's own.
+        unit: Of the value.
+        needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
+            read at the points does not carry it.
+    """
+
+    name: str
+    meaning: str
+    scale: str
+    compare: Compare | None
+    unit: str = "-"
+    needs_same_mesh: bool = False
+
+
+def _of_mesh(name: str) -> Compare:
+    compare = pairs.COMPARISONS[name]
+    return lambda problem, candidate, reference: compare(problem.mesh, candidate, reference)
+
+
+_LARGEST = "largest displacement of the reference"
+
+CATALOGUE = {
+    metric.name: metric
+    for metric in (
+        Metric(
+            "displacement_l2",
+            "error of displacement over the whole body, by rest volume",
+            "L2 norm of the reference's displacement",
+            _of_mesh("displacement_l2"),
+        ),
+        Metric(
+            "displacement_h1",
+            "error of the displacement's gradient: local strain and rotation",
+            "H1 seminorm of the reference's displacement",
+            fields.displacement_h1,
+            needs_same_mesh=True,
+        ),
+        Metric(
+            "energy_norm",
+            "error of strain weighted by stiffness",
+            "energy norm of the reference's displacement",
+            fields.energy_norm,
+            needs_same_mesh=True,
+        ),
+        Metric(
+            "displacement_max",
+            "largest error of displacement at a point",
+            _LARGEST,
+            _of_mesh("displacement_max"),
+        ),
+        Metric(
+            "max_displacement",
+            "error of the largest displacement",
+            _LARGEST,
+            _of_mesh("max_displacement"),
+        ),
+        Metric(
+            "volume",
+            "error of the deformed volume",
+            "change of volume of the reference",
+            _of_mesh("volume"),
+        ),
+        Metric(
+            "local_volume",
+            "root mean square error of det F over the cells",
+            "root mean square of the reference's det F - 1",
+            fields.local_volume,
+            needs_same_mesh=True,
+        ),
+        Metric(
+            "surface_area",
+            "error of the deformed area",
+            "change of area of the reference",
+            _of_mesh("surface_area"),
+        ),
+        Metric(
+            "surface_hausdorff",
+            "largest distance between the deformed surfaces",
+            _LARGEST,
+            surfaces.surface_hausdorff,
+        ),
+        Metric(
+            "surface_mean_distance",
+            "mean distance between the deformed surfaces",
+            _LARGEST,
+            surfaces.surface_mean_distance,
+        ),
+        Metric(
+            "reaction_force",
+            "largest error of a support's total force",
+            "largest support force of the reference",
+            fields.reaction_force,
+            needs_same_mesh=True,
+        ),
+        Metric(
+            "strain_energy",
+            "error of the strain energy",
+            "strain energy of the reference",
+            fields.energy,
+            needs_same_mesh=True,
+        ),
+        Metric("smallest_det_f", "smallest volume ratio of a cell", "none", None),
+        Metric("inverted_cells", "cells turned inside out", "none", None, unit="cells"),
+    )
+}
+
+
+def measure(name: str, problem: Problem, candidate: State, reference: State) -> Difference:
+    """A metric between two states of a problem.
+
+    Raises:
+        InputError: No such metric, or one of the candidate alone.
+    """
+    metric = CATALOGUE.get(name)
+    if metric is None or metric.compare is None:
+        raise InputError(f"no metric {name!r} between two states")
+    return metric.compare(problem, candidate, reference)

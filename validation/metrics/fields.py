@@ -1,0 +1,83 @@
+"""Metrics of strain, local volume, forces and energy between two states on the case's mesh."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.metrics.elasticity import (
+    displacement_gradients,
+    strain_energy,
+    support_reactions,
+)
+from palpate.validation.metrics.pairs import SMALLEST_CHANGE, Difference, ratio
+from palpate.validation.results import State
+
+
+def gradient_norm(mesh: TetMesh, displacement: Points) -> float:
+    """H1 seminorm: L2 norm of the displacement gradient over the rest volume [m^1.5]."""
+    gradients = displacement_gradients(mesh, displacement)
+    squared = np.einsum("cij,cij->c", gradients, gradients)
+    return math.sqrt(float(signed_volumes(mesh.points, mesh.cells) @ squared))
+
+
+def displacement_h1(problem: Problem, candidate: State, reference: State) -> Difference:
+    """Relative H1 error: of the displacement's gradient, so of local strain and rotation."""
+    scale = gradient_norm(problem.mesh, reference.displacement)
+    error = gradient_norm(problem.mesh, candidate.displacement - reference.displacement)
+    return ratio(error, scale, "H1 seminorm of the reference's displacement")
+
+
+def energy_norm(problem: Problem, candidate: State, reference: State) -> Difference:
+    """Error in the energy norm of linear elasticity: strain errors weighted by stiffness."""
+    error = candidate.displacement - reference.displacement
+    scale = math.sqrt(2.0 * strain_energy(problem, reference.displacement, Strain.LINEAR))
+    value = math.sqrt(2.0 * strain_energy(problem, error, Strain.LINEAR))
+    return ratio(value, scale, "energy norm of the reference's displacement")
+
+
+def local_volume(problem: Problem, candidate: State, reference: State) -> Difference:
+    """Root mean square error of det F over the cells, by rest volume.
+
+    Total volume can be right where half of the body is swollen and half is squeezed.
+    """
+    mesh = problem.mesh
+    rest = signed_volumes(mesh.points, mesh.cells)
+    found = det_f(mesh, candidate.displacement) - det_f(mesh, reference.displacement)
+    change = det_f(mesh, reference.displacement) - 1.0
+    error = math.sqrt(float(rest @ found**2 / rest.sum()))
+    scale = math.sqrt(float(rest @ change**2 / rest.sum()))
+    name = "root mean square of the reference's det F - 1"
+    if scale < SMALLEST_CHANGE:
+        scale, name = SMALLEST_CHANGE, "0.1 % of the rest volume"
+    return ratio(error, scale, name)
+
+
+def det_f(mesh: TetMesh, displacement: Points) -> Points:
+    """Volume ratio of each cell [-], (num_cells,)."""
+    rest = signed_volumes(mesh.points, mesh.cells)
+    moved: Points = signed_volumes(mesh.points + displacement, mesh.cells) / rest
+    return moved
+
+
+def inverted_cells(mesh: TetMesh, displacement: Points) -> int:
+    """Cells whose det F is not above 0."""
+    return int((~(det_f(mesh, displacement) > 0.0)).sum())
+
+
+def energy(problem: Problem, candidate: State, reference: State) -> Difference:
+    """Error of the strain energy by the case's law."""
+    of = [strain_energy(problem, s.displacement, s.strain) for s in (candidate, reference)]
+    return ratio(abs(of[0] - of[1]), of[1], "the reference's strain energy")
+
+
+def reaction_force(problem: Problem, candidate: State, reference: State) -> Difference:
+    """Largest error of a support's total force, over the largest force of a support."""
+    of = [support_reactions(problem, s.displacement, s.strain) for s in (candidate, reference)]
+    error = float(np.linalg.norm(of[0] - of[1], axis=1).max(initial=0.0))
+    scale = float(np.linalg.norm(of[1], axis=1).max(initial=0.0))
+    return ratio(error, scale, "the largest support force of the reference")
