@@ -113,6 +113,70 @@ def find_vertices_in_cells_brute_force(
     is_same_body: bool,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]: ...
 
+class VerticesNearFacets:
+    def __init__(
+        self,
+        facet_points: NDArray[np.float64],
+        facets: NDArray[np.int32],
+        vertices: NDArray[np.int32],
+        is_same_body: bool,
+    ) -> None: ...
+    def find(
+        self,
+        vertex_points: NDArray[np.float64],
+        facet_points: NDArray[np.float64],
+        distance: float,
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+    def find_candidates(
+        self,
+        vertex_points: NDArray[np.float64],
+        facet_points: NDArray[np.float64],
+        distance: float,
+    ) -> NDArray[np.int32]: ...
+    def voxel_sizes(self) -> list[float]: ...
+
+def find_vertices_near_facets_brute_force(
+    vertex_points: NDArray[np.float64],
+    vertices: NDArray[np.int32],
+    facet_points: NDArray[np.float64],
+    facets: NDArray[np.int32],
+    distance: float,
+    is_same_body: bool,
+    only_candidates: bool,
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+
+class EdgesNearEdges:
+    def __init__(
+        self,
+        first_points: NDArray[np.float64],
+        first: NDArray[np.int32],
+        second: NDArray[np.int32],
+        is_same_body: bool,
+    ) -> None: ...
+    def find(
+        self,
+        first_points: NDArray[np.float64],
+        second_points: NDArray[np.float64],
+        distance: float,
+    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+    def find_candidates(
+        self,
+        first_points: NDArray[np.float64],
+        second_points: NDArray[np.float64],
+        distance: float,
+    ) -> NDArray[np.int32]: ...
+    def voxel_sizes(self) -> list[float]: ...
+
+def find_edges_near_edges_brute_force(
+    first_points: NDArray[np.float64],
+    first: NDArray[np.int32],
+    second_points: NDArray[np.float64],
+    second: NDArray[np.int32],
+    distance: float,
+    is_same_body: bool,
+    only_candidates: bool,
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+
 class CellName:
     @property
     def generation(self) -> int: ...

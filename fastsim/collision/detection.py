@@ -1,8 +1,8 @@
 """Vertices in cells: of another body, or of the same one (section IV).
 
-Boundary vertices are hashed into voxels (Teschner et al. 2003) that fit the cells; a mesh with
-cells of several sizes has several voxel sizes, a factor of two apart. From step to step only the
-vertices that changed their voxel are touched.
+Boundary vertices are hashed into voxels (after Teschner et al. 2003) that fit the cells; a mesh
+with cells of several sizes has several voxel sizes, a factor of two or more apart. Cells lie in
+compact blocks; in each step only blocks that the other body's vertices come near are looked into.
 """
 
 from __future__ import annotations
@@ -16,9 +16,6 @@ from palpate.fastsim import _core
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError, NonFiniteError
 from palpate.meshes.tet_mesh import TetMesh
-
-# Voxels are numbered in 32 bits.
-_MOST_VOXELS = 2.0**30
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +41,7 @@ class VertexCellDetector:
 
     A vertex is in a cell when it is in the cell's box and no barycentric weight, as computed, is
     negative; a cell that is inverted at the time holds nothing. A vertex on the side between two
-    cells is found in either or both.
+    cells is found in either or both. Nothing is assumed of how far points move in a step.
 
     Args:
         mesh: Body whose cells are looked at.
@@ -55,11 +52,10 @@ class VertexCellDetector:
     def __init__(self, mesh: TetMesh, intruder: TetMesh | None = None) -> None:
         self._mesh = mesh
         self._intruder = mesh if intruder is None else intruder
-        vertices = np.unique(self._intruder.boundary_facets).astype(np.int32)
+        self._vertices = np.unique(self._intruder.boundary_facets).astype(np.int32)
         self._core = _core.VerticesInCells(
-            np.array(mesh.points), np.array(mesh.cells), vertices, intruder is None
+            mesh.points, mesh.cells, self._vertices, intruder is None
         )
-        self._smallest_voxel = min(self._core.voxel_sizes())
 
     @property
     def voxel_sizes(self) -> list[float]:
@@ -68,8 +64,8 @@ class VertexCellDetector:
 
     @property
     def work(self) -> dict[str, int]:
-        """Of the last step: voxel changes, cells near vertices, and pairs tested."""
-        names = ("rehashed", "cells_near", "pairs_tested")
+        """Of the last step: vertices hashed, cells near vertices, and pairs tested."""
+        names = ("hashed", "cells_near", "pairs_tested")
         return dict(zip(names, map(int, self._core.work()), strict=True))
 
     def find(self, points: Points, intruder_points: Points | None = None) -> Overlaps:
@@ -80,36 +76,46 @@ class VertexCellDetector:
             intruder_points: Of the other body [m]; None for the same body.
 
         Raises:
-            InputError: Wrong shape, not finite, or further from the origin than voxels can be
-                numbered.
+            InputError: Wrong shape.
+            NonFiniteError: A point of the cells or a boundary vertex is NaN or infinite.
         """
-        here = self._checked(points, self._mesh)
-        there = here if intruder_points is None else self._checked(intruder_points, self._intruder)
-        pairs, weights = self._core.find(there, here)
+        here, there = self._arrays(points, intruder_points)
+        try:
+            pairs, weights = self._core.find(there, here)
+        except ValueError:
+            raise not_finite(here, there) from None
         return Overlaps(pairs[:, 0], pairs[:, 1], weights)
 
     def find_by_brute_force(
         self, points: Points, intruder_points: Points | None = None
     ) -> Overlaps:
         """Every vertex against every cell: the oracle of `find`."""
-        here = self._checked(points, self._mesh)
-        there = here if intruder_points is None else self._checked(intruder_points, self._intruder)
-        vertices = np.unique(self._intruder.boundary_facets).astype(np.int32)
+        here, there = self._arrays(points, intruder_points)
         pairs, weights = _core.find_vertices_in_cells_brute_force(
-            there, vertices, here, np.array(self._mesh.cells), self._intruder is self._mesh
+            there, self._vertices, here, self._mesh.cells, self._intruder is self._mesh
         )
         return Overlaps(pairs[:, 0], pairs[:, 1], weights)
 
-    def _checked(self, points: Points, mesh: TetMesh) -> Points:
-        array = np.ascontiguousarray(points, dtype=np.float64)
-        if array.shape != mesh.points.shape:
-            raise InputError(f"points need shape {mesh.points.shape}, got {array.shape}")
-        largest = float(np.abs(array).max())
-        if not np.isfinite(largest):
-            raise NonFiniteError(np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist())
-        if largest > _MOST_VOXELS * self._smallest_voxel:
-            raise InputError(
-                f"a point is {largest:.3g} m from the origin, too far for voxels of "
-                f"{self._smallest_voxel:.3g} m; move the scene to the origin, or stop the run"
-            )
-        return array
+    def _arrays(self, points: Points, intruder_points: Points | None) -> tuple[Points, Points]:
+        here = shaped_as(self._mesh.points, points)
+        if intruder_points is None:
+            if self._intruder is not self._mesh:
+                raise InputError("two bodies: give the points of the intruder as well")
+            return here, here
+        return here, shaped_as(self._intruder.points, intruder_points)
+
+
+def shaped_as(rest: Points, points: Points) -> Points:
+    """Points as the core takes them, refused where their shape is not that at rest."""
+    array = np.ascontiguousarray(points, dtype=np.float64)
+    if array.shape != rest.shape:
+        raise InputError(f"points need shape {rest.shape}, got {array.shape}")
+    return array
+
+
+def not_finite(*tables: Points) -> NonFiniteError:
+    """The error that names the first table's points that are NaN or infinite."""
+    for table in tables:
+        if (bad := np.flatnonzero(~np.isfinite(table).all(axis=1))).size:
+            return NonFiniteError(bad.tolist())
+    return NonFiniteError([])

@@ -1,7 +1,8 @@
 #pragma once
 // Which vertices lie in which tetrahedra: of another body, or of the same one.
 
-#include "collision/vertex_hash.hpp"
+#include "collision/size_classes.hpp"
+#include "collision/voxel_hash.hpp"
 
 #include <compare>
 #include <utility>
@@ -38,9 +39,8 @@ class CellFrame {
     bool _is_made = false, _is_positive = false;
 };
 
-// Detection from step to step. Cells are sorted once into classes of size, a factor of two apart;
-// each class has its own hash of the vertices, with voxels to its measure (the paper's adaptive
-// voxel size, and several of them where a mesh is graded).
+// Detection from step to step. Cells are sorted once: by class of size, and within a class along a
+// curve that fills space, so that a run of them is compact and is passed over as one.
 class VerticesInCells {
   public:
     using Index = std::int32_t;
@@ -51,28 +51,37 @@ class VerticesInCells {
     VerticesInCells(std::span<const Position> cell_points, std::span<const Cell> cells,
                     std::span<const Index> vertices, bool is_same_body);
 
-    // All pairs, ascending; the result is valid until the next call.
+    // All pairs, ascending; the result is valid until the next call. Throws
+    // std::invalid_argument when a vertex or a point of the cells is not finite.
     std::span<const VertexInCell> find(std::span<const Position> vertex_points,
                                        std::span<const Position> cell_points);
 
-    // What the last call did: voxel changes, cells near vertices, pairs tested.
+    // What the last call did: vertices hashed, cells near vertices, pairs tested.
     struct Work {
-        std::size_t rehashed = 0, cells_near = 0, pairs_tested = 0;
+        std::size_t hashed = 0, cells_near = 0, pairs_tested = 0;
     };
     [[nodiscard]] const Work &work() const { return _work; }
     [[nodiscard]] std::vector<double> voxel_sizes() const;
 
   private:
-    struct SizeClass {
-        std::vector<Index> number; // of each cell in the mesh
-        std::vector<Cell> cells;   // their corners, side by side
-        VertexHash hash;
+    struct Block {
+        std::uint32_t first_cell, last_cell;   // of `_cells` and `_number`
+        std::uint32_t first_point, last_point; // of `_block_points`
+        std::size_t size_class;
     };
+    void make_blocks(std::span<const Position> points, std::span<const Cell> cells,
+                     const SizeClasses &classes);
+    void look_into(const Block &block, std::span<const Position> vertex_points,
+                   std::span<const Position> cell_points);
 
-    std::vector<Index> _vertices;
-    std::vector<SizeClass> _classes;
+    std::vector<Index> _vertices, _active;
+    std::vector<double> _voxel_sizes; // by class, coarsest first
+    VoxelHash _hash;
+    std::vector<Index> _number; // of each cell in the mesh
+    std::vector<Cell> _cells;   // their corners, in the same order
+    std::vector<Block> _blocks;
+    std::vector<Index> _block_points; // points of a block's cells, each once
     std::vector<VertexInCell> _found;
-    std::vector<std::uint8_t> _side; // of each point of the cells: beyond which sides of a box
     Work _work;
     bool _is_same_body;
 };

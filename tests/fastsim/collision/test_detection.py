@@ -118,30 +118,53 @@ def test_a_cell_torn_far_out_is_still_looked_at() -> None:
     require_equal(detector.find(here, there), detector.find_by_brute_force(here, there))
 
 
-def test_voxels_fit_the_cells_and_only_movers_are_rehashed() -> None:
-    assert len(VertexCellDetector(BOX, BALL).voxel_sizes) <= 2
+def test_voxels_fit_the_cells_and_only_what_is_near_is_hashed() -> None:
+    assert len(VertexCellDetector(BOX, BALL).voxel_sizes) == 1
     detector = VertexCellDetector(GRADED, BALL)
     sizes = detector.voxel_sizes
     assert len(sizes) > 2
     assert max(sizes) / min(sizes) >= 4.0
-    there = BALL.points + 0.8
-    detector.find(GRADED.points, there)
-    first = detector.work["rehashed"]
-    assert first == len(np.unique(BALL.boundary_facets)) * len(sizes)
-    detector.find(GRADED.points, there)
-    assert detector.work["rehashed"] == 0
-    detector.find(GRADED.points, there + 0.1 * min(sizes))
-    assert 0 < detector.work["rehashed"] < first / 2
+    num_vertices = len(np.unique(BALL.boundary_facets))
+    detector.find(GRADED.points, BALL.points * 0.3 + 0.5)
+    assert num_vertices <= detector.work["hashed"] <= num_vertices * len(sizes)
+    assert detector.work["cells_near"] > 0
+    detector.find(GRADED.points, BALL.points + np.array([1.4, 0.5, 0.5]))
+    assert 0 < detector.work["hashed"] < num_vertices
+    detector.find(GRADED.points, BALL.points + 5.0)
+    assert detector.work == {"hashed": 0, "cells_near": 0, "pairs_tested": 0}
+
+
+@pytest.mark.parametrize("shift", [1e3, 1e9, 1e15, 1e300])
+def test_far_from_the_origin(shift: float) -> None:
+    # At 1e15 m coordinates are eighths, and at 1e300 m both bodies are points.
+    detector = VertexCellDetector(BOX, BALL)
+    here, there = BOX.points + shift, BALL.points * 0.5 + 0.4 + shift
+    found = detector.find(here, there)
+    require_equal(found, detector.find_by_brute_force(here, there))
+    assert (len(found) > 0) == (shift <= 1e15)
+    # One of them far away: whatever the voxels, nothing overlaps.
+    assert len(detector.find(BOX.points, there)) == 0
+    torn = np.array(BOX.points)
+    torn[::3] *= shift
+    require_equal(detector.find(torn, BALL.points), detector.find_by_brute_force(torn, BALL.points))
 
 
 def test_refusals() -> None:
     detector = VertexCellDetector(BOX, BALL)
     with pytest.raises(InputError, match="shape"):
         detector.find(BOX.points[1:], BALL.points)
-    bad = np.array(BALL.points)
-    bad[3, 1] = np.nan
-    with pytest.raises(NonFiniteError) as caught:
-        detector.find(BOX.points, bad)
-    assert caught.value.points == [3]
-    with pytest.raises(InputError, match="too far"):
-        detector.find(BOX.points, BALL.points + 1e12)
+    with pytest.raises(InputError, match="intruder"):
+        detector.find(BOX.points)
+    vertex = int(np.unique(BALL.boundary_facets)[3])
+    for value in (np.nan, np.inf, -np.inf):
+        bad = np.array(BALL.points)
+        bad[vertex, 1] = value
+        with pytest.raises(NonFiniteError) as caught:
+            detector.find(BOX.points, bad)
+        assert caught.value.points == [vertex]
+        for point in (0, 1, BOX.num_points - 1):
+            bad = np.array(BOX.points)
+            bad[point, 2] = value
+            with pytest.raises(NonFiniteError) as caught:
+                detector.find(bad, BALL.points)
+            assert caught.value.points == [point]

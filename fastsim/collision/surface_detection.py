@@ -1,0 +1,244 @@
+"""Surfaces near surfaces: vertices against facets, edges against edges (section IV).
+
+Broad phase: boxes, found through voxels that fit the elements (after Teschner et al. 2003).
+Narrow phase: nearest points and exact distances. Both are found anew in each step, and are the
+same sets that testing every pair gives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim import _core
+from palpate.fastsim.collision.detection import not_finite, shaped_as
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.tri_surface import TriSurface
+
+
+@dataclass(frozen=True, eq=False)
+class VerticesNearFacets:
+    """Vertices within a distance of facets, by facet, then by vertex.
+
+    Attributes:
+        vertices: Point of the intruding surface, shape (n,).
+        facets: Facet near it, shape (n,).
+        weights: Barycentric weights of the facet's nearest point [-], >= 0, sum 1, shape (n, 3).
+        distances: From vertex to facet [m], >= 0, shape (n,).
+    """
+
+    vertices: Indices
+    facets: Indices
+    weights: NDArray[np.float64]
+    distances: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgesNearEdges:
+    """Edges within a distance of edges, by second edge, then by first.
+
+    Attributes:
+        first: Edge of the intruding surface, a row of `EdgeEdgeDetector.intruder_edges`, shape
+            (n,); on one surface, the edge with the lower number.
+        second: Edge of the other surface, a row of `EdgeEdgeDetector.edges`, shape (n,).
+        parameters: Of the nearest points along the first and the second edge [-], 0 to 1, shape
+            (n, 2).
+        distances: Between the edges [m], >= 0, shape (n,).
+    """
+
+    first: Indices
+    second: Indices
+    parameters: NDArray[np.float64]
+    distances: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+class _SurfaceDetector:
+    """Two surfaces, or one against itself, and the points they have now."""
+
+    def __init__(self, surface: TriSurface, intruder: TriSurface | None) -> None:
+        self._surface = surface
+        self._intruder = surface if intruder is None else intruder
+        self._is_same = intruder is None
+
+    def _arrays(
+        self, distance: float, points: Points, intruder_points: Points | None
+    ) -> tuple[Points, Points]:
+        if not (np.isfinite(distance) and distance >= 0.0):
+            raise InputError(f"distance = {distance} m; it must be finite and not negative")
+        here = shaped_as(self._surface.points, points)
+        if intruder_points is None:
+            if not self._is_same:
+                raise InputError("two surfaces: give the points of the intruder as well")
+            return here, here
+        if self._is_same:
+            raise InputError("one surface against itself has one table of points")
+        return here, shaped_as(self._intruder.points, intruder_points)
+
+
+class VertexFacetDetector(_SurfaceDetector):
+    """Finds vertices of one surface that come near facets of another, step after step.
+
+    Args:
+        surface: Surface whose facets are looked at.
+        intruder: Surface whose vertices (those that its facets use) are looked for; None is the
+            same surface, where a facet's own corners do not count.
+    """
+
+    def __init__(self, surface: TriSurface, intruder: TriSurface | None = None) -> None:
+        super().__init__(surface, intruder)
+        self._vertices = np.unique(self._intruder.facets).astype(np.int32)
+        self._core = _core.VerticesNearFacets(
+            surface.points, surface.facets, self._vertices, self._is_same
+        )
+
+    def find(
+        self, distance: float, points: Points, intruder_points: Points | None = None
+    ) -> VerticesNearFacets:
+        """Find all pairs no further apart than a distance.
+
+        Args:
+            distance: [m], >= 0.
+            points: Of the surface with the facets, where it is now [m], shape (num_points, 3).
+            intruder_points: Of the other surface [m]; None for the same one.
+
+        Raises:
+            InputError: Wrong shape, or a negative or infinite distance.
+            NonFiniteError: A point is NaN or infinite.
+        """
+        here, there = self._arrays(distance, points, intruder_points)
+        try:
+            pairs, weights, squared = self._core.find(there, here, distance)
+        except ValueError:
+            raise not_finite(here, there) from None
+        return VerticesNearFacets(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
+
+    def find_candidates(
+        self, distance: float, points: Points, intruder_points: Points | None = None
+    ) -> Indices:
+        """The broad phase alone: vertices in the boxes of facets grown by the distance.
+
+        Boxes are grown by 64 roundings of the largest coordinate more, so that nothing that
+        `find` finds is missed.
+
+        Returns:
+            Vertex and facet of each pair, by facet, then by vertex, shape (n, 2).
+        """
+        here, there = self._arrays(distance, points, intruder_points)
+        try:
+            pairs: Indices = self._core.find_candidates(there, here, distance)
+        except ValueError:
+            raise not_finite(here, there) from None
+        return pairs
+
+    def find_by_brute_force(
+        self,
+        distance: float,
+        points: Points,
+        intruder_points: Points | None = None,
+        *,
+        only_candidates: bool = False,
+    ) -> VerticesNearFacets:
+        """Every vertex against every facet: the oracle of `find`, and of `find_candidates`."""
+        here, there = self._arrays(distance, points, intruder_points)
+        try:
+            pairs, weights, squared = _core.find_vertices_near_facets_brute_force(
+                there,
+                self._vertices,
+                here,
+                self._surface.facets,
+                distance,
+                self._is_same,
+                only_candidates,
+            )
+        except ValueError:
+            raise not_finite(here, there) from None
+        return VerticesNearFacets(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
+
+
+class EdgeEdgeDetector(_SurfaceDetector):
+    """Finds edges of one surface that come near edges of another, step after step.
+
+    Args:
+        surface: Surface whose edges are looked at.
+        intruder: Surface whose edges are looked for; None is the same surface, where a pair is
+            found once, and edges with a common point do not count.
+    """
+
+    def __init__(self, surface: TriSurface, intruder: TriSurface | None = None) -> None:
+        super().__init__(surface, intruder)
+        self.edges = edges_of(surface)
+        self.intruder_edges = self.edges if self._is_same else edges_of(self._intruder)
+        self._core = _core.EdgesNearEdges(
+            self._intruder.points, self.intruder_edges, self.edges, self._is_same
+        )
+
+    def find(
+        self, distance: float, points: Points, intruder_points: Points | None = None
+    ) -> EdgesNearEdges:
+        """Find all pairs no further apart than a distance; arguments as in `VertexFacetDetector`.
+
+        Raises:
+            InputError: Wrong shape, or a negative or infinite distance.
+            NonFiniteError: A point is NaN or infinite.
+        """
+        here, there = self._arrays(distance, points, intruder_points)
+        try:
+            pairs, parameters, squared = self._core.find(there, here, distance)
+        except ValueError:
+            raise not_finite(here, there) from None
+        return EdgesNearEdges(pairs[:, 0], pairs[:, 1], parameters, np.sqrt(squared))
+
+    def find_candidates(
+        self, distance: float, points: Points, intruder_points: Points | None = None
+    ) -> Indices:
+        """The broad phase alone: edges whose boxes meet, one grown by the distance.
+
+        Returns:
+            First and second edge of each pair, by second edge, then by first, shape (n, 2).
+        """
+        here, there = self._arrays(distance, points, intruder_points)
+        try:
+            pairs: Indices = self._core.find_candidates(there, here, distance)
+        except ValueError:
+            raise not_finite(here, there) from None
+        return pairs
+
+    def find_by_brute_force(
+        self,
+        distance: float,
+        points: Points,
+        intruder_points: Points | None = None,
+        *,
+        only_candidates: bool = False,
+    ) -> EdgesNearEdges:
+        """Every edge against every edge: the oracle of `find`, and of `find_candidates`."""
+        here, there = self._arrays(distance, points, intruder_points)
+        try:
+            pairs, parameters, squared = _core.find_edges_near_edges_brute_force(
+                there,
+                self.intruder_edges,
+                here,
+                self.edges,
+                distance,
+                self._is_same,
+                only_candidates,
+            )
+        except ValueError:
+            raise not_finite(here, there) from None
+        return EdgesNearEdges(pairs[:, 0], pairs[:, 1], parameters, np.sqrt(squared))
+
+
+def edges_of(surface: TriSurface) -> Indices:
+    """Edges of a surface's facets, each once, lower point first, ascending, shape (n, 2)."""
+    ends = np.sort(surface.facets[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges: Indices = np.unique(ends, axis=0).astype(np.int32).reshape(-1, 2)
+    return edges

@@ -1,0 +1,72 @@
+#pragma once
+// Which edges come within a distance of which others: of another body, or of the same one.
+
+#include "collision/size_classes.hpp"
+#include "collision/voxel_hash.hpp"
+
+namespace fastsim {
+
+struct EdgeNearEdge {
+    std::int32_t first, second;       // edges of the first and of the second body
+    std::array<double, 2> parameters; // of their nearest points, 0 to 1 along each
+    double distance_squared;
+};
+
+// Edges of the first body are hashed by their middles; what half an edge may add is added to the
+// boxes that are looked up.
+class EdgesNearEdges {
+  public:
+    using Index = std::int32_t;
+    using Edge = std::array<Index, 2>;
+    using Pair = std::array<Index, 2>; // first, second
+
+    // Sizes are taken from the points as they are now. `is_same_body`: both lists are the same,
+    // a pair is given once, its first edge having the lower number, and edges with a common
+    // point do not count.
+    EdgesNearEdges(std::span<const Position> first_points, std::span<const Edge> first,
+                   std::span<const Edge> second, bool is_same_body);
+
+    // Candidates: pairs whose closed boxes meet, one grown by `reach_of`. By second edge, then by
+    // first; valid until the next call. Throws std::invalid_argument when a point is not finite.
+    // Pre-condition: distance >= 0, finite.
+    std::span<const Pair> find_candidates(std::span<const Position> first_points,
+                                          std::span<const Position> second_points, double distance);
+
+    // Of the candidates, those no further apart than the distance.
+    std::span<const EdgeNearEdge> find(std::span<const Position> first_points,
+                                       std::span<const Position> second_points, double distance);
+
+    [[nodiscard]] std::vector<double> voxel_sizes() const;
+
+  private:
+    struct SizeClass {
+        VoxelHash hash;
+        std::vector<Index> active; // its edges that are near the other body
+        std::vector<Extent> boxes; // of its edges, in the order of the hash
+        double size;               // mean, at the time of construction
+        Extent middles{};          // box of their middles
+        Position half{};           // largest half of a box, along each axis
+    };
+    void fill(std::span<const Position> first_points, const Extent &near, double reach);
+
+    std::vector<Edge> _first, _second;
+    std::vector<std::uint8_t> _class; // of the first body's edges
+    std::vector<SizeClass> _classes;
+    std::vector<Pair> _candidates;
+    std::vector<EdgeNearEdge> _found;
+    bool _is_same_body;
+};
+
+// The narrow phase of one pair; true when it is within the distance.
+bool is_near(std::span<const Position> first_points, const std::array<std::int32_t, 2> &first,
+             std::span<const Position> second_points, const std::array<std::int32_t, 2> &second,
+             double distance, EdgeNearEdge &pair);
+
+// The oracle: every edge against every edge; with the candidates, or the pairs within the
+// distance alone.
+std::vector<EdgeNearEdge> find_edges_near_edges_brute_force(
+    std::span<const Position> first_points, std::span<const std::array<std::int32_t, 2>> first,
+    std::span<const Position> second_points, std::span<const std::array<std::int32_t, 2>> second,
+    double distance, bool is_same_body, bool only_candidates);
+
+} // namespace fastsim

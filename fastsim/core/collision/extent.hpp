@@ -1,0 +1,82 @@
+#pragma once
+// Axis-aligned boxes of points, and what must hold before any of them is looked at.
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <stdexcept>
+
+namespace fastsim {
+
+using Position = std::array<double, 3>;
+
+// A closed box; low above high where it holds nothing.
+struct Extent {
+    Position low, high;
+
+    [[nodiscard]] static Extent nothing() {
+        constexpr double far = std::numeric_limits<double>::infinity();
+        return {{far, far, far}, {-far, -far, -far}};
+    }
+    void add(const Position &p) {
+        for (std::size_t i = 0; i < 3; ++i) {
+            low[i] = std::min(low[i], p[i]);
+            high[i] = std::max(high[i], p[i]);
+        }
+    }
+    [[nodiscard]] bool contains(const Position &p) const {
+        return p[0] >= low[0] && p[0] <= high[0] && p[1] >= low[1] && p[1] <= high[1] &&
+               p[2] >= low[2] && p[2] <= high[2];
+    }
+    [[nodiscard]] bool meets(const Extent &other) const {
+        return low[0] <= other.high[0] && other.low[0] <= high[0] && low[1] <= other.high[1] &&
+               other.low[1] <= high[1] && low[2] <= other.high[2] && other.low[2] <= high[2];
+    }
+    // Rounding is monotone, so what lies in the smaller of two boxes lies in the larger when
+    // both are grown.
+    [[nodiscard]] Extent grown(double by) const {
+        return {{low[0] - by, low[1] - by, low[2] - by},
+                {high[0] + by, high[1] + by, high[2] + by}};
+    }
+    [[nodiscard]] Extent common_with(const Extent &other) const {
+        Extent both;
+        for (std::size_t i = 0; i < 3; ++i) {
+            both.low[i] = std::max(low[i], other.low[i]);
+            both.high[i] = std::min(high[i], other.high[i]);
+        }
+        return both;
+    }
+    [[nodiscard]] double longest() const {
+        return std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
+    }
+};
+
+// Box of an element's corners.
+template <std::size_t corners>
+Extent extent_of(std::span<const Position> points,
+                 const std::array<std::int32_t, corners> &element) {
+    Extent box{points[static_cast<std::size_t>(element[0])],
+               points[static_cast<std::size_t>(element[0])]};
+    for (std::size_t k = 1; k < corners; ++k)
+        box.add(points[static_cast<std::size_t>(element[k])]);
+    return box;
+}
+
+// By how much boxes are grown so that no pair within the distance, as computed from rounded
+// differences, is missed: 64 roundings of the largest coordinate that a near point can have.
+inline double reach_of(double distance, const Extent &body) {
+    double largest = distance;
+    for (std::size_t i = 0; i < 3; ++i)
+        largest = std::max({largest, -body.low[i], body.high[i]});
+    return distance + 64.0 * std::numeric_limits<double>::epsilon() * largest;
+}
+
+// Box of all points. Throws std::invalid_argument when one is not finite.
+Extent extent_of_all(std::span<const Position> points);
+
+// Box of some points. Throws std::invalid_argument when one is not finite.
+Extent extent_of_some(std::span<const Position> points, std::span<const std::int32_t> chosen);
+
+} // namespace fastsim

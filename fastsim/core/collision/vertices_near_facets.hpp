@@ -1,0 +1,60 @@
+#pragma once
+// Which vertices come within a distance of which triangles: of another body, or of the same one.
+
+#include "collision/size_classes.hpp"
+#include "collision/voxel_hash.hpp"
+
+namespace fastsim {
+
+struct VertexNearFacet {
+    std::int32_t vertex, facet;
+    std::array<double, 3> weights; // of the nearest point of the facet
+    double distance_squared;
+};
+
+class VerticesNearFacets {
+  public:
+    using Index = std::int32_t;
+    using Facet = std::array<Index, 3>;
+    using Pair = std::array<Index, 2>; // vertex, facet
+
+    // Sizes are taken from the points as they are now. `is_same_body`: vertices number the facets'
+    // own points, and a facet's corners do not count.
+    VerticesNearFacets(std::span<const Position> facet_points, std::span<const Facet> facets,
+                       std::span<const Index> vertices, bool is_same_body);
+
+    // Candidates: pairs with the vertex in the facet's closed box, grown by `reach_of`. By facet,
+    // then by vertex; valid until the next call. Throws std::invalid_argument when a point
+    // is not finite. Pre-condition: distance >= 0, finite.
+    std::span<const Pair> find_candidates(std::span<const Position> vertex_points,
+                                          std::span<const Position> facet_points, double distance);
+
+    // Of the candidates, those with the facet no further than the distance from the vertex.
+    std::span<const VertexNearFacet> find(std::span<const Position> vertex_points,
+                                          std::span<const Position> facet_points, double distance);
+
+    [[nodiscard]] std::vector<double> voxel_sizes() const;
+
+  private:
+    std::vector<Index> _vertices, _active;
+    std::vector<Facet> _facets;
+    SizeClasses _classes;
+    std::vector<VoxelHash> _hash; // one for each class
+    std::vector<std::uint8_t> _is_filled;
+    std::vector<Pair> _candidates;
+    std::vector<VertexNearFacet> _found;
+    bool _is_same_body;
+};
+
+// The narrow phase of one pair; true when it is within the distance.
+bool is_near(std::span<const Position> vertex_points, std::span<const Position> facet_points,
+             const std::array<std::int32_t, 3> &facet, double distance, VertexNearFacet &pair);
+
+// The oracle: every vertex against every facet; with the candidates, or the pairs within the
+// distance alone.
+std::vector<VertexNearFacet> find_vertices_near_facets_brute_force(
+    std::span<const Position> vertex_points, std::span<const std::int32_t> vertices,
+    std::span<const Position> facet_points, std::span<const std::array<std::int32_t, 3>> facets,
+    double distance, bool is_same_body, bool only_candidates);
+
+} // namespace fastsim
