@@ -20,7 +20,15 @@ SAME_MESH_METRICS = (
     "local_volume",
     "reaction_force",
     "strain_energy",
+    "trajectory_l2",
+    "oscillation_amplitude",
+    "oscillation_frequency",
+    "oscillation_phase",
+    "oscillation_damping",
+    "oscillation_mean",
 )
+# Only where there is [time].
+MOTION_METRICS = tuple(name for name in SAME_MESH_METRICS if name.startswith(("traj", "osc")))
 
 
 class GeometrySpec(Table):
@@ -192,6 +200,12 @@ class CheckSpec(Table):
         "surface_mean_distance",
         "reaction_force",
         "strain_energy",
+        "trajectory_l2",
+        "oscillation_amplitude",
+        "oscillation_frequency",
+        "oscillation_phase",
+        "oscillation_damping",
+        "oscillation_mean",
         "smallest_det_f",
         "inverted_cells",
     ]
@@ -242,3 +256,12 @@ class CaseSpec(Table):
     check: tuple[CheckSpec, ...] = ()
     evidence: EvidenceSpec = EvidenceSpec()
     published: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _motion_needs_time(self) -> CaseSpec:
+        for check in self.check:
+            if check.metric in MOTION_METRICS and self.time is None:
+                raise ValueError(f"check {check.metric} needs [time]")
+            if self.time is not None and check.against == "truth":
+                raise ValueError('a case with [time] has no truth; check against = "same_mesh"')
+        return self

@@ -196,18 +196,20 @@ def _metrics(
         for word, reference in pairs:
             if reference is None:
                 continue
-            for metric in _comparable(word):
+            for metric in _comparable(word, case.problem.time is not None):
                 value = measure(metric, case.problem, candidate, reference).value
                 metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
     return metrics
 
 
-def _comparable(against: str) -> list[str]:
-    """Metrics that compare with a reference of this kind."""
+def _comparable(against: str, is_dynamic: bool) -> list[str]:
+    """Metrics that compare with a reference of this kind; oscillations only where asked for."""
     return [
         metric.name
         for metric in CATALOGUE.values()
-        if metric.compare and (against == "same_mesh" or not metric.needs_same_mesh)
+        if metric.compare
+        and (against == "same_mesh" or not metric.needs_same_mesh)
+        and (not metric.needs_time or (is_dynamic and metric.name == "trajectory_l2"))
     ]
 
 

@@ -102,6 +102,8 @@ def solve_live(
         ReferenceUnavailableError,
     )
 
+    if problem.time is not None:
+        return solve_motion_set(problem, progress)
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
     for strain in Strain:
@@ -140,6 +142,14 @@ def solve_live(
     )
 
 
+def solve_motion_set(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
+    """The trajectories of a dynamic case, one for each strain measure."""
+    from palpate.validation.motion_references import solve_motion
+
+    states = {(SAME_MESH, strain): solve_motion(problem, strain, progress) for strain in Strain}
+    return ReferenceSet(states, {}, "P1 in motion by central differences on the case's mesh")
+
+
 def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) -> Bars:
     """P1 against P2 on the same mesh, for every metric and strain."""
     bars: Bars = {}
@@ -162,6 +172,8 @@ def solve_for_storing(problem: Problem, progress: Callable[[str], None]) -> Refe
     """
     from dataclasses import replace
 
+    if problem.time is not None:
+        return solve_motion_set(problem, progress)
     fine_problem = refine_problem(problem)
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}

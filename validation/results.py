@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 
@@ -59,6 +62,14 @@ class CheckResult:
 
 
 @dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Displacement over time: times [s], (num_times,); displacements [m], (num_times, n, 3)."""
+
+    times: Points
+    displacements: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """One solution of a case, with the quantities that are judged.
 
@@ -74,6 +85,7 @@ class State:
         max_displacement: Largest displacement of a point [m].
         seconds: Time the solve took; 0 when stored.
         details: Iterations, residuals, versions.
+        trajectory: In dynamic cases; `displacement` is its last state then.
     """
 
     label: str
@@ -87,6 +99,7 @@ class State:
     max_displacement: float
     seconds: float = 0.0
     details: Mapping[str, Any] = field(default_factory=dict)
+    trajectory: Trajectory | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.validation.reference_set import ReferenceSet
-from palpate.validation.results import State
+from palpate.validation.results import State, Trajectory
 
 SCHEMA = 1
 _SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
@@ -75,6 +75,9 @@ def store(
             }
         )
         arrays[f"displacement_{index}"] = state.displacement
+        if state.trajectory is not None:
+            arrays[f"times_{index}"] = state.trajectory.times
+            arrays[f"displacements_{index}"] = state.trajectory.displacements
     arrays["header"] = np.array(json.dumps(header, sort_keys=True, allow_nan=False))
     path = references_folder() / f"{name}.npz"
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
@@ -98,6 +101,12 @@ def load_stored(name: str, problem: Problem) -> ReferenceSet:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             header = json.loads(str(stored["header"]))
             fields = [stored[f"displacement_{k}"] for k in range(len(header["states"]))]
+            motions = [
+                Trajectory(stored[f"times_{k}"], stored[f"displacements_{k}"])
+                if f"times_{k}" in stored.files
+                else None
+                for k in range(len(fields))
+            ]
         schema, key = header["schema"], header["key"]
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise MissingReferenceError(
@@ -109,7 +118,7 @@ def load_stored(name: str, problem: Problem) -> ReferenceSet:
             f"changed since it was made; {remedy}"
         )
     states = {}
-    for entry, displacement in zip(header["states"], fields, strict=True):
+    for entry, displacement, motion in zip(header["states"], fields, motions, strict=True):
         if displacement.shape != problem.mesh.points.shape or not np.isfinite(displacement).all():
             raise StaleReferenceError(f"the stored reference of {name!r} does not fit its mesh")
         strain = Strain(entry["strain"])
@@ -120,6 +129,7 @@ def load_stored(name: str, problem: Problem) -> ReferenceSet:
             degree=entry["degree"],
             displacement=displacement,
             details=entry["details"],
+            trajectory=motion,
             **{scalar: entry[scalar] for scalar in _SCALARS},
         )
     bars = {}

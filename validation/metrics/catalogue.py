@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.metrics import fields, pairs, surfaces
+from palpate.validation.metrics import fields, motion, pairs, surfaces
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.results import State
 
@@ -26,6 +26,7 @@ class Metric:
         unit: Of the value.
         needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
             read at the points does not carry it.
+        needs_time: For cases with [time] only.
     """
 
     name: str
@@ -34,11 +35,16 @@ class Metric:
     compare: Compare | None
     unit: str = "-"
     needs_same_mesh: bool = False
+    needs_time: bool = False
 
 
 def _of_mesh(name: str) -> Compare:
     compare = pairs.COMPARISONS[name]
     return lambda problem, candidate, reference: compare(problem.mesh, candidate, reference)
+
+
+def _of_oscillation(name: str) -> Compare:
+    return lambda _problem, candidate, reference: motion.oscillation(name, candidate, reference)
 
 
 _LARGEST = "largest displacement of the reference"
@@ -122,6 +128,25 @@ CATALOGUE = {
             "strain energy of the reference",
             fields.energy,
             needs_same_mesh=True,
+        ),
+        Metric(
+            "trajectory_l2",
+            "largest error of displacement over time",
+            "largest L2 norm of the reference's displacement over time",
+            motion.trajectory_l2,
+            needs_same_mesh=True,
+            needs_time=True,
+        ),
+        *(
+            Metric(
+                name,
+                f"error of the {name.removeprefix('oscillation_')} of the point that swings most",
+                "the reference's (phase: one period; damping: its frequency; mean: its amplitude)",
+                _of_oscillation(name),
+                needs_same_mesh=True,
+                needs_time=True,
+            )
+            for name in motion.OSCILLATION
         ),
         Metric("smallest_det_f", "smallest volume ratio of a cell", "none", None),
         Metric("inverted_cells", "cells turned inside out", "none", None, unit="cells"),

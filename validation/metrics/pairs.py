@@ -10,7 +10,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.results import State
+from palpate.validation.results import State, Trajectory
 
 # Where the reference hardly changes volume or area, errors are scaled by this part of the rest
 # value instead: a change below it is not what such a check is about.
@@ -105,6 +105,7 @@ def make_state(
     degree: int = 1,
     seconds: float = 0.0,
     details: dict[str, object] | None = None,
+    trajectory: Trajectory | None = None,
 ) -> State:
     """Measure a linear displacement field: volume, area, smallest det F by geometry alone."""
     moved = mesh.points + displacement
@@ -124,4 +125,5 @@ def make_state(
         max_displacement=float(np.linalg.norm(displacement, axis=1).max()),
         seconds=seconds,
         details=details or {},
+        trajectory=trajectory,
     )

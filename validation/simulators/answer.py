@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate.meshes.arrays import Points
+from palpate.validation.results import Trajectory
 
 Progress = Callable[[str], None]
 
@@ -16,8 +17,9 @@ class CandidateFailedError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A candidate's displacement [m] with how it got there."""
+    """A candidate's displacement [m] with how it got there, and over time in dynamic cases."""
 
     displacement: Points
     seconds: float
     details: dict[str, object]
+    trajectory: Trajectory | None = None

@@ -7,14 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.placement import Placed, place
-from palpate.validation.exchange.result_files import read_result
+from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
 from palpate.validation.metrics import make_state
-from palpate.validation.results import State
+from palpate.validation.results import State, Trajectory
 from palpate.validation.simulators.answer import Progress
-from palpate.validation.simulators.fastsim import Fault, run_fastsim
+from palpate.validation.simulators.fastsim import run_fastsim
+from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import OutsideSimulator, require_answers
 
 Solve = Callable[[Problem, Strain, Progress], State]
@@ -50,6 +53,7 @@ def fastsim_candidate(fault: Fault = Fault.NONE) -> Candidate:
             strain=strain,
             seconds=answer.seconds,
             details=answer.details,
+            trajectory=answer.trajectory,
         )
 
     seeded = f"A fault is seeded into the candidate: {fault}."
@@ -75,7 +79,10 @@ def outside_candidate(simulator: OutsideSimulator) -> Candidate:
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         answer = simulator.run(problem, strain, progress)
         details = {**answer.about, "command": simulator.command}
-        return placed_state(problem, answer.placed, simulator.name, strain, answer.seconds, details)
+        state = placed_state(
+            problem, answer.placed, simulator.name, strain, answer.seconds, details
+        )
+        return with_motion(state, problem, answer.result, answer.placed)
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
     return Candidate(simulator.name, solve, False, (note,))
@@ -89,9 +96,44 @@ def result_candidate(path: str | Path) -> Candidate:
         progress(f"reading {path}")
         result = read_result(path)
         require_answers(result, problem, strain)
-        return placed_state(problem, place(result, problem), name, strain, 0.0, dict(result.about))
+        placed = place(result, problem)
+        state = placed_state(problem, placed, name, strain, 0.0, dict(result.about))
+        return with_motion(state, problem, result, placed)
 
     return Candidate(name, solve, False, (f"Result: {Path(path).name}.",))
+
+
+def with_motion(state: State, problem: Problem, result: ResultFile, placed: Placed) -> State:
+    """A dynamic case's trajectory at its output times: interpolated, never extrapolated.
+
+    Raises:
+        ResultFileError: No times, or they do not cover the case's.
+    """
+    span = problem.time
+    if span is None:
+        return state
+    wanted = np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    given = result.times
+    slack = 1e-9 * span.end_time
+    if given is None or given[0] > slack or given[-1] < span.end_time - slack:
+        raise ResultFileError(
+            result.path,
+            f"needs `times` from 0 to {span.end_time:g} s, (num_times,), with their displacement",
+        )
+    after = np.clip(np.searchsorted(given, wanted), 1, max(len(given) - 1, 1))
+    share = np.clip((wanted - given[after - 1]) / (given[after] - given[after - 1]), 0.0, 1.0)
+    fields = placed.displacement
+    states = fields[after - 1] + share[:, None, None] * (fields[after] - fields[after - 1])
+    last = make_state(
+        problem.mesh,
+        states[-1],
+        label=state.label,
+        simulator=state.simulator,
+        strain=state.strain,
+        seconds=state.seconds,
+        details=dict(state.details),
+    )
+    return dataclasses.replace(last, trajectory=Trajectory(wanted, states))
 
 
 def placed_state(

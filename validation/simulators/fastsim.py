@@ -5,75 +5,87 @@ A candidate that diverges, crashes or answers NaN has failed; that is a verdict,
 
 from __future__ import annotations
 
-import dataclasses
 import time
-from enum import StrEnum
 
 import numpy as np
 
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.results import Trajectory
 from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
-
-
-class Fault(StrEnum):
-    """Faults that can be seeded into the candidate."""
-
-    NONE = "none"
-    SOFTER = "softer"
-    MIRRORED = "mirrored"
-    DROPPED_LOAD = "dropped-load"
-    LINEAR_INSTEAD_OF_GREEN = "linear-instead-of-green"
-    NAN = "nan"
+from palpate.validation.simulators.faults import (
+    Fault,
+    spoil_displacement,
+    spoil_problem,
+    spoil_strain,
+)
 
 
 def run_fastsim(
     problem: Problem, strain: Strain, progress: Progress, fault: Fault = Fault.NONE
 ) -> Answer:
-    """Solve by fastsim, with a seeded fault if asked.
+    """Solve by fastsim, with a seeded fault if asked: statics, or from rest where there is time.
 
     Raises:
         CandidateFailedError: It diverged, or answered NaN.
     """
     from palpate.fastsim.errors import FastsimError
-    from palpate.fastsim.statics import solve_static
 
-    given, used = _spoil_problem(problem, fault), strain
-    if fault is Fault.LINEAR_INSTEAD_OF_GREEN:
-        used = Strain.LINEAR
+    given, used = spoil_problem(problem, fault), spoil_strain(strain, fault)
     progress(f"fastsim, {used} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        result = solve_static(given, strain=used, progress=progress)
+        if given.time is not None:
+            answer = _run_motion(given, used, progress)
+        elif fault is Fault.TRANSPOSED_GRADIENT and used is Strain.GREEN:
+            answer = _run_transposed(given)
+        else:
+            answer = _run_statics(given, used, progress)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
     seconds = time.perf_counter() - start
-    displacement = result.displacement
-    if fault is Fault.MIRRORED:
-        displacement = displacement * np.array([1.0, -1.0, 1.0])
-    if fault is Fault.NAN:
-        displacement = displacement.copy()
-        displacement[len(displacement) // 2, 0] = np.nan
+    displacement = spoil_displacement(problem.mesh, answer.displacement, fault)
+    motion = answer.trajectory
+    if motion is not None:
+        spoiled = spoil_displacement(problem.mesh, motion.displacements, fault)
+        motion = Trajectory(motion.times, spoiled)
     bad = np.flatnonzero(~np.isfinite(displacement).all(axis=1))
     if bad.size:
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
-    return Answer(
-        displacement,
-        seconds,
-        {
-            "newton_iterations": result.iterations,
-            "linear_iterations": result.linear_iterations,
-            "relative_residual": result.residual_history[-1],
-        },
-    )
+    return Answer(displacement, seconds, answer.details, motion)
 
 
-def _spoil_problem(problem: Problem, fault: Fault) -> Problem:
-    if fault is Fault.SOFTER:
-        material = problem.material
-        softer = Material(0.98 * material.youngs_modulus, material.poissons_ratio, material.density)
-        return dataclasses.replace(problem, material=softer)
-    if fault is Fault.DROPPED_LOAD:
-        return dataclasses.replace(problem, loads=problem.loads[:-1])
-    return problem
+def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+    from palpate.fastsim.statics import solve_static
+
+    result = solve_static(problem, strain=strain, progress=progress)
+    details: dict[str, object] = {
+        "newton_iterations": result.iterations,
+        "linear_iterations": result.linear_iterations,
+        "relative_residual": result.residual_history[-1],
+    }
+    return Answer(result.displacement, 0.0, details)
+
+
+def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+    from palpate.fastsim.dynamics import simulate
+
+    result = simulate(problem, strain=strain, progress=progress)
+    details: dict[str, object] = {
+        "time_step": result.time_step,
+        "critical_time_step": result.critical_time_step,
+        "num_steps": result.num_steps,
+    }
+    motion = Trajectory(result.times, result.displacements)
+    return Answer(result.displacements[-1], 0.0, details, motion)
+
+
+def _run_transposed(problem: Problem) -> Answer:
+    from palpate.validation.simulators.transposed import solve_transposed
+
+    try:
+        displacement, corrections = solve_transposed(problem)
+    except RuntimeError as error:
+        raise CandidateFailedError(str(error)) from error
+    return Answer(displacement, 0.0, {"corrections": corrections})

@@ -41,11 +41,13 @@ class OutsideAnswer:
 
     Attributes:
         placed: At the case's points.
+        result: As it was read.
         seconds: Wall time of the program.
         about: What it says of itself.
     """
 
     placed: Placed
+    result: ResultFile
     seconds: float
     about: dict[str, object]
 
@@ -111,7 +113,7 @@ class OutsideSimulator:
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
             result = read_result(file)
             require_answers(result, problem, strain)
-            return OutsideAnswer(place(result, problem), seconds, dict(result.about))
+            return OutsideAnswer(place(result, problem), result, seconds, dict(result.about))
 
     def _filled(self, case: Path, scratch: Path) -> tuple[list[str], Path]:
         suffix = next(m[2] or "npz" for m in _PLACE.finditer(self.command) if m[1] == "result")
