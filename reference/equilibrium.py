@@ -10,6 +10,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
+from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import by_cell, lame_parameters
@@ -79,7 +80,7 @@ class ElasticBody:
 
 
 class Equilibrium(ElasticBody):
-    """An elastic body with the supports and loads of its problem.
+    """An elastic body with the supports, loads and tools of its problem.
 
     Args:
         problem: Mesh, material, supports and loads.
@@ -104,6 +105,7 @@ class Equilibrium(ElasticBody):
             fenicsx.form(-self._load_factor * ufl.derivative(work, self.u, du))
             for work in loads.followers
         ]
+        self.contacts = create_contacts(problem, space, self.held)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
@@ -116,6 +118,13 @@ class Equilibrium(ElasticBody):
                 force += fenicsx.assemble_vector(compiled)
         return force
 
+    def contact_force(self, displacement: Points) -> Points:
+        """Nodal forces of the tools where they are at a displacement [N], flat."""
+        force = np.zeros(self.num_dofs)
+        for contact in self.contacts:
+            force += contact.force(displacement)
+        return force
+
     def tangent(self, displacement: Points, load_factor: float) -> Any:
         """dR/du as a PETSc matrix without supports; the same object each time."""
         self.set_displacement(displacement)
@@ -124,4 +133,6 @@ class Equilibrium(ElasticBody):
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
         for compiled in self._follower_tangents:
             fenicsx.assemble_into_matrix(self._matrix, compiled)
+        for contact in self.contacts:
+            contact.add_tangent(self._matrix, displacement)
         return self._matrix

@@ -1,15 +1,16 @@
-"""From rest to the full load in steps that adapt."""
+"""From one equilibrium to another in steps that adapt."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.newton import Newton
+from palpate.reference.newton import Newton, NewtonOutcome
 
 # The load at which equilibrium ends is found to this fraction of the full load.
 _SMALLEST_STEP = 1.0 / 1024.0
@@ -19,6 +20,19 @@ _FEW_ITERATIONS = 6
 _LAST_STRETCH = 1.25
 
 Progress = Callable[[str], None]
+Report = Callable[[int, float, float], None]
+
+
+class Stage(Protocol):
+    """Equilibria by a parameter from 0 to 1, of a load or along a tool's path."""
+
+    def solve(
+        self, start: Points, parameter: float, *, report: Report | None = None
+    ) -> NewtonOutcome:
+        """Iterate from a displacement to the equilibrium at a parameter."""
+
+    def is_stable(self, displacement: Points, parameter: float) -> bool:
+        """Whether an equilibrium is stable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,39 +61,71 @@ def follow_load(
     *,
     progress: Progress,
 ) -> LoadPath:
-    """Raise the load from zero to full; halve the step where Newton fails, double it where easy.
+    """Raise the load from zero to full, from the body at rest."""
+    rest = np.zeros(num_dofs)
+    step, guess, iterations = _first_step(newton, sampler, rest)
+    path = follow(newton, sampler, rest, step, guess=guess, progress=progress)
+    return LoadPath(
+        path.displacement,
+        path.load_factors,
+        path.relative_residual,
+        path.iterations + iterations,
+        path.reason,
+    )
+
+
+def follow(
+    stage: Stage,
+    sampler: DetFSampler,
+    start: Points,
+    step: float,
+    *,
+    guess: Points | None = None,
+    name: str = "load",
+    few_iterations: int = _FEW_ITERATIONS,
+    progress: Progress,
+) -> LoadPath:
+    """Go from 0 to 1; halve the step where Newton fails, double it where it is easy.
 
     Each step starts from the last equilibrium, or from the extrapolation of the last two where
     that inverts no cell.
+
+    Args:
+        stage: What changes with the parameter.
+        sampler: Measures det F.
+        start: Equilibrium at 0, flat [m].
+        step: The first one, in (0, 1].
+        guess: First iterate of the first step, flat [m]; none is `start`.
+        name: Of the parameter, for the log.
+        few_iterations: A step that takes no more linear solves was easy.
+        progress: Told of every iteration.
     """
-    rest = np.zeros(num_dofs)
-    path: list[tuple[float, Points]] = [(0.0, rest)]
+    path: list[tuple[float, Points]] = [(0.0, start)]
     reached: list[float] = []
-    step, start, iterations = _first_step(newton, sampler, rest)
-    residual = 0.0
+    iterations, residual = 0, 0.0
     while path[-1][0] < 1.0:
         last = path[-1][0]
         # A little further rather than a small last step that costs a whole Newton iteration.
         target = 1.0 if last + _LAST_STRETCH * step >= 1.0 else last + step
-        outcome = newton.solve(
-            _extrapolate(path, target, sampler) if start is None else start,
+        outcome = stage.solve(
+            _extrapolate(path, target, sampler) if guess is None else guess,
             target,
-            report=_reporter(progress, target),
+            report=_reporter(progress, name, target),
         )
-        start = None
+        guess = None
         iterations += outcome.iterations
         reason = outcome.reason
-        if outcome.converged and not newton.is_stable(outcome.displacement, target):
+        if outcome.converged and not stage.is_stable(outcome.displacement, target):
             reason = "the equilibrium found is not stable"
         if not reason:
             path = [path[-1], (target, outcome.displacement)]
             reached.append(target)
             residual = outcome.relative_residual
-            if outcome.iterations <= _FEW_ITERATIONS:
+            if outcome.iterations <= few_iterations:
                 step *= 2.0
             continue
         step = (target - last) / 2.0
-        progress(f"load {target:.4f}: {reason}; back to {last:.4f}, step {step:.4f}")
+        progress(f"{name} {target:.4f}: {reason}; back to {last:.4f}, step {step:.4f}")
         if step < _SMALLEST_STEP:
             return LoadPath(path[-1][1], tuple(reached), residual, iterations, reason)
     return LoadPath(path[-1][1], tuple(reached), residual, iterations, "")
@@ -110,10 +156,10 @@ def _extrapolate(path: list[tuple[float, Points]], target: float, sampler: DetFS
     return ahead if sampler.smallest(ahead) > 0.5 * sampler.smallest(u_last) else u_last
 
 
-def _reporter(progress: Progress, target: float) -> Callable[[int, float, float], None]:
+def _reporter(progress: Progress, name: str, target: float) -> Report:
     def report(iteration: int, relative: float, det_f: float) -> None:
         progress(
-            f"load {target:.4f}, iteration {iteration}: relative residual {relative:.2e}, "
+            f"{name} {target:.4f}, iteration {iteration}: relative residual {relative:.2e}, "
             f"smallest det F {det_f:.4f}"
         )
 

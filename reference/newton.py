@@ -71,7 +71,7 @@ class Newton:
     ) -> None:
         self._equilibrium = equilibrium
         self._sampler = sampler
-        self._tolerance = relative_tolerance
+        self.relative_tolerance = relative_tolerance
         self._max_iterations = max_iterations
         space = equilibrium.space
         self._linear = LinearSolver(space.coordinates, is_symmetric=not equilibrium.has_followers)
@@ -87,7 +87,8 @@ class Newton:
     def linearise(self, displacement: Points) -> Points | None:
         """First Newton step from a displacement to the full load, roughly; None if singular."""
         eq = self._equilibrium
-        residual = eq.internal_force(displacement) - eq.external_force(displacement)
+        external = eq.external_force(displacement) + eq.contact_force(displacement)
+        residual = eq.internal_force(displacement) - external
         gap = eq.held.values - displacement[eq.held.dofs]
         matrix = eq.tangent(displacement, 1.0)
         try:
@@ -126,7 +127,7 @@ class Newton:
         best, since_best = math.inf, 0
         for iteration in range(self._max_iterations + 1):
             internal = eq.internal_force(u)
-            external = load_factor * eq.external_force(u)
+            external = load_factor * eq.external_force(u) + eq.contact_force(u)
             residual = internal - external
             norm = fenicsx.norm(residual[free])
             scale = max(fenicsx.norm(internal), fenicsx.norm(external))
@@ -138,7 +139,7 @@ class Newton:
             is_at_supports = fenicsx.total(int(np.sum(u[held] != target))) == 0
             is_stalled = norm > 0.5 * last_norm and norm <= rounding
             last_norm = norm
-            if is_at_supports and (norm <= self._tolerance * scale or is_stalled):
+            if is_at_supports and (norm <= self.relative_tolerance * scale or is_stalled):
                 return NewtonOutcome(u, True, "", iteration, relative)
             # Under prescribed displacements alone the first residual is zero: judge by the second.
             if iteration > 1 and not norm <= _LARGEST_GROWTH * first:
@@ -151,7 +152,9 @@ class Newton:
             matrix = eq.tangent(u, load_factor)
             rounding = self._rounding_error(matrix, u)
             # Loose while far away, tight enough at the end for one more step to finish.
-            tolerance = max(min(1e-3, relative), 0.1 * self._tolerance / max(relative, 1e-300))
+            tolerance = max(
+                min(1e-3, relative), 0.1 * self.relative_tolerance / max(relative, 1e-300)
+            )
             try:
                 du = self._linear.solve(
                     matrix, -residual, held, target - u[held], tolerance=min(tolerance, 1e-3)

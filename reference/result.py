@@ -6,6 +6,7 @@ import dataclasses
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,6 +14,27 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ToolHistory:
+    """What one tool felt at the knots of the paths, in their order.
+
+    Attributes:
+        times: Knots [s].
+        forces: On the tool [N].
+        moments: On the tool about its origin [N m].
+        active_areas: Rest area of the contact points that press on it [m2].
+        penetrations: Largest depth of a contact point inside the tool [m], >= 0.
+    """
+
+    times: tuple[float, ...]
+    forces: tuple[Vector, ...]
+    moments: tuple[Vector, ...]
+    active_areas: tuple[float, ...]
+    penetrations: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +60,7 @@ class ReferenceResult:
         newton_iterations: Linear solves in all.
         load_steps: Load factors at which equilibrium was found, the last one 1.
         versions: Of Python and the parts of FEniCSx.
+        tools: What each tool felt, in the problem's order.
     """
 
     displacement: Points
@@ -55,15 +78,24 @@ class ReferenceResult:
     newton_iterations: int
     load_steps: tuple[float, ...] = (1.0,)
     versions: dict[str, str] = field(default_factory=dict)
+    tools: tuple[ToolHistory, ...] = ()
 
 
 def save_result(path: str | Path, result: ReferenceResult) -> None:
     """Write a result to `path` (.npz), whole or not at all."""
     values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
     displacement = values.pop("displacement")
+    values["tools"] = [dataclasses.asdict(tool) for tool in result.tools]
     header = np.array(json.dumps(values, sort_keys=True))
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, displacement=displacement, header=header)
+
+
+def _history(rows: dict[str, Any]) -> ToolHistory:
+    """Undo what JSON does to tuples."""
+    for name in ("forces", "moments"):
+        rows[name] = [tuple(row) for row in rows[name]]
+    return ToolHistory(**{name: tuple(row) for name, row in rows.items()})
 
 
 def load_result(path: str | Path) -> ReferenceResult:
@@ -78,6 +110,7 @@ def load_result(path: str | Path) -> ReferenceResult:
             displacement = stored["displacement"]
         values["strain"] = Strain(values["strain"])
         values["load_steps"] = tuple(values["load_steps"])
+        values["tools"] = tuple(_history(rows) for rows in values.get("tools", ()))
         return ReferenceResult(displacement=displacement, **values)
     except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
         raise FileFormatError(path, f"not a result of the reference ({error})") from error

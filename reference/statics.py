@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -9,14 +10,16 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
+from palpate.reference import fenicsx
 from palpate.reference.availability import versions
+from palpate.reference.contact.tool_path import follow_tools
 from palpate.reference.deformed_state import DetFSampler, measure_state
 from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.fenicsx import PETSc
-from palpate.reference.load_stepping import follow_load
+from palpate.reference.load_stepping import LoadPath, follow_load
 from palpate.reference.newton import Newton
-from palpate.reference.result import ReferenceResult
+from palpate.reference.result import ReferenceResult, ToolHistory
 
 Progress = Callable[[str], None]
 
@@ -36,7 +39,9 @@ def solve_static(
     acts on the rest surface, and cells may come out inverted.
 
     Args:
-        problem: Mesh, material, supports and loads; time is ignored.
+        problem: Mesh, material, supports, loads and tools. Time is ignored, but for the tools'
+            paths: the loads come first, with the tools where their paths begin, and then the
+            tools go to where they end.
         strain: Strain measure.
         degree: Polynomial degree of the displacement, 1 to 3. 1 is the same discretisation as
             linear tetrahedra elsewhere; 2 is the truth they are judged by.
@@ -58,6 +63,8 @@ def solve_static(
         not positive definite is not accepted (not tested under follower pressure).
         A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
         relative residual of the result says so.
+        Tools are frictionless, and touch the body at nodes (see `contact_points`): what is smaller
+        than a facet slips in between.
     """
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
@@ -70,7 +77,7 @@ def solve_static(
     sampler = DetFSampler(equilibrium)
     newton = Newton(equilibrium, sampler, relative_tolerance=relative_tolerance)
     tell(f"{3 * equilibrium.space.num_global_blocks} degrees of freedom, {newton.linear_solver}")
-    path = follow_load(newton, sampler, equilibrium.num_dofs, progress=tell)
+    path, tools = _follow(equilibrium, sampler, newton, tell)
     nodal = equilibrium.space.at_points(path.displacement)
     smallest_det_f = sampler.smallest(path.displacement)
     is_inverted = equilibrium.strain is Strain.GREEN and not smallest_det_f > 0.0
@@ -95,7 +102,27 @@ def solve_static(
         newton_iterations=path.iterations,
         load_steps=path.load_factors,
         versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
+        tools=tools,
     )
+
+
+def _follow(
+    equilibrium: Equilibrium, sampler: DetFSampler, newton: Newton, tell: Progress
+) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
+    """Loads first, with the tools where they begin; then the tools along their paths."""
+    given = fenicsx.norm(equilibrium.held.values) + fenicsx.norm(equilibrium.dead_force)
+    if given > 0.0 or equilibrium.has_followers or not equilibrium.contacts:
+        path = follow_load(newton, sampler, equilibrium.num_dofs, progress=tell)
+        if path.reason or not equilibrium.contacts:
+            return path, ()
+        start = path.displacement
+    else:
+        start = np.zeros(equilibrium.num_dofs)
+    run = follow_tools(newton, sampler, equilibrium.contacts, start, progress=tell)
+    if run.path.reason:
+        where = f"on the way of the tools: {run.path.reason}"
+        return dataclasses.replace(run.path, reason=where), run.histories
+    return run.path, run.histories
 
 
 def _say_nothing(_line: str) -> None:

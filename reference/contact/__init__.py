@@ -1,0 +1,1 @@
+"""Rigid tools pressed into the body."""

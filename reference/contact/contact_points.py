@@ -1,0 +1,77 @@
+"""Where contact is looked for: nodes of the body's boundary with a share of its rest area.
+
+The share of a node is the integral of its shape function over the contact facets: a quadrature of
+the facets that is exact to the degree of the displacement and holds no more constraints than the
+surface has nodes (Gauss points on a curved tool do, and lock). Degree 1: the vertices, a third of
+each facet, the discrete problem of linear simulators. Degree 2: the middles of the edges, a third
+of each facet; nothing at the vertices, which follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.boundary_conditions import Traction
+from palpate.reference import fenicsx
+from palpate.reference.fenicsx import ufl
+from palpate.reference.loads import traction_work
+from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.supports import HeldDofs
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoints:
+    """Nodes of the surface that may touch a tool.
+
+    Attributes:
+        nodes: Blocked dofs, of this rank's own, shape (n,).
+        rest: Rest places [m], shape (n, 3).
+        areas: Share of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
+        facet_size: Root of twice the mean facet area [m].
+    """
+
+    nodes: Indices
+    rest: Points
+    areas: Points
+    facet_size: float
+
+    def places(self, displacement: Points) -> Points:
+        """Where the nodes are under a flat displacement [m], shape (n, 3)."""
+        placed: Points = self.rest + displacement.reshape(-1, 3)[self.nodes]
+        return placed
+
+
+def find_contact_points(space: TransferredSpace, facets: Indices, held: HeldDofs) -> ContactPoints:
+    """Collect the nodes of the facets that may touch a tool.
+
+    A node that is held along all three axes takes no part.
+
+    Args:
+        space: Displacement space.
+        facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
+        held: What is held.
+
+    Raises:
+        InputError: A facet inside the body.
+    """
+    source = space.transferred.source
+    chosen = facets if len(facets) else source.boundary_facets
+    v = ufl.TestFunction(space.space)
+    # The form of any traction: nothing more to compile.
+    work = traction_work(space, Traction(chosen, (1.0, 1.0, 1.0)), v, "a tool")
+    shares = fenicsx.assemble_vector(fenicsx.form(work))[::3]
+    corners = source.points[chosen]
+    doubled = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    entities = space.transferred.facet_entities(chosen, "a tool")
+    nodes = np.asarray(fenicsx.fem.locate_dofs_topological(space.space, 2, entities), np.int32)
+    nodes = nodes[nodes < space.num_blocks]
+    nodes = nodes[np.bincount(held.dofs // 3, minlength=space.num_blocks)[nodes] < 3]
+    # Of degree 2 the shape functions of vertices integrate to rounding errors.
+    least = 1e-12 * fenicsx.largest(float(shares.max(initial=0.0)))
+    areas = np.where(shares[nodes] > least, shares[nodes], 0.0)
+    return ContactPoints(nodes, space.coordinates[nodes], areas, float(np.sqrt(doubled.mean())))

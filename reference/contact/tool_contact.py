@@ -1,0 +1,163 @@
+"""Frictionless contact with a rigid tool by the augmented Lagrangian.
+
+With the gap g(x) of the deformed place x = X + u from the tool, its normal n = grad g, and a
+multiplier p per rest area at every contact node:
+
+    t = max(0, p - k g),   virtual work on the body = sum over nodes of area t n . v
+
+an Uzawa step takes p = t at equilibrium, until the forces stay the same; then g >= 0, t >= 0,
+t g = 0 at the nodes. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
+problems involving friction", Computers & Structures 42 (1992); P. Wriggers, Computational Contact
+Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import RigidTool
+from palpate.reference import fenicsx
+from palpate.reference.contact.contact_points import find_contact_points
+from palpate.reference.contact.tool_distance import Distance, tool_distance
+from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.supports import HeldDofs
+
+# Penalty over Young's modulus by facet size: an Uzawa step leaves about a hundredth of the
+# penetration, and the tangent's condition is no worse by more than that.
+_STIFFNESS_RATIO = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class ToolState:
+    """What a tool feels at an equilibrium.
+
+    Attributes:
+        force: On the tool [N], shape (3,).
+        moment: On the tool about its origin [N m], shape (3,).
+        active_area: Rest area of the nodes that press on it [m2].
+        penetration: Largest depth of a node of the surface inside the tool [m], >= 0.
+    """
+
+    force: Points
+    moment: Points
+    active_area: float
+    penetration: float
+
+
+class ToolContact:
+    """One tool against the body.
+
+    Args:
+        space: Displacement space.
+        tool: Shape and path.
+        held: What is held.
+        youngs_modulus: Largest of the body [Pa].
+
+    Raises:
+        InputError: A tool with friction or driven by a force, or contact facets inside the body.
+    """
+
+    def __init__(
+        self, space: TransferredSpace, tool: RigidTool, held: HeldDofs, youngs_modulus: float
+    ) -> None:
+        if tool.friction_coefficient > 0.0:
+            raise InputError(
+                f"friction_coefficient = {tool.friction_coefficient:g}: the reference's contact is "
+                "frictionless; set 0"
+            )
+        if tool.drive is not None:
+            raise InputError(
+                "the reference moves a tool along its path; give the path instead of a force"
+            )
+        self.tool = tool
+        self.points = find_contact_points(space, tool.contact_facets, held)
+        self._num_dofs = 3 * space.num_blocks
+        self._penalty = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
+        self.pressure = np.zeros(len(self.points.areas))
+        self.set_time(float(tool.path.times[0]))
+        self.require_known_shape()
+
+    def require_known_shape(self) -> None:
+        """Raise InputError where the distance to the tool cannot be measured."""
+        self._distance(np.zeros(self._num_dofs))
+
+    def set_time(self, time: float) -> None:
+        """Put the tool where it is at a time of its path."""
+        self.position, self.rotation = self.tool.path.pose_at(time)
+
+    def _distance(self, displacement: Points) -> Distance:
+        places = self.points.places(displacement)
+        return tool_distance(self.tool.shape, self.position, self.rotation, places)
+
+    def _tractions(self, distance: Distance) -> Points:
+        tractions: Points = np.maximum(0.0, self.pressure - self._penalty * distance.gap)
+        return tractions
+
+    def force(self, displacement: Points) -> Points:
+        """Nodal forces on the body [N], flat."""
+        distance = self._distance(displacement)
+        return self._spread(self._tractions(distance), distance)
+
+    def _spread(self, tractions: Points, distance: Distance) -> Points:
+        points = self.points
+        vectors = (points.areas * tractions)[:, None] * distance.normal
+        nodal = np.zeros((self._num_dofs // 3, 3))
+        nodal[points.nodes] = vectors
+        return nodal.ravel()
+
+    def add_tangent(self, matrix: Any, displacement: Points) -> None:
+        """Add -d(force)/du, area (k n n - t grad n) at each touching point, to a PETSc matrix."""
+        distance = self._distance(displacement)
+        tractions = self._tractions(distance)
+        points = self.points
+        n = distance.normal
+        blocks = self._penalty * n[:, :, None] * n[:, None, :]
+        blocks -= tractions[:, None, None] * distance.curvature
+        blocks *= points.areas[:, None, None]
+        for a in np.flatnonzero(points.areas * tractions > 0.0).tolist():
+            node = points.nodes[a : a + 1]
+            matrix.setValuesBlockedLocal(node, node, blocks[a], addv=True)
+        matrix.assemble()
+
+    def augment(self, displacement: Points) -> tuple[float, float]:
+        """Take the tractions at an equilibrium as the new multipliers.
+
+        Returns:
+            How much that changes the nodal forces that the multipliers alone stand for, and their
+            norm [N]: no change means that the penalty does nothing any more.
+        """
+        distance = self._distance(displacement)
+        tractions = self._tractions(distance)
+        before = self._spread(self.pressure, distance)
+        after = self._spread(tractions, distance)
+        self.pressure = tractions
+        return fenicsx.norm(after - before), fenicsx.norm(after)
+
+    def state(self, displacement: Points) -> ToolState:
+        """What the tool feels."""
+        distance = self._distance(displacement)
+        tractions = self._tractions(distance)
+        forces = -(self.points.areas * tractions)[:, None] * distance.normal
+        arms = self.points.places(displacement) - self.position
+        return ToolState(
+            force=fenicsx.total(forces.sum(axis=0)),
+            moment=fenicsx.total(np.cross(arms, forces).sum(axis=0)),
+            active_area=fenicsx.total(float(self.points.areas[tractions > 0.0].sum())),
+            penetration=fenicsx.largest(float(-distance.gap.min(initial=0.0))),
+        )
+
+
+def create_contacts(
+    problem: Problem, space: TransferredSpace, held: HeldDofs
+) -> tuple[ToolContact, ...]:
+    """Set every tool of a problem against the body."""
+    stiffest = max(
+        m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
+    )
+    return tuple(ToolContact(space, tool, held, stiffest) for tool in problem.tools)

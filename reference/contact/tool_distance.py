@@ -1,0 +1,106 @@
+"""Signed distance to a rigid tool with its first two derivatives, in closed form.
+
+Every shape here is a distance to a plane, line or point, less a radius: d = |P (x - c)| - r with a
+projection P that is constant in a region of space. So grad d = n = P (x - c) / |P (x - c)| and
+grad grad d = (P - n n) / |P (x - c)|.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    PlaneShape,
+    SphereShape,
+    SurfaceShape,
+    ToolShape,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Distance:
+    """Distance of n places from a tool.
+
+    Attributes:
+        gap: Negative inside the tool [m], shape (n,).
+        normal: Its gradient, the tool's outward unit normal [-], shape (n, 3).
+        curvature: Its second gradient [1/m], shape (n, 3, 3).
+    """
+
+    gap: Points
+    normal: Points
+    curvature: Points
+
+
+def tool_distance(shape: ToolShape, position: Points, rotation: Points, places: Points) -> Distance:
+    """Measure places in space from a tool in a pose.
+
+    Args:
+        shape: In the tool's frame.
+        position: Of the tool's origin [m], shape (3,).
+        rotation: From the tool's frame to space, shape (3, 3).
+        places: [m], shape (n, 3).
+
+    Raises:
+        InputError: A shape given by a surface.
+
+    Note:
+        The normal jumps across the medial axis of a shape (inside a box, at the centre of a
+        sphere) and the curvature at the edges of a box.
+    """
+    local = (places - position) @ rotation
+    match shape:
+        case SphereShape():
+            found = _round(local, np.broadcast_to(np.eye(3), (len(local), 3, 3)), shape.radius)
+        case CapsuleShape():
+            along = local[:, 2]
+            h = shape.half_length
+            kept = np.ones((len(local), 3))
+            kept[np.abs(along) < h, 2] = 0.0
+            arms = local - np.outer(np.clip(along, -h, h), [0.0, 0.0, 1.0])
+            found = _round(arms, kept[:, :, None] * np.eye(3), shape.radius)
+        case BoxShape():
+            found = _box(local, np.asarray(shape.half_widths))
+        case PlaneShape():
+            normal = np.tile([0.0, 0.0, 1.0], (len(local), 1))
+            found = Distance(local[:, 2], normal, np.zeros((len(local), 3, 3)))
+        case SurfaceShape():
+            raise InputError(
+                "the reference measures the distance to spheres, capsules, boxes and planes; a "
+                "tool given as a closed surface is not one of them"
+            )
+    return Distance(found.gap, found.normal @ rotation.T, rotation @ found.curvature @ rotation.T)
+
+
+def _round(arms: Points, projections: Points, radius: float) -> Distance:
+    """Distance from the centre or line that the arms start at, less a radius."""
+    lengths = np.linalg.norm(arms, axis=1)
+    safe = np.where(lengths > 0.0, lengths, 1.0)
+    # On the centre itself every direction is as good.
+    normal = np.where(lengths[:, None] > 0.0, arms / safe[:, None], [1.0, 0.0, 0.0])
+    curvature = (projections - normal[:, :, None] * normal[:, None, :]) / safe[:, None, None]
+    return Distance(lengths - radius, normal, curvature)
+
+
+def _box(local: Points, half_widths: Points) -> Distance:
+    beyond = np.abs(local) - half_widths
+    sides = np.where(local < 0.0, -1.0, 1.0)
+    # Outside: the nearest face, edge or corner, by the axes on which the place lies beyond it.
+    kept = (beyond > 0.0).astype(np.float64)
+    outside = _round(kept * beyond * sides, kept[:, :, None] * np.eye(3), 0.0)
+    nearest = np.argmax(beyond, axis=1)
+    rows = np.arange(len(local))
+    face = np.zeros_like(local)
+    face[rows, nearest] = sides[rows, nearest]
+    inside = ~(beyond > 0.0).any(axis=1)
+    return Distance(
+        np.where(inside, beyond[rows, nearest], outside.gap),
+        np.where(inside[:, None], face, outside.normal),
+        np.where(inside[:, None, None], 0.0, outside.curvature),
+    )

@@ -1,0 +1,182 @@
+"""A tool moved along its path through equilibria, from knot to knot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.reference.contact.tool_contact import ToolContact, ToolState
+from palpate.reference.deformed_state import DetFSampler
+from palpate.reference.load_stepping import LoadPath, follow
+from palpate.reference.newton import Newton, NewtonOutcome
+from palpate.reference.result import ToolHistory, Vector
+
+# Uzawa steps end when the multipliers carry all but this of the contact forces: this many times
+# what Newton's iteration leaves, which would let no smaller change of theirs move a node.
+_OVER_NEWTON = 10.0
+_CARRIED_ON_THE_WAY = 0.1
+_MOST_UZAWA_STEPS = 30
+_FEW_ITERATIONS = 12
+
+Report = Callable[[int, float, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class ToolRun:
+    """Where a run along the paths ended.
+
+    Attributes:
+        path: Over the whole of the paths' time, 0 to 1.
+        histories: Of each tool, at the knots with an equilibrium.
+    """
+
+    path: LoadPath
+    histories: tuple[ToolHistory, ...]
+
+
+class _Stretch:
+    """The tools on the way from one time to another, under the full load."""
+
+    def __init__(
+        self,
+        newton: Newton,
+        contacts: Sequence[ToolContact],
+        begin: float,
+        end: float,
+    ) -> None:
+        self._newton = newton
+        self._contacts = contacts
+        self._begin, self._end = begin, end
+
+    def _time(self, parameter: float) -> float:
+        return self._begin + parameter * (self._end - self._begin)
+
+    def solve(
+        self, start: Points, parameter: float, *, report: Report | None = None
+    ) -> NewtonOutcome:
+        for contact in self._contacts:
+            contact.set_time(self._time(parameter))
+        # On the way the penalty alone is nearly good enough.
+        all_of_it = _OVER_NEWTON * self._newton.relative_tolerance
+        carried = all_of_it if parameter == 1.0 else _CARRIED_ON_THE_WAY
+        return settle(self._newton, self._contacts, start, carried, report=report)
+
+    def is_stable(self, displacement: Points, parameter: float) -> bool:
+        for contact in self._contacts:
+            contact.set_time(self._time(parameter))
+        return self._newton.is_stable(displacement, 1.0)
+
+
+def settle(
+    newton: Newton,
+    contacts: Sequence[ToolContact],
+    start: Points,
+    carried: float,
+    *,
+    report: Report | None = None,
+) -> NewtonOutcome:
+    """Find the equilibrium with the tools where they are: Newton inside, Uzawa outside."""
+    u, iterations = start, 0
+    outcome = newton.solve(u, 1.0, report=report)
+    for _ in range(_MOST_UZAWA_STEPS):
+        iterations += outcome.iterations
+        u = outcome.displacement
+        if not outcome.converged:
+            break
+        changes = [contact.augment(u) for contact in contacts]
+        if all(change <= carried * whole for change, whole in changes):
+            break
+        outcome = newton.solve(u, 1.0, report=report)
+    else:
+        return NewtonOutcome(
+            u,
+            False,
+            f"the contact forces do not settle in {_MOST_UZAWA_STEPS} steps",
+            iterations,
+            outcome.relative_residual,
+        )
+    return NewtonOutcome(
+        u, outcome.converged, outcome.reason, iterations, outcome.relative_residual
+    )
+
+
+def follow_tools(
+    newton: Newton,
+    sampler: DetFSampler,
+    contacts: Sequence[ToolContact],
+    start: Points,
+    *,
+    progress: Callable[[str], None],
+) -> ToolRun:
+    """Move the tools along their paths under the full load, and note the forces at the knots.
+
+    Args:
+        newton: The iteration, of an equilibrium with these contacts.
+        sampler: Measures det F.
+        contacts: The tools, where their paths begin.
+        start: Displacement to begin with, flat [m].
+        progress: Told of every iteration.
+    """
+    knots = sorted({float(t) for contact in contacts for t in contact.tool.path.times})
+    u = start
+    times: list[float] = []
+    states: list[tuple[ToolState, ...]] = []
+    # The first stretch has no length: the tools where they begin.
+    before, iterations, residual, reason = knots[0], 0, 0.0, ""
+    span = (knots[-1] - knots[0]) or 1.0
+    factors: list[float] = []
+    for knot in knots:
+        path = follow(
+            _Stretch(newton, contacts, before, knot),
+            sampler,
+            u,
+            _first_step(contacts, before, knot),
+            name=f"tools from {before:g} to {knot:g},",
+            few_iterations=_FEW_ITERATIONS,
+            progress=progress,
+        )
+        u, reason, residual = path.displacement, path.reason, path.relative_residual
+        iterations += path.iterations
+        factors += [(before + s * (knot - before) - knots[0]) / span for s in path.load_factors]
+        if reason:
+            break
+        times.append(knot)
+        states.append(tuple(contact.state(u) for contact in contacts))
+        before = knot
+    return ToolRun(
+        LoadPath(u, tuple(factors), residual, iterations, reason), _histories(times, states)
+    )
+
+
+def _histories(
+    times: Sequence[float], states: Sequence[Sequence[ToolState]]
+) -> tuple[ToolHistory, ...]:
+    return tuple(
+        ToolHistory(
+            times=tuple(times),
+            forces=tuple(_vector(s.force) for s in one),
+            moments=tuple(_vector(s.moment) for s in one),
+            active_areas=tuple(s.active_area for s in one),
+            penetrations=tuple(s.penetration for s in one),
+        )
+        for one in zip(*states, strict=True)
+    )
+
+
+def _vector(row: Points) -> Vector:
+    x, y, z = row.tolist()
+    return (x, y, z)
+
+
+def _first_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
+    """Move no tool's origin further than about a facet at first."""
+    step = 1.0
+    for contact in contacts:
+        path = contact.tool.path
+        moved = float(np.linalg.norm(path.pose_at(end)[0] - path.pose_at(begin)[0]))
+        if moved > contact.points.facet_size:
+            step = min(step, contact.points.facet_size / moved)
+    return step
