@@ -21,6 +21,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx, linear_elasticity
+from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.deformed_state import DetFSampler, measure_state
 from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
@@ -100,11 +101,13 @@ def audit_displacement(
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
     require_supported(problem)
+    require_no_tools(problem, "the audit")
     equilibrium = Equilibrium(problem, strain=Strain(strain), degree=degree)
     u = equilibrium.space.from_points(displacement)
     if progress:
         progress(
-            f"audit on degree {degree}: {3 * equilibrium.space.num_global_blocks} degrees of freedom"
+            f"audit on degree {degree}: "
+            f"{3 * equilibrium.space.num_global_blocks} degrees of freedom"
         )
     sampler = DetFSampler(equilibrium)
     smallest_det_f = sampler.smallest(u)

@@ -22,6 +22,7 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
+from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.equilibrium import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
 from palpate.reference.fenicsx import ufl
@@ -85,6 +86,7 @@ def simulate_explicit(
         Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
         Conditionally stable: dt < 2 / omega_max.
     """
+    require_no_tools(problem, "the explicit twin")
     span = problem.time
     if span is None or span.time_step is None:
         raise InputError("the explicit twin needs a time span with its time_step given")

@@ -13,6 +13,7 @@ Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,8 @@ from palpate.reference.supports import HeldDofs
 # Penalty over Young's modulus by facet size: an Uzawa step leaves about a hundredth of the
 # penetration, and the tangent's condition is no worse by more than that.
 _STIFFNESS_RATIO = 100.0
+# Of a distance, in units of the coordinates' own.
+_ROUNDINGS = 16.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +83,9 @@ class ToolContact:
         self._num_dofs = 3 * space.num_blocks
         self._penalty = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         self.pressure = np.zeros(len(self.points.areas))
+        # A tool that just touches must not press by roundings.
+        size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
+        self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         self.set_time(float(tool.path.times[0]))
         self.require_known_shape()
 
@@ -93,7 +99,8 @@ class ToolContact:
 
     def _distance(self, displacement: Points) -> Distance:
         places = self.points.places(displacement)
-        return tool_distance(self.tool.shape, self.position, self.rotation, places)
+        found = tool_distance(self.tool.shape, self.position, self.rotation, places)
+        return dataclasses.replace(found, gap=found.gap + self._rounding)
 
     def _tractions(self, distance: Distance) -> Points:
         tractions: Points = np.maximum(0.0, self.pressure - self._penalty * distance.gap)
@@ -149,7 +156,7 @@ class ToolContact:
             force=fenicsx.total(forces.sum(axis=0)),
             moment=fenicsx.total(np.cross(arms, forces).sum(axis=0)),
             active_area=fenicsx.total(float(self.points.areas[tractions > 0.0].sum())),
-            penetration=fenicsx.largest(float(-distance.gap.min(initial=0.0))),
+            penetration=max(0.0, fenicsx.largest(float(-distance.gap.min(initial=0.0)))),
         )
 
 
@@ -161,3 +168,9 @@ def create_contacts(
         m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
     )
     return tuple(ToolContact(space, tool, held, stiffest) for tool in problem.tools)
+
+
+def require_no_tools(problem: Problem, what: str) -> None:
+    """Raise InputError where a problem has tools and `what` knows nothing of them."""
+    if problem.tools:
+        raise InputError(f"{what} knows no tools; take the tool out of the case, or solve statics")
