@@ -34,6 +34,7 @@ BENCHMARKS = {
     "static": ("static", "bench_static"),
     "delaunay": ("delaunay", "bench_delaunay"),
     "mesh": ("mesh", "bench_mesh"),
+    "collision": ("collision", "bench_collision"),
 }
 
 

@@ -1,0 +1,113 @@
+"""The scene of `bench collision`: two bodies that overlap or not, and deform in every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim.collision.surface_detection import edges_of
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.benchmarks.bodies import brick_box
+
+# Steps before the motion comes round again.
+NUM_FRAMES = 6
+_SWAY = 0.02  # of the bodies' half size: how far points move to and fro
+_ROUND = 0.6  # of the way from a cube to a ball
+
+
+class Place(Enum):
+    """How the two bodies lie."""
+
+    OVERLAPPING = "overlapping"
+    APART = "apart"
+
+
+# Between the centres, in half sizes of a body, along the diagonal: the boxes around the bodies
+# overlap in both.
+_BETWEEN = {Place.OVERLAPPING: 1.7, Place.APART: 2.5}
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Two bodies of one mesh, the second turned, with a frame for each step.
+
+    Attributes:
+        cells: Of either body, shape (num_cells, 4).
+        frames: Points of each body by step [m], shape (NUM_FRAMES, num_points, 3).
+        facets: Boundary facets, shape (num_facets, 3).
+        surface_points: Points that the facets use, ascending.
+        surface_facets: The facets on those points alone.
+        surface_edges: Their edges, lower point first.
+        distance: Within which surfaces count as near [m], a fifth of the mean edge.
+    """
+
+    cells: Indices
+    frames: tuple[NDArray[np.float64], NDArray[np.float64]]
+    facets: Indices
+    surface_points: Indices
+    surface_facets: Indices
+    surface_edges: Indices
+    distance: float
+
+    @property
+    def surface_frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Points of each body's surface by step [m]."""
+        first, second = (
+            np.ascontiguousarray(frames[:, self.surface_points]) for frames in self.frames
+        )
+        return first, second
+
+
+def make_scene(divisions: int, place: Place) -> Scene:
+    """Rounded boxes of divisions^3 bricks, six tetrahedra each; 24 divisions^2 triangles in all."""
+    box = brick_box((divisions,) * 3, (2.0,) * 3, ragged=0.1)
+    points = box.points - 1.0
+    largest = np.abs(points).max(axis=1)
+    length = np.linalg.norm(points, axis=1)
+    ball = (
+        points * np.divide(largest, length, out=np.ones_like(length), where=length > 0.0)[:, None]
+    )
+    mesh = TetMesh((1.0 - _ROUND) * points + _ROUND * ball, box.cells)
+    surface_points, rows = np.unique(mesh.boundary_facets, return_inverse=True)
+    surface_facets = rows.reshape(-1, 3).astype(np.int32)
+    surface = TriSurface(mesh.points[surface_points], surface_facets)
+    edges = edges_of(surface)
+    ends = surface.points[edges]
+    mean_edge = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
+    between = _BETWEEN[place] / np.sqrt(3.0) * np.ones(3)
+    return Scene(
+        mesh.cells,
+        (
+            _frames(mesh.points, _turned(0.4, 0.3), np.zeros(3), 0.0),
+            _frames(mesh.points, _turned(1.1, -0.7), between, 2.0),
+        ),
+        mesh.boundary_facets,
+        surface_points.astype(np.int32),
+        surface_facets,
+        edges,
+        0.2 * mean_edge,
+    )
+
+
+def _turned(about_z: float, about_x: float) -> Points:
+    c, s = np.cos(about_z), np.sin(about_z)
+    d, t = np.cos(about_x), np.sin(about_x)
+    turn: Points = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
+        [[1.0, 0.0, 0.0], [0.0, d, -t], [0.0, t, d]]
+    )
+    return turn
+
+
+def _frames(points: Points, turn: Points, centre: Points, phase: float) -> NDArray[np.float64]:
+    """Waves through the body: every point goes its own way, and no step is a rigid motion."""
+    frames = []
+    for k in range(NUM_FRAMES):
+        angle = 2.0 * np.pi * k / NUM_FRAMES + phase
+        wave = np.sin(4.0 * points[:, [1, 2, 0]] + angle + [0.0, 1.0, 2.0])
+        frames.append((points + _SWAY * wave) @ turn.T + centre)
+    return np.array(frames)

@@ -1,0 +1,196 @@
+# Annotations of kernels are Warp's own, not types.
+# mypy: disable-error-code="untyped-decorator, no-untyped-def, valid-type"
+"""Vertices in cells or near triangles by Warp's tree of boxes, refitted in every step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+wp.config.quiet = True
+
+
+@wp.kernel
+def _fit_cells(
+    points: wp.array(dtype=wp.vec3),
+    cells: wp.array(dtype=wp.vec4i),
+    low: wp.array(dtype=wp.vec3),
+    high: wp.array(dtype=wp.vec3),
+):
+    c = wp.tid()
+    cell = cells[c]
+    p, q, r, s = points[cell[0]], points[cell[1]], points[cell[2]], points[cell[3]]
+    low[c] = wp.min(wp.min(p, q), wp.min(r, s))
+    high[c] = wp.max(wp.max(p, q), wp.max(r, s))
+
+
+@wp.kernel
+def _fit_facets(
+    points: wp.array(dtype=wp.vec3),
+    facets: wp.array(dtype=wp.vec3i),
+    low: wp.array(dtype=wp.vec3),
+    high: wp.array(dtype=wp.vec3),
+):
+    f = wp.tid()
+    facet = facets[f]
+    p, q, r = points[facet[0]], points[facet[1]], points[facet[2]]
+    low[f] = wp.min(wp.min(p, q), r)
+    high[f] = wp.max(wp.max(p, q), r)
+
+
+@wp.kernel
+def _find_in_cells(
+    tree: wp.uint64,
+    vertices: wp.array(dtype=wp.int32),
+    vertex_points: wp.array(dtype=wp.vec3),
+    points: wp.array(dtype=wp.vec3),
+    cells: wp.array(dtype=wp.vec4i),
+    is_same: wp.bool,
+    pairs: wp.array(dtype=wp.vec2i),
+    count: wp.array(dtype=wp.int32),
+):
+    v = vertices[wp.tid()]
+    p = vertex_points[v]
+    query = wp.bvh_query_aabb(tree, p, p)
+    c = wp.int32(0)
+    while wp.bvh_query_next(query, c):
+        cell = cells[c]
+        if is_same and (v == cell[0] or v == cell[1] or v == cell[2] or v == cell[3]):
+            continue
+        o = points[cell[0]]
+        a, b, d, q = points[cell[1]] - o, points[cell[2]] - o, points[cell[3]] - o, p - o
+        volume = wp.dot(a, wp.cross(b, d))
+        if volume > 0.0:
+            of_a = wp.dot(q, wp.cross(b, d)) / volume
+            of_b = wp.dot(q, wp.cross(d, a)) / volume
+            of_d = wp.dot(q, wp.cross(a, b)) / volume
+            if of_a >= 0.0 and of_b >= 0.0 and of_d >= 0.0 and of_a + of_b + of_d <= 1.0:
+                k = wp.atomic_add(count, 0, 1)
+                if k < pairs.shape[0]:
+                    pairs[k] = wp.vec2i(v, c)
+
+
+@wp.kernel
+def _find_near_facets(
+    tree: wp.uint64,
+    vertex_points: wp.array(dtype=wp.vec3),
+    facets: wp.array(dtype=wp.vec3i),
+    distance: wp.float32,
+    is_same: wp.bool,
+    pairs: wp.array(dtype=wp.vec2i),
+    count: wp.array(dtype=wp.int32),
+):
+    v = wp.tid()
+    p = vertex_points[v]
+    reach = wp.vec3(distance, distance, distance)
+    query = wp.bvh_query_aabb(tree, p - reach, p + reach)
+    f = wp.int32(0)
+    while wp.bvh_query_next(query, f):
+        facet = facets[f]
+        if is_same and (v == facet[0] or v == facet[1] or v == facet[2]):
+            continue
+        k = wp.atomic_add(count, 0, 1)
+        if k < pairs.shape[0]:
+            pairs[k] = wp.vec2i(v, f)
+
+
+class Rival:
+    """A tree for each body, its boxes computed and refitted in every step."""
+
+    tool, version, precision = "warp BVH", str(wp.__version__), "float32"
+
+    def __init__(self, body: dict[str, Any]) -> None:
+        query = str(body["query"])
+        if query == "edges near edges":
+            raise ValueError("edges are not queried with it")
+        self._uses_cells = query == "vertices in cells"
+        self._device = "cpu"
+        elements = np.ascontiguousarray(body["elements" if self._uses_cells else "facets"])
+        kind = wp.vec4i if self._uses_cells else wp.vec3i
+        self._elements = wp.array(elements, dtype=kind, device=self._device)
+        self._num_elements = len(elements)
+        self._distance = float(np.nextafter(np.float32(body["distance"]), np.float32(np.inf)))
+        self._frames = [
+            [wp.array(f.astype(np.float32), dtype=wp.vec3, device=self._device) for f in frames]
+            for frames in (body["frames_0"], body["frames_1"])
+        ]
+        self._num_points = body["frames_0"].shape[1]
+        self._vertices = wp.array(np.unique(body["facets"]), dtype=wp.int32, device=self._device)
+        self._boxes = [
+            [wp.zeros(self._num_elements, dtype=wp.vec3, device=self._device) for _ in range(2)]
+            for _ in range(2)
+        ]
+        self._trees: list[Any] = []
+        for k in range(2):
+            self._fit(k, 0)
+            self._trees.append(wp.Bvh(*self._boxes[k]))
+        self._turns = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(body["with_self"]) else [])
+        self._count = wp.zeros(1, dtype=wp.int32, device=self._device)
+        # Room for all that any frame gives.
+        self._pairs = {
+            turn: wp.zeros(1, dtype=wp.vec2i, device=self._device) for turn in self._turns
+        }
+        for k in range(len(self._frames[0])):
+            for turn, count in self._look(k).items():
+                if count > len(self._pairs[turn]):
+                    self._pairs[turn] = wp.zeros(count, dtype=wp.vec2i, device=self._device)
+        self._step = 0
+        found = []
+        for (intruder, other), count in self._look(0).items():
+            rows = self._pairs[intruder, other].numpy()[:count].astype(np.float64)
+            add = np.array([intruder * self._num_points, other * self._num_elements])
+            found.append(rows + add)
+        self.force = np.concatenate(found)
+
+    def _fit(self, k: int, frame: int) -> None:
+        wp.launch(
+            _fit_cells if self._uses_cells else _fit_facets,
+            dim=self._num_elements,
+            inputs=[self._frames[k][frame], self._elements, *self._boxes[k]],
+            device=self._device,
+        )
+
+    def _look(self, frame: int) -> dict[tuple[int, int], int]:
+        counts = {}
+        for k in range(2):
+            self._fit(k, frame)
+            self._trees[k].refit()
+        for intruder, other in self._turns:
+            self._count.zero_()
+            points = self._frames[intruder][frame]
+            out = [self._pairs[intruder, other], self._count]
+            if self._uses_cells:
+                wp.launch(
+                    _find_in_cells,
+                    dim=len(self._vertices),
+                    inputs=[
+                        self._trees[other].id, self._vertices, points, self._frames[other][frame],
+                        self._elements, intruder == other, *out,
+                    ],
+                    device=self._device,
+                )  # fmt: skip
+            else:
+                wp.launch(
+                    _find_near_facets,
+                    dim=self._num_points,
+                    inputs=[
+                        self._trees[other].id, points, self._elements, self._distance,
+                        intruder == other, *out,
+                    ],
+                    device=self._device,
+                )  # fmt: skip
+            counts[intruder, other] = int(self._count.numpy()[0])
+        return counts
+
+    def advance(self, num_steps: int) -> None:
+        """Boxes, refit and query."""
+        for _ in range(num_steps):
+            self._step += 1
+            self._look(self._step % len(self._frames[0]))
+
+
+def prepare(body: dict[str, Any]) -> Rival:
+    """Kernels are compiled and trees are built here."""
+    return Rival(body)
