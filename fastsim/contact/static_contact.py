@@ -1,0 +1,241 @@
+"""Equilibrium with rigid tools, knot by knot along their paths: force against depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw, layer_stiffness
+from palpate.fastsim.contact.contact_newton import ContactNewton
+from palpate.fastsim.contact.errors import ContactLostError
+from palpate.fastsim.contact.tool_checks import require_outside
+from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.rigid_modes import require_supported
+
+# Penalty in layers of cells: presses as much as a hundredth of a layer.
+_STIFFNESS_IN_LAYERS = 100.0
+# Multipliers are settled when they change by no more than this.
+_SETTLED = 1e-9
+_MOST_UPDATES = 40
+# The end of the path that can be borne is found to this part of it.
+_SMALLEST_STEP = 1.0 / 1024.0
+
+
+@dataclass(frozen=True, eq=False)
+class ContactResult:
+    """Equilibria at the knots of the tools' paths.
+
+    Attributes:
+        times: Load parameter at the knots, shape (n,).
+        displacements: [m], shape (n, num_points, 3).
+        forces: On each tool [N], shape (n, num_tools, 3).
+        moments: On each tool about its origin [N m], shape (n, num_tools, 3).
+        areas: Rest area of the vertices that each tool presses [m2], shape (n, num_tools).
+        penetrations: Deepest vertex in each tool [m], >= 0, shape (n, num_tools).
+        smallest_det_f: At each knot [-], shape (n,).
+        stiffnesses: Penalty of each tool [Pa/m].
+        iterations: Newton iterations in all.
+        linear_iterations: Conjugate-gradient iterations in all.
+        residual_history: Of the last Newton solve.
+    """
+
+    times: Points
+    displacements: Points
+    forces: Points
+    moments: Points
+    areas: Points
+    penetrations: Points
+    smallest_det_f: Points
+    stiffnesses: tuple[float, ...]
+    iterations: int
+    linear_iterations: int
+    residual_history: tuple[float, ...]
+
+
+def solve_contact(
+    problem: Problem,
+    *,
+    strain: Strain = Strain.GREEN,
+    law: ContactLaw | None = None,
+    times: Points | None = None,
+    relative_tolerance: float = 1e-10,
+    max_iterations: int = 40,
+    progress: Callable[[str], None] | None = None,
+) -> ContactResult:
+    """Find the equilibria R(a) = F + contact at the knots of the tools' paths.
+
+    The loads act in full at the first knot; from there on the tools move.
+
+    Args:
+        problem: With at least one tool; frictionless, on paths.
+        strain: Engineering or Green strain.
+        law: Penalty or constraint; None is the constraint.
+        times: Where on the paths answers are wanted, increasing; None is every knot of a path.
+        relative_tolerance: Out-of-balance force over loads or contact forces.
+        max_iterations: Newton iterations per step.
+        progress: Called with one line per knot.
+
+    Returns:
+        The equilibria. With the constraint no vertex is deeper than 1e-9 of what its penalty
+        would leave.
+
+    Raises:
+        InputError: Friction, or a tool driven by a force: neither is known to the statics.
+        UnsupportedBodyError: The body can float.
+        ToolInsideError: A tool is in the body at the first knot.
+        ContactLostError: No (stable) equilibrium beyond a time; carries the results before it.
+    """
+    _require_known_to_statics(problem)
+    require_supported(problem)
+    law = law or ContactLaw()
+    contacts = [ToolContact(problem, tool) for tool in problem.tools]
+    stiffnesses = [
+        law.stiffness or _STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact)
+        for contact in contacts
+    ]
+    for number, contact in enumerate(contacts):
+        require_outside(problem, contact, number, np.zeros_like(problem.mesh.points))
+    newton = ContactNewton(
+        problem, strain, relative_tolerance, max_iterations, contacts, stiffnesses
+    )
+    path = _Path(problem, newton, law.form)
+    wanted = _knots(problem) if times is None else np.asarray(times, dtype=np.float64)
+    reason = path.load(wanted[0])
+    for time in wanted[1:] if not reason else ():
+        reason = path.press(time, float(wanted[-1] - wanted[0]))
+        if reason:
+            break
+        if progress:
+            progress(f"t = {time:.4g}: {newton.iterations} iterations")
+    if reason:
+        partial = path.partial(stiffnesses)
+        raise ContactLostError(path.time, reason, partial)
+    return path.result(stiffnesses)
+
+
+class _Path:
+    """The state along the path, and what was found at its knots."""
+
+    def __init__(self, problem: Problem, newton: ContactNewton, form: ContactForm) -> None:
+        self.newton = newton
+        self.displacement = np.zeros_like(problem.mesh.points)
+        self.time = 0.0
+        self.rows: list[tuple[float, Points, list[Points], list[float], list[float], float]] = []
+        self.history: list[float] = []
+        self._problem = problem
+        self._form = form
+
+    def load(self, time: float) -> str:
+        """Raise the loads at the first pose; return why not, if so."""
+        self.time = float(time)
+        factor, step = 0.0, 1.0
+        while factor < 1.0:
+            target = min(1.0, factor + step)
+            reason = self._settle(self.time, target)
+            if not reason:
+                factor = target
+                continue
+            step *= 0.5
+            if step < _SMALLEST_STEP:
+                return f"{reason}, at {factor:.4g} of the loads"
+        self._keep()
+        return ""
+
+    def press(self, end: float, span: float) -> str:
+        """Move the tools on to a time; return why not, if so."""
+        step = end - self.time
+        while self.time < end:
+            target = end if self.time + 1.001 * step >= end else self.time + step
+            reason = self._settle(target, 1.0)
+            if not reason:
+                self.time = target
+                continue
+            step *= 0.5
+            if step < _SMALLEST_STEP * span:
+                return reason
+        self._keep()
+        return ""
+
+    def partial(self, stiffnesses: list[float]) -> ContactResult | None:
+        """What was found, the last equilibrium included; None before the loads act in full."""
+        if not self.rows:
+            return None
+        if self.time > self.rows[-1][0]:
+            self._keep()
+        return self.result(stiffnesses)
+
+    def result(self, stiffnesses: list[float]) -> ContactResult:
+        times, states, on_tools, areas, depths, dets = zip(*self.rows, strict=True)
+        feels = np.array(on_tools)
+        return ContactResult(
+            times=np.array(times),
+            displacements=np.array(states),
+            forces=feels[:, :, :3],
+            moments=feels[:, :, 3:],
+            areas=np.array(areas),
+            penetrations=np.array(depths),
+            smallest_det_f=np.array(dets),
+            stiffnesses=tuple(stiffnesses),
+            iterations=self.newton.iterations,
+            linear_iterations=self.newton.linear_iterations,
+            residual_history=tuple(self.history),
+        )
+
+    def _settle(self, time: float, factor: float) -> str:
+        """Equilibrium with the tools where they are at a time; multipliers too."""
+        newton = self.newton
+        # Updates make new arrays: the old ones stay as they are.
+        before = list(newton.multipliers), list(newton.poses)
+        newton.poses = [poses_at(c.tool.path, np.array([time]))[0] for c in newton.contacts]
+        displacement = self.displacement
+        reason = "the multipliers did not settle"
+        for _ in range(_MOST_UPDATES):
+            outcome = newton.solve(displacement, factor)
+            if outcome.displacement is None:
+                reason = outcome.reason
+                break
+            displacement, self.history = outcome.displacement, outcome.history
+            newton.settle(displacement)
+            if self._form is ContactForm.PENALTY:
+                self.displacement = displacement
+                return ""
+            if newton.update_multipliers(displacement) <= _SETTLED:
+                self.displacement = displacement
+                return ""
+        newton.multipliers, newton.poses = before
+        newton.settle(self.displacement)
+        return reason
+
+    def _keep(self) -> None:
+        newton, u = self.newton, self.displacement
+        feels, areas, depths = [], [], []
+        for contact, pose, (gaps, push) in zip(
+            newton.contacts, newton.poses, newton.pressed(u), strict=True
+        ):
+            feels.append(on_tool(contact, u, push[:, None] * gaps.normals, pose))
+            areas.append(float(contact.areas[push > 0.0].sum()))
+            depths.append(float(max(0.0, -gaps.distances.min(initial=0.0))))
+        self.rows.append((self.time, u.copy(), feels, areas, depths, newton.smallest_det_f(u)[0]))
+
+
+def _knots(problem: Problem) -> Points:
+    knots: Points = np.unique(np.concatenate([tool.path.times for tool in problem.tools]))
+    return knots
+
+
+def _require_known_to_statics(problem: Problem) -> None:
+    if not problem.tools:
+        raise InputError("no tool: use palpate.fastsim.statics.solve_static")
+    for number, tool in enumerate(problem.tools, start=1):
+        if tool.drive is not None:
+            raise InputError(
+                f"tool {number} is driven by a force: statics take tools on a path; give one, or "
+                "use dynamics"
+            )
+        if tool.friction_coefficient > 0.0:
+            raise InputError(f"tool {number} has friction: statics are frictionless; use dynamics")
