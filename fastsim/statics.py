@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.fastsim.contact.contact_law import ContactLaw
+from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
 from palpate.fastsim.forces import checked_displacement
 from palpate.fastsim.limit_point import SOFT, find_softening
@@ -58,9 +60,13 @@ def solve_static(
     relative_tolerance: float = 1e-10,
     max_iterations: int = 30,
     iteration: Iteration = Iteration.NEWTON,
+    contact: ContactLaw | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> StaticResult:
     """Find R(a) = F (eq. 1) with the supports' displacements held.
+
+    With tools, the equilibrium at the end of their paths; `contact.static_contact.solve_contact`
+    gives those at every knot, and the forces on the tools.
 
     Args:
         problem: Mesh, material, supports and loads.
@@ -71,6 +77,7 @@ def solve_static(
         relative_tolerance: Residual over the load's norm (or the reaction's, without loads).
         max_iterations: Newton iterations per load step.
         iteration: Consistent tangent, or the secant matrix of eq. 10 (slow: give it more).
+        contact: How tools are kept out: None is the constraint.
         progress: Called with one line per load step.
 
     Returns:
@@ -82,12 +89,15 @@ def solve_static(
         EquilibriumLostError: Green strain has no stable equilibrium at the full load; says up to
             which load, where the body softens, and carries the last good state.
         NotConvergedError: The iteration failed for another reason; carries the last good state.
+        ContactLostError: No equilibrium with the tools beyond a time of their paths.
 
     Note:
         An equilibrium whose tangent is not positive definite is not accepted (not tested under
         follower pressure, nor for the secant iteration).
         Linear tetrahedra are too stiff in bending and lock as Poisson's ratio nears 0.5.
     """
+    if problem.tools:
+        return _with_tools(problem, strain, relative_tolerance, contact, progress)
     require_supported(problem)
     newton = Newton(problem, strain, relative_tolerance, max_iterations, iteration)
     factor, step = 0.0, 1.0
@@ -127,6 +137,31 @@ def solve_static(
         residual_history=tuple(outcome.history),
         load_steps=tuple(accepted),
         smallest_det_f=newton.smallest_det_f(displacement)[0],
+    )
+
+
+def _with_tools(
+    problem: Problem,
+    strain: Strain,
+    relative_tolerance: float,
+    contact: ContactLaw | None,
+    progress: Callable[[str], None] | None,
+) -> StaticResult:
+    found = solve_contact(
+        problem,
+        strain=strain,
+        law=contact,
+        relative_tolerance=relative_tolerance,
+        progress=progress,
+    )
+    return StaticResult(
+        displacement=found.displacements[-1],
+        strain=strain,
+        iterations=found.iterations,
+        linear_iterations=found.linear_iterations,
+        residual_history=found.residual_history,
+        load_steps=(1.0,),
+        smallest_det_f=float(found.smallest_det_f[-1]),
     )
 
 

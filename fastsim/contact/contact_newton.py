@@ -9,6 +9,8 @@ penalty's. The tangent of -p n is k A n n^T - p d2g/dx2 where p > 0, a semismoot
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from palpate.fastsim.contact.tool_contact import Gaps, ToolContact
@@ -18,6 +20,9 @@ from palpate.meshes.problem import Problem, Strain
 
 # Out-of-balance force over the contact forces, below which what pushes is nearly settled.
 _CLOSE = 1e-2
+
+# Relative residual of the prediction.
+_ROUGH = 1e-3
 
 
 class ContactNewton(Newton):
@@ -57,6 +62,7 @@ class ContactNewton(Newton):
         self._active: list[np.ndarray[tuple[int, ...], np.dtype[np.bool_]]] = []
         self._contact_norm = 0.0
         self._is_close = False
+        self._next_poses: list[Points] = []
         self._places_size = float(np.abs(problem.mesh.points).max())
 
     def pressed(self, displacement: Points) -> list[tuple[Gaps, Points]]:
@@ -66,6 +72,8 @@ class ContactNewton(Newton):
             self.contacts, self.poses, self.multipliers, self._weights, strict=True
         ):
             gaps = contact.gaps(displacement, pose)
+            if self._next_poses:
+                gaps = _ahead(gaps, contact.places(displacement), pose, self._next_poses[len(out)])
             out.append((gaps, np.maximum(0.0, multiplier - weight * gaps.distances)))
         return out
 
@@ -75,6 +83,20 @@ class ContactNewton(Newton):
         for contact, (gaps, push) in zip(self.contacts, self.pressed(displacement), strict=True):
             force[contact.vertices] += push[:, None] * gaps.normals
         return force
+
+    def predict(self, displacement: Points, poses: list[Points], factor: float) -> Points:
+        """About where the body is once the tools are at other poses; then they are there.
+
+        Distances are those to where the tools were, less how far each comes along its normal: no
+        vertex is ever deep inside, where the nearest side may be the wrong one.
+        """
+        tolerance, self.tolerance = self.tolerance, _ROUGH
+        self._next_poses = poses
+        try:
+            outcome = self.solve(displacement, factor)
+        finally:
+            self._next_poses, self.tolerance, self.poses = [], tolerance, poses
+        return displacement if outcome.displacement is None else outcome.displacement
 
     def settle(self, displacement: Points) -> None:
         """Remember what pushes at an equilibrium."""
@@ -138,3 +160,10 @@ class ContactNewton(Newton):
             [w[a] for w, a in zip(self._weights, self._active, strict=True)] or [np.zeros(0)]
         )
         return norm <= 8.0 * eps * self._places_size * float(np.linalg.norm(weights))
+
+
+def _ahead(gaps: Gaps, places: Points, pose: Points, next_pose: Points) -> Gaps:
+    """Gaps when the tool has gone on to another pose, to first order in its way."""
+    turn, turned = pose[3:].reshape(3, 3), next_pose[3:].reshape(3, 3)
+    way = (places - pose[:3]) @ (turned @ turn.T).T + next_pose[:3] - places
+    return replace(gaps, distances=gaps.distances - np.sum(gaps.normals * way, axis=1))

@@ -191,8 +191,11 @@ class _Path:
         newton = self.newton
         # Updates make new arrays: the old ones stay as they are.
         before = list(newton.multipliers), list(newton.poses)
-        newton.poses = [poses_at(c.tool.path, np.array([time]))[0] for c in newton.contacts]
+        poses = [poses_at(c.tool.path, np.array([time]))[0] for c in newton.contacts]
         displacement = self.displacement
+        if newton.poses:
+            displacement = newton.predict(displacement, poses, factor)
+        newton.poses = poses
         reason = "the multipliers did not settle"
         for _ in range(_MOST_UPDATES):
             outcome = newton.solve(displacement, factor)
