@@ -264,4 +264,8 @@ class CaseSpec(Table):
                 raise ValueError(f"check {check.metric} needs [time]")
             if self.time is not None and check.against == "truth":
                 raise ValueError('a case with [time] has no truth; check against = "same_mesh"')
+        if self.time is not None and self.time.time_step is None and self.check:
+            raise ValueError(
+                "a motion is judged step by step: give time_step in [time], the same for all"
+            )
         return self

@@ -68,6 +68,7 @@ metric = "smallest"""
 MOVING = """
 [time]
 end_time = 0.5
+time_step = 1e-4
 mass_damping = 2.0
 num_outputs = 5
 
@@ -116,7 +117,7 @@ def moving_case(write_case: Write, *changes: tuple[str, str]) -> Path:
 
 def test_time_amplitudes_tools_and_inclusions(write_case: Write) -> None:
     problem = load_case(moving_case(write_case)).problem
-    assert problem.time == TimeSpan(0.5, None, 2.0, 5)
+    assert problem.time == TimeSpan(0.5, 1e-4, 2.0, 5)
     assert problem.loads[0].amplitude == TabularAmplitude((0.0, 1.0), (0.0, 2.0), is_smooth=True)
     (tool,) = problem.tools
     assert tool.shape == CapsuleShape(0.1, 0.25)
@@ -155,6 +156,7 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
         (("time = 0.5\npos", "time = -0.5\npos"), ["backwards at knot 1"]),
         (("position = [1000.0, 500.0, 1101.0]", "position = [nan, 0, 0]"), ["finite"]),
         (("[0.0, 2.0, 0.0]", "[0.0, 0.0, 0.0]"), ["axis"]),
+        (("time_step = 1e-4\n", ""), ["step by step", "give time_step"]),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
         (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
         (("region = { box", "region = { group = 'a', box"), ["inclusion", "a ball"]),

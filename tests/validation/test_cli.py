@@ -14,6 +14,7 @@ import pytest
 from palpate.meshes.files import read_mesh, read_point_data, write_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.case import builtin_cases
 
 Write = Callable[..., Path]
 
@@ -32,7 +33,7 @@ def palpate(*arguments: object, folder: Path | None = None) -> subprocess.Comple
 def test_cases_lists_what_there_is() -> None:
     done = palpate("cases")
     assert done.returncode == 0
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["beam", "kidney"]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == builtin_cases()
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,20 @@ def test_the_view_draws_turns_and_moves(
     assert serious(browser) == []
 
 
+def test_a_motion_goes_through_its_times(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    open_page(browser, html.write_report([judge_case(load_case("block-motion"))], tmp_path))
+    shown = "return document.querySelector('.viewer output').textContent"
+    assert browser.execute_script(shown) == "0.500 s"
+    end = picture(browser)
+    move_slider(browser, 16)
+    assert browser.execute_script(shown) == "0.160 s"
+    assert np.abs(picture(browser) - end).mean() > 0.01
+    assert serious(browser) == []
+
+
 def test_a_hostile_case_does_no_harm(
     browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

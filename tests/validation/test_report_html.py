@@ -116,6 +116,24 @@ def test_the_scene_is_the_solution(kidney: CaseResult) -> None:
     assert (marks == -1).any()
 
 
+def test_a_motion_is_shown_time_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    block = judge_case(load_case("block-motion"))
+    scene = json.loads(viewer_json(block))
+    assert scene["times"] == pytest.approx(np.linspace(0.0, 0.5, 51))
+    used = np.unique(block.problem.mesh.boundary_facets)
+    drawn = scene["solutions"][0]
+    packed = np.frombuffer(base64.b64decode(drawn["displacement"]), "<i2").reshape(51, -1, 3)
+    motion = block.states[0].trajectory
+    assert motion is not None
+    apart = packed * drawn["step"] - motion.displacements[:, used] * 1e3
+    assert np.abs(apart).max() <= 0.51 * drawn["step"]
+    assert len(base64.b64decode(scene["errors"][0]["length"])) == 51 * len(used) * 4
+    text = html.write_report([block], tmp_path).read_text("utf-8")
+    assert "goes through the stored times" in text
+    assert "in steps of 2.50e-04 s" in text
+
+
 def test_fifty_thousand_cells_stay_under_five_megabytes(
     kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

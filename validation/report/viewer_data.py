@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.results import CaseResult, State
@@ -34,6 +35,7 @@ def viewer_json(result: CaseResult) -> str:
         "marks": _packed(_marks(result, used), np.int8),
         "solutions": [_solution(state, used) for state in result.states],
         "errors": _errors(result, used),
+        "times": _times(result),
         "colours": _colours(),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
         "axis": int(np.argmin(_reach(mesh, result.states))),
@@ -43,8 +45,8 @@ def viewer_json(result: CaseResult) -> str:
 
 
 def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
-    """One motion: whole numbers times `step` millimetres."""
-    displacement = state.displacement[used] * _MILLI
+    """One motion: whole numbers times `step` millimetres, time after time."""
+    displacement = _all_times(state)[:, used] * _MILLI
     largest = float(np.abs(displacement).max())
     step = largest / 32767.0 if largest > 0.0 else 1.0
     return {
@@ -52,7 +54,7 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
         "is_reference": state.simulator == "reference",
         "step": step,
         "displacement": _packed(np.rint(displacement / step), np.int16),
-        "largest": float(np.linalg.norm(displacement, axis=1).max()),
+        "largest": float(np.linalg.norm(displacement, axis=2).max()),
     }
 
 
@@ -75,6 +77,7 @@ def _pairs(result: CaseResult) -> list[tuple[int, int]]:
         if candidate.simulator != "reference"
         and reference.simulator == "reference"
         and candidate.strain is reference.strain
+        and _all_times(candidate).shape == _all_times(reference).shape
     ]
     return sorted(pairs, key=lambda pair: result.states[pair[0]].strain is not Strain.GREEN)
 
@@ -84,8 +87,8 @@ def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
     errors = []
     for number, other in _pairs(result):
         candidate, reference = result.states[number], result.states[other]
-        apart = candidate.displacement[used] - reference.displacement[used]
-        length = np.linalg.norm(apart, axis=1) * _MILLI
+        apart = (_all_times(candidate) - _all_times(reference))[:, used]
+        length = np.linalg.norm(apart, axis=2) * _MILLI
         errors.append(
             {
                 "candidate": number,
@@ -95,6 +98,17 @@ def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
             }
         )
     return errors
+
+
+def _times(result: CaseResult) -> list[float] | None:
+    """Stored times of a motion [s]."""
+    motions = [s.trajectory for s in result.states if s.trajectory is not None]
+    return [float(t) for t in motions[0].times] if motions else None
+
+
+def _all_times(state: State) -> Points:
+    """Displacements [m], shape (num_times, num_points, 3); once for a state at rest."""
+    return state.displacement[None] if state.trajectory is None else state.trajectory.displacements
 
 
 def _name(state: State) -> str:

@@ -89,12 +89,8 @@ class Viewer {
     this.makeColours();
     this.marks = Float32Array.from(unpack(scene.marks, Int8Array));
     this.still = new Float32Array(3 * this.count);
+    // Displacements of all stored times, one after the other; a state at rest has one.
     this.motions = scene.solutions.map((s) => Float32Array.from(unpack(s.displacement, Int16Array), (x) => x * s.step));
-    this.lengths = this.motions.map((u) => {
-      const out = new Float32Array(this.count);
-      for (let k = 0; k < this.count; ++k) out[k] = Math.hypot(u[3 * k], u[3 * k + 1], u[3 * k + 2]);
-      return out;
-    });
     this.errorLengths = scene.errors.map((e) => unpack(e.length, Float32Array));
     this.yaw = [90, 0, 0][scene.axis] * Math.PI / 180;
     this.pitch = scene.axis === 2 ? Math.PI / 2 : 0.12;
@@ -104,6 +100,7 @@ class Viewer {
     this.slider = root.querySelector("input[type=range]");
     this.choice = root.querySelector("select");
     this.views = [...root.querySelectorAll(".view")];
+    if (scene.times) Object.assign(this.slider, { min: 0, max: scene.times.length - 1, step: 1, value: scene.times.length - 1 });
     this.choose();
     this.listen();
     this.draw();
@@ -112,11 +109,12 @@ class Viewer {
   // Half extents of the body in all its states as first seen, and their centre.
   measure() {
     const turn = this.turn(), low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    const size = 3 * this.count;
     for (const motion of [this.still, ...this.motions])
-      for (let k = 0; k < 3 * this.count; k += 3)
+      for (let k = 0; k < motion.length; k += 3)
         for (let row = 0; row < 2; ++row) {
           let x = 0;
-          for (let i = 0; i < 3; ++i) x += turn[3 * i + row] * (this.points[k + i] + motion[k + i]);
+          for (let i = 0; i < 3; ++i) x += turn[3 * i + row] * (this.points[k % size + i] + motion[k + i]);
           low[row] = Math.min(low[row], x);
           high[row] = Math.max(high[row], x);
         }
@@ -157,12 +155,12 @@ class Viewer {
     const candidate = pair ? pair.candidate : Math.max(solo, 0), reference = pair ? pair.reference : -1;
     const largest = Math.max(...[candidate, reference].filter((k) => k >= 0).map((k) => scene.solutions[k].largest), 0);
     const still = { name: "original: held blue, pushed red", motion: this.still, value: this.marks, mode: 0, largest: 1 };
-    const moved = (k) => ({ name: scene.solutions[k].name, motion: this.motions[k], value: this.lengths[k], mode: 1, largest, what: "displacement" });
+    const moved = (k) => ({ name: scene.solutions[k].name, motion: this.motions[k], value: null, mode: 1, largest });
     this.shown = [still, moved(candidate)];
     if (pair)
       this.shown.push(moved(reference), {
         name: "length of the error", motion: this.motions[candidate], mode: 1,
-        value: this.errorLengths[Number(this.choice.value)], largest: pair.largest, what: "error", fixed: true,
+        value: this.errorLengths[Number(this.choice.value)], largest: pair.largest,
       });
     this.views.forEach((view, k) => {
       const shown = this.shown[k];
@@ -220,6 +218,20 @@ class Viewer {
     return [cy, -sp * sy, cp * sy, sy, sp * cy, -cp * cy, 0, cp, sp];
   }
 
+  frameOf(array, width, frame) {
+    return array.subarray(frame * width * this.count, (frame + 1) * width * this.count);
+  }
+
+  // Marks as they are; lengths from 0 to 1: of the displacement shown, or of an error.
+  shadeOf(shown, motion, share, frame) {
+    if (shown.mode === 0) return shown.value;
+    const most = shown.largest || 1;
+    if (shown.value) return this.frameOf(shown.value, 1, frame).map((x) => x / most);
+    const out = new Float32Array(this.count);
+    for (let k = 0; k < this.count; ++k) out[k] = share * Math.hypot(motion[3 * k], motion[3 * k + 1], motion[3 * k + 2]) / most;
+    return out;
+  }
+
   draw() {
     if (this.waiting) return;
     this.waiting = true;
@@ -230,25 +242,35 @@ class Viewer {
     const gl = this.gl, canvas = this.canvas, dense = window.devicePixelRatio || 1;
     const wide = Math.max(1, Math.round(canvas.clientWidth * dense)), high = Math.max(1, Math.round(canvas.clientHeight * dense));
     if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
-    const share = Number(this.slider.value);
-    this.root.querySelector("output").textContent = `${Math.round(100 * share)} %`;
+    // Statics: a share of the displacement. A motion: one of its stored times.
+    const times = this.scene.times, at = Number(this.slider.value), share = times ? 1 : at, frame = times ? at : 0;
+    this.root.querySelector("output").textContent = times ? `${times[frame].toPrecision(3)} s` : `${Math.round(100 * share)} %`;
     gl.viewport(0, 0, wide, high);
     gl.clearColor(1, 1, 1, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
-    const columns = canvas.clientWidth < 700 ? Math.min(2, this.shown.length) : this.shown.length;
-    const rows = Math.ceil(this.shown.length / columns), w = wide / columns, h = high / rows;
-    this.views.forEach((view, k) => { view.style.width = `${100 / columns}%`; });
-    const pixels = 0.46 * this.scale * Math.min(w / this.half[0], h / this.half[1]);
+    // As many columns as make the body largest; each view's words lie in its lower part.
+    const count = this.shown.length, words = 46 * dense;
+    const fits = [...new Set([count, Math.ceil(count / 2), 1])].map((columns) => {
+      const w = wide / columns, h = high / Math.ceil(count / columns);
+      return { columns, w, h, size: Math.min(w / this.half[0], (h - words) / this.half[1]) };
+    });
+    const { columns, w, h } = fits.reduce((best, fit) => (fit.size > best.size ? fit : best));
+    const rows = Math.ceil(count / columns);
+    this.views.forEach((view, k) => {
+      Object.assign(view.style, { left: `${100 * (k % columns) / columns}%`, width: `${100 / columns}%`,
+        bottom: `${100 * (rows - 1 - Math.floor(k / columns)) / rows}%` });
+    });
+    const pixels = 0.46 * this.scale * Math.min(w / this.half[0], (h - words) / this.half[1]);
     gl.uniformMatrix3fv(this.uniform.turn, false, this.turn());
     gl.uniform2f(this.uniform.zoom, 2 * pixels / w, 2 * pixels / h);
-    gl.uniform2f(this.uniform.centre, this.middle[0] + this.offset[0], this.middle[1] + this.offset[1]);
+    gl.uniform2f(this.uniform.centre, this.middle[0] + this.offset[0], this.middle[1] + this.offset[1] - 0.5 * words / pixels);
     gl.uniform1f(this.uniform.depth, 0.2 / this.scene.radius);
     this.shown.forEach((shown, k) => {
       gl.viewport((k % columns) * w, (rows - 1 - Math.floor(k / columns)) * h, w, h);
-      const factor = shown.mode === 0 ? 1 : (shown.fixed ? 1 : share) / (shown.largest || 1);
-      this.fill("motion", shown.motion);
-      this.fill("value", shown.value.map((x) => x * factor));
+      const motion = shown.mode === 0 ? shown.motion : this.frameOf(shown.motion, 3, frame);
+      this.fill("motion", motion);
+      this.fill("value", this.shadeOf(shown, motion, share, frame));
       gl.uniform1i(this.uniform.mode, shown.mode);
       gl.uniform1f(this.uniform.share, share);
       gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
