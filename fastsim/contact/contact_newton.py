@@ -67,7 +67,7 @@ class ContactNewton(Newton):
 
     def pressed(self, displacement: Points) -> list[tuple[Gaps, Points]]:
         """Gaps of each tool's vertices, and what pushes them p [N], shape (n,)."""
-        out = []
+        out: list[tuple[Gaps, Points]] = []
         for contact, pose, multiplier, weight in zip(
             self.contacts, self.poses, self.multipliers, self._weights, strict=True
         ):
