@@ -1,0 +1,193 @@
+"""Tools pressed into a block: closed forms, balance, energy, and honest ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    PlaneShape,
+    RigidTool,
+    SphereShape,
+    ToolPath,
+)
+from palpate.reference.availability import is_available
+from palpate.reference.errors import ReferenceNotConvergedError
+from palpate.reference.result import load_result, save_result
+
+if is_available():
+    from palpate.reference.audit import audit_displacement
+    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.residual import internal_force
+    from palpate.reference.statics import solve_static
+
+pytestmark = pytest.mark.dolfinx
+
+MATERIAL = Material(1e4, 0.3)
+DOWN = (0.0, 1.0, 0.0, 0.0)  # half a turn about x: the tool's +z looks down
+LYING = (np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0)  # a quarter turn about y: along x
+
+
+def support(mesh, name, components=(True, True, True)):
+    facets = mesh.facet_groups[name]
+    return Support(np.unique(facets).astype(np.int32), facets, components)
+
+
+def on_rollers(mesh):
+    axes = {"x0": (True, False, False), "y0": (False, True, False), "z0": (False, False, True)}
+    return tuple(support(mesh, name, components) for name, components in axes.items())
+
+
+def pressed(shape, heights, place=(0.5, 0.5), rotation=DOWN, **more):
+    """A tool that goes down along z, one knot for each height."""
+    knots = np.array([[*place, z] for z in heights])
+    turns = np.tile(rotation, (len(knots), 1))
+    return RigidTool(shape, ToolPath(np.arange(len(knots)) * 1.0, knots, turns), **more)
+
+
+def solve(mesh, tool, *, supports=None, loads=(), **options):
+    held = (support(mesh, "z0"),) if supports is None else supports
+    return solve_static(Problem(mesh, MATERIAL, held, loads, tools=(tool,)), **options)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("strain", list(Strain))
+def test_a_plane_presses_a_block_into_a_homogeneous_state(box, degree, strain):
+    mesh = box((3, 3, 3), jitter=0.2)
+    stretch, nu = 0.8, MATERIAL.poissons_ratio
+    tool = pressed(PlaneShape(), (1.0, 0.9, stretch))
+    result = solve(mesh, tool, supports=on_rollers(mesh), degree=degree, strain=strain)
+    if strain is Strain.GREEN:  # P / E = l (l^2 - 1) / 2, lateral sqrt(1 - nu (l^2 - 1))
+        lateral, stress = np.sqrt(1 - nu * (stretch**2 - 1)), -0.144
+    else:
+        lateral, stress = 1 - nu * (stretch - 1), -0.2
+    exact = mesh.points * [lateral - 1, lateral - 1, stretch - 1]
+    np.testing.assert_allclose(result.displacement, exact, rtol=0.0, atol=1e-10)
+    (felt,) = result.tools
+    assert felt.times == (0.0, 1.0, 2.0)
+    np.testing.assert_allclose(felt.forces[0], 0.0, atol=1e-9)
+    np.testing.assert_allclose(felt.forces[2], [0.0, 0.0, -stress * 1e4], rtol=1e-9, atol=1e-5)
+    # Even pressure acts at the middle of the deformed top.
+    lever = 0.5 * lateral - 0.5
+    np.testing.assert_allclose(
+        felt.moments[2], [-lever * stress * 1e4, lever * stress * 1e4, 0.0], rtol=1e-8, atol=1e-5
+    )
+    assert max(felt.penetrations) < 1e-10
+    assert felt.active_areas[0] == 0.0
+    assert felt.active_areas[2] >= 1.0
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize(
+    ("shape", "height", "rotation"),
+    [
+        pytest.param(SphereShape(0.5), 1.5, DOWN, id="sphere"),
+        pytest.param(CapsuleShape(0.3, 0.4), 1.3, LYING, id="lying"),
+        pytest.param(BoxShape((0.3, 0.3, 0.2)), 1.2, DOWN, id="box"),
+    ],
+)
+def test_force_balances_reactions_and_is_the_slope_of_energy(box, shape, height, rotation, degree):
+    mesh = box((4, 4, 3), jitter=0.1)
+    depths = (0.08, 0.081, 0.082)
+    energies, felt = [], None
+    for depth in depths:
+        tool = pressed(shape, (height, height - depth), rotation=rotation)
+        result = solve(mesh, tool, degree=degree)
+        energies.append(result.strain_energy)
+        if depth == depths[1]:
+            felt = result.tools[0]
+            at_points = result.displacement
+    force = np.array(felt.forces[-1])
+    assert force[2] > 1.0
+    # dW/ds = F: the body pushes the tool back up. Central difference, and kinks of the contact.
+    slope = (energies[2] - energies[0]) / (depths[2] - depths[0])
+    assert slope == pytest.approx(force[2], rel=1e-3)
+    if degree == 1:
+        internal = internal_force(mesh, at_points, material=MATERIAL)
+        held = np.unique(mesh.facet_groups["z0"])
+        np.testing.assert_allclose(internal[held].sum(axis=0), force, atol=1e-8 * force[2])
+        # Moments about the tool's origin: what the support gives, the tool takes.
+        arms = mesh.points + at_points - [0.5, 0.5, height - depths[1]]
+        moment = np.cross(arms[held], internal[held]).sum(axis=0)
+        np.testing.assert_allclose(moment, felt.moments[-1], atol=1e-8 * force[2])
+        assert felt.penetrations[-1] < 1e-8
+
+
+def test_a_wide_box_presses_like_a_plane(box):
+    mesh = box((3, 3, 3), jitter=0.2)
+    wide = solve(mesh, pressed(BoxShape((3.0, 3.0, 1.0)), (2.0, 1.85)))
+    flat = solve(mesh, pressed(PlaneShape(), (1.0, 0.85)))
+    # Both to the same contact forces within 1e-9 of them.
+    np.testing.assert_allclose(wide.displacement, flat.displacement, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(wide.tools[0].forces, flat.tools[0].forces, rtol=1e-7, atol=1e-5)
+
+
+def test_tangent_is_symmetric_and_the_derivative(box):
+    mesh = box((3, 3, 3), jitter=0.2)
+    tool = pressed(SphereShape(0.5), (1.4,))
+    problem = Problem(mesh, MATERIAL, (support(mesh, "z0"),), (), tools=(tool,))
+    eq = Equilibrium(problem, strain=Strain.GREEN, degree=1)
+    rng = np.random.default_rng(5)
+    u, du, h = *(s * rng.standard_normal(eq.num_dofs) for s in (1e-2, 1.0)), 1e-7
+    eq.contacts[0].pressure[:] = 500.0
+    assert np.linalg.norm(eq.contact_force(u)) > 1.0
+    tangent = np.array(eq.tangent(u, 1.0).convert("dense").getDenseArray())
+    np.testing.assert_allclose(tangent, tangent.T, atol=1e-12 * np.abs(tangent).max())
+
+    def residual(at):
+        return eq.internal_force(at) - eq.contact_force(at)
+
+    slope = (residual(u + h * du) - residual(u - h * du)) / (2.0 * h)
+    np.testing.assert_allclose(tangent @ du, slope, atol=1e-7 * np.abs(slope).max())
+
+
+def test_loads_come_before_the_tool_moves(box):
+    mesh = box((3, 3, 3))
+    tool = pressed(PlaneShape(), (1.0, 0.95))
+    weight = (BodyForce((0.0, 0.0, -800.0)),)
+    result = solve(mesh, tool, supports=on_rollers(mesh), loads=weight)
+    # A column under its own weight, top pressed by what the tool adds: sigma = P + rho g (h - z).
+    (felt,) = result.tools
+    assert felt.forces[0][2] == pytest.approx(0.0, abs=1e-6)  # the top has sunk away from it
+    assert 0.0 < felt.forces[1][2] < 0.05 * 1e4
+    top = np.unique(mesh.facet_groups["z1"])
+    np.testing.assert_allclose(result.displacement[top, 2], -0.05, atol=1e-10)
+
+
+def test_a_tool_pressed_through_the_body_ends_honestly(box):
+    mesh = box((3, 3, 3))
+    with pytest.raises(ReferenceNotConvergedError, match="on the way of the tools") as caught:
+        solve(mesh, pressed(PlaneShape(), (1.0, 0.3)))
+    error = caught.value
+    assert 0.3 < error.load_factor < 1.0
+    assert error.smallest_det_f > 0.0
+    # The last good state: the plane has come down to where the top is.
+    top = np.unique(mesh.facet_groups["z1"])
+    depth = 0.7 * error.load_factor
+    assert error.displacement[top, 2].mean() == pytest.approx(-depth, rel=0.05)
+
+
+def test_what_the_tool_felt_survives_a_file(box, tmp_path):
+    mesh = box((2, 2, 2))
+    result = solve(mesh, pressed(SphereShape(0.6), (1.6, 1.55)))
+    save_result(tmp_path / "result.npz", result)
+    assert load_result(tmp_path / "result.npz").tools == result.tools
+
+
+def test_what_is_not_modelled_is_refused(box):
+    mesh = box((2, 2, 2))
+    with pytest.raises(InputError, match="frictionless"):
+        solve(mesh, pressed(PlaneShape(), (1.0,), friction_coefficient=0.2))
+    inside = np.array([[0, 1, 13]], dtype=np.int32)
+    with pytest.raises(InputError, match="not on the boundary"):
+        solve(mesh, pressed(PlaneShape(), (1.0,), contact_facets=inside))
+    problem = Problem(
+        mesh, MATERIAL, (support(mesh, "z0"),), (), tools=(pressed(PlaneShape(), (1.0,)),)
+    )
+    with pytest.raises(InputError, match="knows no tools"):
+        audit_displacement(problem, np.zeros_like(mesh.points))

@@ -1,0 +1,81 @@
+"""Signed distances: right on the surface, with the derivatives they claim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    PlaneShape,
+    SphereShape,
+    SurfaceShape,
+    rotation_matrix,
+)
+from palpate.meshes.shapes import shape_sphere
+from palpate.reference.contact.tool_distance import tool_distance
+
+SHAPES = [
+    SphereShape(0.3),
+    CapsuleShape(0.2, 0.4),
+    BoxShape((0.3, 0.4, 0.5)),
+    PlaneShape(),
+]
+POSITION = np.array([0.1, -0.2, 0.3])
+QUATERNION = np.array([0.8, 0.2, -0.4, 0.4])
+ROTATION = rotation_matrix(QUATERNION / np.linalg.norm(QUATERNION))
+
+
+def places(count=400):
+    return POSITION + np.random.default_rng(3).uniform(-1.0, 1.0, (count, 3))
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
+def test_a_step_of_the_gap_against_the_normal_ends_on_the_surface(shape):
+    x = places()
+    found = tool_distance(shape, POSITION, ROTATION, x)
+    assert (found.gap < 0.0).any()
+    assert (found.gap > 0.0).any()
+    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1.0, rtol=1e-14)
+    foot = tool_distance(shape, POSITION, ROTATION, x - found.gap[:, None] * found.normal)
+    np.testing.assert_allclose(foot.gap, 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda s: type(s).__name__)
+def test_normal_and_curvature_are_the_derivatives(shape):
+    x, h = places(), 1e-6
+    found = tool_distance(shape, POSITION, ROTATION, x)
+    for axis in range(3):
+        step = h * np.eye(3)[axis]
+        ahead = tool_distance(shape, POSITION, ROTATION, x + step)
+        behind = tool_distance(shape, POSITION, ROTATION, x - step)
+        # Away from where the nearest face, edge or corner changes.
+        smooth = np.linalg.norm(ahead.normal - behind.normal, axis=1) < 1e-3
+        assert smooth.mean() > 0.95
+        normal = (ahead.gap - behind.gap) / (2.0 * h)
+        np.testing.assert_allclose(normal[smooth], found.normal[smooth, axis], atol=1e-8)
+        curvature = (ahead.normal - behind.normal) / (2.0 * h)
+        scale = 1.0 + np.abs(found.curvature).max(axis=(1, 2))[:, None]
+        wrong = np.abs(curvature - found.curvature[:, axis]) / scale
+        assert np.quantile(wrong[smooth], 0.99) < 1e-6
+    if not isinstance(shape, PlaneShape):
+        assert np.abs(found.curvature).max() > 1.0
+
+
+def test_distances_by_hand():
+    turned = rotation_matrix(np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]))  # z onto -y
+    x = np.array([[0.0, -2.0, 0.0], [0.0, 0.0, 1.0]])
+    capsule = tool_distance(CapsuleShape(0.25, 1.0), np.zeros(3), turned, x)
+    np.testing.assert_allclose(capsule.gap, [0.75, 0.75], rtol=1e-15)
+    plane = tool_distance(PlaneShape(), np.zeros(3), turned, x)
+    np.testing.assert_allclose(plane.gap, [2.0, 0.0], atol=1e-15)
+    corner = tool_distance(BoxShape((1.0, 1.0, 1.0)), np.zeros(3), np.eye(3), 2.0 * np.ones((1, 3)))
+    assert corner.gap[0] == pytest.approx(np.sqrt(3.0), rel=1e-15)
+
+
+def test_a_closed_surface_is_refused():
+    shape = SurfaceShape(shape_sphere(0.1, edge_length=0.05))
+    with pytest.raises(InputError, match="closed surface"):
+        tool_distance(shape, POSITION, ROTATION, places(3))
