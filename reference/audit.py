@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,52 +24,13 @@ from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.deformed_state import DetFSampler, measure_state
 from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+from palpate.reference.result import Audit
 
 # The norm is reported to some digits; its square is what the solve is accurate in.
 _SOLVE_TOLERANCE = 1e-8
 # Volume is a cubic of the displacement: a central difference of this part of a step is good to
 # its square, and loses five digits of sixteen to rounding.
 _SMALL = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Audit:
-    """What can be said of a displacement without solving.
-
-    Attributes:
-        degree: Of the test functions.
-        strain: Strain measure of the model.
-        residual_norm: Of the free residual, dual to the energy norm: sup over v of R(v) / |v|,
-            |v|^2 = v . K v with the rest stiffness K [J^(1/2)]. For linear strain it is the
-            energy norm of the error itself; for Green strain to first order.
-        relative_residual_norm: Over the energy norm of the displacement, (2 energy)^(1/2) [-].
-        support_gap: Largest distance of a held component from where it is held [m].
-        force_imbalance: Size of the sum of external forces and reactions [N].
-        moment_imbalance: Likewise of their moments about the origin, at the deformed places [N m].
-        strain_energy: [J].
-        volume: [m3].
-        smallest_det_f: [-]; not above 0 where a cell is inverted.
-        displacement_error: Estimate, L2 over the mesh's points over the corrected displacement
-            [-]; None where the tangent is singular or not positive definite, or a cell inverted.
-        volume_error: Estimate, of the change of volume over the corrected change, signed [-];
-            None likewise.
-        cell_errors: Each cell's part of `residual_norm` [J^(1/2)], shape (num_cells,): where to
-            refine. Their squares add up to its square (to quadrature for degree 3).
-    """
-
-    degree: int
-    strain: Strain
-    residual_norm: float
-    relative_residual_norm: float
-    support_gap: float
-    force_imbalance: float
-    moment_imbalance: float
-    strain_energy: float
-    volume: float
-    smallest_det_f: float
-    displacement_error: float | None
-    volume_error: float | None
-    cell_errors: NDArray[np.float64]
 
 
 def audit_displacement(
@@ -105,10 +65,8 @@ def audit_displacement(
     equilibrium = Equilibrium(problem, strain=Strain(strain), degree=degree)
     u = equilibrium.space.from_points(displacement)
     if progress:
-        progress(
-            f"audit on degree {degree}: "
-            f"{3 * equilibrium.space.num_global_blocks} degrees of freedom"
-        )
+        num_dofs = 3 * equilibrium.space.num_global_blocks
+        progress(f"audit on degree {degree}: {num_dofs} degrees of freedom")
     sampler = DetFSampler(equilibrium)
     smallest_det_f = sampler.smallest(u)
     internal, external = equilibrium.internal_force(u), equilibrium.external_force(u)

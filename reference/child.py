@@ -1,4 +1,4 @@
-"""A static reference solve in a process of its own.
+"""The reference in a process of its own.
 
 What the child does:
 
@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -29,8 +30,22 @@ from palpate.reference.child_process import (
     run_child,
     serve,
 )
-from palpate.reference.errors import ReferenceCrashedError, ReferenceNotConvergedError
-from palpate.reference.result import ReferenceResult, load_result, save_result
+from palpate.reference.errors import (
+    ReferenceCrashedError,
+    ReferenceNotConvergedError,
+    ReferenceStepError,
+)
+from palpate.reference.ranks import num_ranks, solve_on_ranks
+from palpate.reference.result import (
+    Audit,
+    ImplicitResult,
+    ReferenceResult,
+    load_result,
+    save_result,
+)
+from palpate.reference.tasks import StaticTask, Task, load_task
+
+Answer: TypeAlias = ReferenceResult | Audit | ImplicitResult
 
 
 def solve_static_in_child(
@@ -62,51 +77,83 @@ def solve_static_in_child(
         ReferenceTimeoutError: No answer within the time limit.
         ReferenceCrashedError: The child died, or left no answer.
     """
+    task = StaticTask(Strain(strain), degree, relative_tolerance)
+    answer = run_task(task, problem, time_limit=time_limit, progress=progress)
+    assert isinstance(answer, ReferenceResult)
+    return answer
+
+
+def run_task(
+    task: Task,
+    problem: Problem,
+    *,
+    time_limit: float = 3600.0,
+    progress: Say | None = None,
+) -> Answer:
+    """Do a task in a child process; under mpirun on all its ranks, in this process.
+
+    Args:
+        task: What to do.
+        problem: With what.
+        time_limit: See `solve_static_in_child`; so are the errors.
+        progress: Called with one line of text now and then.
+    """
     require_available()
+    if num_ranks() > 1:
+        answered: Answer = solve_on_ranks(
+            task, problem, time_limit=time_limit, progress=progress or _say_nothing
+        )
+        return answered
     with tempfile.TemporaryDirectory(prefix="palpate-reference-") as folder:
         given, answer = Path(folder, "problem.npz"), Path(folder, "result.npz")
+        todo = Path(folder, "task.npz")
         save_problem(given, problem)
-        command = _command(given, answer, Strain(strain), degree, relative_tolerance)
-        exit_code, errors = run_child(command, time_limit, progress)
-        return _read_answer(answer, exit_code, errors)
+        save_result(todo, task)
+        exit_code, errors = run_child(_command(given, answer, todo), time_limit, progress)
+        return _read_answer(answer, exit_code, errors, task)
 
 
-def _command(
-    given: Path, answer: Path, strain: Strain, degree: int, relative_tolerance: float
-) -> list[str]:
+def _command(given: Path, answer: Path, task: Path) -> list[str]:
     return [
         # -P: a file called numpy.py in the current folder is not the child's numpy.
         *(sys.executable, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
-        *("--strain", strain.value, "--degree", str(degree)),
-        *("--relative-tolerance", repr(relative_tolerance), "--until-stdin-closes"),
+        *("--task", str(task), "--until-stdin-closes"),
     ]
 
 
-def _read_answer(answer: Path, exit_code: int, errors: str) -> ReferenceResult:
+def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answer:
     raise_for(exit_code, errors)
     try:
         if exit_code == EXIT_FAILED:
             with np.load(answer, allow_pickle=False) as stored:
+                if "time" in stored:
+                    raise ReferenceStepError(
+                        float(stored["time"]),
+                        float(stored["time_step"]),
+                        str(stored["reason"]),
+                        stored["displacement"],
+                    )
                 raise ReferenceNotConvergedError(
                     float(stored["load_factor"]),
                     str(stored["reason"]),
                     float(stored["smallest_det_f"]),
                     stored["displacement"],
                 )
-        return load_result(answer)
+        answered: Answer = load_result(answer, task.answer)
+        return answered
     except (FileFormatError, OSError, KeyError, ValueError) as error:
         raise ReferenceCrashedError(exit_code, f"{errors}\nno readable answer: {error}") from error
 
 
-def _save_failure(path: Path, error: ReferenceNotConvergedError) -> None:
+def _save_failure(path: Path, error: ReferenceNotConvergedError | ReferenceStepError) -> None:
+    names = ("load_factor", "reason", "smallest_det_f", "displacement", "time", "time_step")
+    told = {name: np.asarray(getattr(error, name)) for name in names if hasattr(error, name)}
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(
-            stream,
-            load_factor=error.load_factor,
-            reason=np.array(error.reason),
-            smallest_det_f=error.smallest_det_f,
-            displacement=error.displacement,
-        )
+        np.savez(stream, **told)
+
+
+def _say_nothing(_line: str) -> None:
+    pass
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -117,6 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--strain", type=Strain, choices=list(Strain), default=Strain.GREEN)
     parser.add_argument("--degree", type=int, default=1)
     parser.add_argument("--relative-tolerance", type=float, default=1e-10)
+    parser.add_argument("--task", type=Path, help="file of a task; then it says all of these")
     parser.add_argument(
         UNTIL_STDIN_CLOSES,
         action="store_true",
@@ -126,18 +174,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def solve(say: Say) -> int:
         problem = load_problem(options.problem)
+        if options.task is None:
+            task: Task = StaticTask(options.strain, options.degree, options.relative_tolerance)
+        else:
+            task = load_task(options.task)
         say("loading FEniCSx")
-        from palpate.reference.statics import solve_static
-
         try:
-            result = solve_static(
-                problem,
-                strain=options.strain,
-                degree=options.degree,
-                relative_tolerance=options.relative_tolerance,
-                progress=say,
-            )
-        except ReferenceNotConvergedError as error:
+            result = task(problem, say)
+        except (ReferenceNotConvergedError, ReferenceStepError) as error:
             _save_failure(options.result, error)
             print(one_line(error), file=sys.stderr)
             return EXIT_FAILED

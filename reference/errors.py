@@ -69,6 +69,27 @@ class ReferenceBlowUpError(ReferenceFailedError):
         )
 
 
+class ReferenceStepError(ReferenceFailedError):
+    """A time step of implicit dynamics has no answer, however short.
+
+    Attributes:
+        time: Time of the last good state [s].
+        time_step: The shortest step tried [s].
+        reason: What ended it.
+        displacement: The last good state [m], shape (num_points, 3).
+    """
+
+    def __init__(self, time: float, time_step: float, reason: str, displacement: Points) -> None:
+        self.time = time
+        self.time_step = time_step
+        self.reason = reason
+        self.displacement = displacement
+        super().__init__(
+            f"the reference found no step of {time_step:.3g} s beyond t = {time:.4g} s: {reason}; "
+            "lower the load, or refine the mesh"
+        )
+
+
 class ReferenceCrashedError(ReferenceFailedError):
     """The process of the reference ended without an answer.
 

@@ -12,13 +12,11 @@ sums of the mass matrix included; time is told by the caller, never chosen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
@@ -26,13 +24,9 @@ from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.equilibrium import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
 from palpate.reference.fenicsx import ufl
-from palpate.reference.loads import apply_loads
+from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer
-from palpate.reference.supports import hold
-
-Amplitude: TypeAlias = Callable[[float], float]
-Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,43 +128,16 @@ class _Twin:
     ) -> None:
         space = create_space(transfer(problem.mesh), 1)
         self.body = ElasticBody(space, problem.material, strain, problem.inclusions)
-        self.mass = _row_sums_of_mass(self.body, problem)
-        self._dead: list[tuple[Amplitude, Points]] = []
-        self._followers: list[tuple[Amplitude, Any]] = []
-        own: Amplitudes = [load.amplitude for load in problem.loads]
-        factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
-        for load, factor in zip(problem.loads, factors, strict=True):
-            applied = apply_loads(space, [load], self.body.u, self.body.v, strain)
-            self._dead.append((factor, applied.dead))
-            self._followers += [(factor, fenicsx.form(work)) for work in applied.followers]
-        hold(space, problem.supports)  # refuses supports that disagree
-        own = [support.amplitude for support in problem.supports]
-        factors = _one_each(
-            own if supports_by is None else supports_by, len(problem.supports), "supports"
-        )
-        self._held: list[tuple[Amplitude, Indices, Points]] = []
-        for support, factor in zip(problem.supports, factors, strict=True):
-            held = hold(space, [support])
-            self._held.append((factor, held.dofs, held.values))
+        self.mass = row_sums_of_mass(self.body, problem)
+        self._loads = LoadsOverTime(self.body, problem, loads_by, supports_by)
+        self.at_supports = self._loads.at_supports
 
     def force(self, displacement: Points, time: float) -> Points:
         """F(t) - R(a) [N]."""
-        force = -self.body.internal_force(displacement)
-        for factor, dead in self._dead:
-            force += factor(time) * dead
-        for factor, work in self._followers:
-            force += factor(time) * fenicsx.assemble_vector(work)
-        return force
-
-    def at_supports(self, displacement: Points, time: float) -> Points:
-        """The displacement with its held components where they are at that time [m]."""
-        moved = displacement.copy()
-        for factor, dofs, values in self._held:
-            moved[dofs] = factor(time) * values
-        return moved
+        return self._loads.force(displacement, time) - self.body.internal_force(displacement)
 
 
-def _row_sums_of_mass(body: ElasticBody, problem: Problem) -> Points:
+def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Points:
     """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
     transferred = body.space.transferred
     mesh = transferred.mesh
@@ -178,15 +145,3 @@ def _row_sums_of_mass(body: ElasticBody, problem: Problem) -> Points:
     one = ufl.as_vector([1.0, 1.0, 1.0])
     dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 1})
     return fenicsx.assemble_vector(fenicsx.form(rho * ufl.inner(one, body.v) * dx))
-
-
-def _one_each(given: Amplitudes, count: int, what: str) -> list[Amplitude]:
-    if given is None or callable(given):
-        return [given or _always] * count
-    if len(given) != count:
-        raise InputError(f"{len(given)} amplitudes for {count} {what}; give one for each, or one")
-    return [factor or _always for factor in given]
-
-
-def _always(_time: float) -> float:
-    return 1.0

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 
+Values: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]
 
 
@@ -81,14 +83,102 @@ class ReferenceResult:
     tools: tuple[ToolHistory, ...] = ()
 
 
-def save_result(path: str | Path, result: ReferenceResult) -> None:
-    """Write a result to `path` (.npz), whole or not at all."""
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """What can be said of a displacement without solving.
+
+    Attributes:
+        degree: Of the test functions.
+        strain: Strain measure of the model.
+        residual_norm: Of the free residual, dual to the energy norm: sup over v of R(v) / |v|,
+            |v|^2 = v . K v with the rest stiffness K [J^(1/2)]. For linear strain it is the
+            energy norm of the error itself; for Green strain to first order.
+        relative_residual_norm: Over the energy norm of the displacement, (2 energy)^(1/2) [-].
+        support_gap: Largest distance of a held component from where it is held [m].
+        force_imbalance: Size of the sum of external forces and reactions [N].
+        moment_imbalance: Likewise of their moments about the origin, at the deformed places [N m].
+        strain_energy: [J].
+        volume: [m3].
+        smallest_det_f: [-]; not above 0 where a cell is inverted.
+        displacement_error: Estimate, L2 over the mesh's points over the corrected displacement
+            [-]; None where the tangent is singular or not positive definite, or a cell inverted.
+        volume_error: Estimate, of the change of volume over the corrected change, signed [-];
+            None likewise.
+        cell_errors: Each cell's part of `residual_norm` [J^(1/2)], shape (num_cells,): where to
+            refine. Their squares add up to its square (to quadrature for degree 3).
+    """
+
+    degree: int
+    strain: Strain
+    residual_norm: float
+    relative_residual_norm: float
+    support_gap: float
+    force_imbalance: float
+    moment_imbalance: float
+    strain_energy: float
+    volume: float
+    smallest_det_f: float
+    displacement_error: float | None
+    volume_error: float | None
+    cell_errors: Values
+
+
+@dataclass(frozen=True, eq=False)
+class ImplicitResult:
+    """A trajectory by the generalised-alpha method.
+
+    Attributes:
+        times: [s], shape (num_outputs + 1,), from 0.
+        displacements: At the mesh's points, in their order [m],
+            shape (num_outputs + 1, num_points, 3).
+        velocities: [m/s], the same shape.
+        kinetic_energies: [J], shape (num_outputs + 1,).
+        strain_energies: [J], likewise.
+        external_works: Done by loads and moving supports since the start [J], likewise.
+        damping_works: Taken by mass damping since the start [J], likewise.
+        smallest_det_f: Over the outputs [-]; see ReferenceResult.
+        strain: Strain measure of the model.
+        degree: Polynomial degree of the displacement.
+        time_step: [s].
+        newton_iterations: Linear solves in all.
+        versions: Of Python and the parts of FEniCSx.
+    """
+
+    times: Values
+    displacements: Points
+    velocities: Points
+    kinetic_energies: Values
+    strain_energies: Values
+    external_works: Values
+    damping_works: Values
+    smallest_det_f: float
+    strain: Strain
+    degree: int
+    time_step: float
+    newton_iterations: int
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def energy_errors(self) -> Values:
+        """Kinetic plus strain energy since the start, less work done, plus damping [J].
+
+        What the method's own damping of high frequencies took shows here as a loss.
+        """
+        stored = self.kinetic_energies + self.strain_energies
+        errors: Values = stored - stored[0] - self.external_works + self.damping_works
+        return errors
+
+
+def save_result(path: str | Path, result: Any) -> None:
+    """Write a result, a dataclass of arrays and plain values, to `path` (.npz), whole or not."""
     values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
-    displacement = values.pop("displacement")
-    values["tools"] = [dataclasses.asdict(tool) for tool in result.tools]
-    header = np.array(json.dumps(values, sort_keys=True))
+    arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
+    plain = {name: v for name, v in values.items() if name not in arrays}
+    header = np.array(
+        json.dumps({"kind": type(result).__name__, **plain}, default=dataclasses.asdict)
+    )
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, displacement=displacement, header=header)
+        np.savez(stream, header=header, **arrays)
 
 
 def _history(rows: dict[str, Any]) -> ToolHistory:
@@ -98,8 +188,8 @@ def _history(rows: dict[str, Any]) -> ToolHistory:
     return ToolHistory(**{name: tuple(row) for name, row in rows.items()})
 
 
-def load_result(path: str | Path) -> ReferenceResult:
-    """Read a result written by `save_result`.
+def load_result(path: str | Path, *kinds: type[Any]) -> Any:
+    """Read a result of one of some kinds written by `save_result`.
 
     Raises:
         FileFormatError: Missing, damaged, or another kind of file.
@@ -107,10 +197,12 @@ def load_result(path: str | Path) -> ReferenceResult:
     try:
         with np.load(path, allow_pickle=False) as stored:
             values = json.loads(str(stored["header"]))
-            displacement = stored["displacement"]
-        values["strain"] = Strain(values["strain"])
-        values["load_steps"] = tuple(values["load_steps"])
-        values["tools"] = tuple(_history(rows) for rows in values.get("tools", ()))
-        return ReferenceResult(displacement=displacement, **values)
+            kind = {kind.__name__: kind for kind in kinds}[values.pop("kind")]
+            values |= {name: stored[name] for name in stored.files if name != "header"}
+        if "strain" in values:
+            values["strain"] = Strain(values["strain"])
+        if "tools" in values:
+            values["tools"] = tuple(_history(rows) for rows in values["tools"])
+        return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
     except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
         raise FileFormatError(path, f"not a result of the reference ({error})") from error

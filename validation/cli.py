@@ -240,7 +240,21 @@ def _version() -> str:
 
 
 def main() -> None:
-    """Run the command line; every end has its exit code, and no traceback looks like a verdict."""
+    """Run the command line; every end has its exit code, and no traceback looks like a verdict.
+
+    Under mpirun the first process does; the others do their share of what it solves.
+    """
+    from palpate.reference import ranks
+
+    if ranks.is_follower():
+        sys.exit(ranks.follow())
+    try:
+        _lead()
+    finally:
+        ranks.dismiss()
+
+
+def _lead() -> None:
     try:
         code = app(standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)

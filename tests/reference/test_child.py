@@ -26,6 +26,8 @@ from palpate.reference.errors import (
     ReferenceTimeoutError,
     ReferenceUnavailableError,
 )
+from palpate.reference.result import save_result
+from palpate.reference.tasks import StaticTask
 
 if is_available():
     from palpate.reference.statics import solve_static
@@ -160,8 +162,9 @@ def test_a_cache_spoiled_by_a_killed_run_is_mended(tmp_path, monkeypatch, beam):
 def test_the_child_ends_when_its_caller_dies(tmp_path, beam):
     given = tmp_path / "problem.npz"
     save_problem(given, beam)
+    save_result(tmp_path / "task.npz", StaticTask())
     process = subprocess.Popen(
-        [*child._command(given, tmp_path / "r.npz", Strain.GREEN, 1, 1e-10)],
+        [*child._command(given, tmp_path / "r.npz", tmp_path / "task.npz")],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -17,7 +17,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Tra
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.problem_files import save_problem
 from palpate.reference.child import solve_static_in_child
-from palpate.reference.result import load_result
+from palpate.reference.result import ReferenceResult, load_result
 
 OTHER = os.environ.get("PALPATE_OTHER_PYTHON", "")
 
@@ -55,7 +55,7 @@ def test_the_other_version_gives_the_same_answer(box, tmp_path, strain, degree):
         # Not the C environment, where this process's MPI has left its mark.
         env=dict(os.environ),
     )
-    there = load_result(answer)
+    there = load_result(answer, ReferenceResult)
     here = solve_static_in_child(problem, strain=strain, degree=degree, time_limit=500)
     assert there.versions["dolfinx"] != here.versions["dolfinx"], f"{OTHER} and {sys.executable}"
     scale = np.max(np.abs(here.displacement))

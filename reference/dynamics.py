@@ -1,0 +1,167 @@
+"""Implicit dynamics on FEniCSx: the truth of motion, second order in time.
+
+The generalised-alpha method (J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375) for
+
+    M a'' + lambda M a' + R(a) = F(t),
+
+balanced at t + (1 - alpha_f) dt, accelerations at t + (1 - alpha_m) dt, with Newmark's formulas
+
+    u' = u + dt v + dt^2 ((1/2 - beta) a + beta a'),   v' = v + dt ((1 - gamma) a + gamma a').
+
+Its one parameter, the spectral radius at infinite frequency, says how much of a wave too short
+for the mesh is left after a step: 1 leaves all, 0 nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.reference.availability import versions
+from palpate.reference.contact.tool_contact import require_no_tools
+from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.errors import ReferenceStepError
+from palpate.reference.fenicsx import PETSc
+from palpate.reference.generalised_alpha import AlphaMethod, Motion, State, StepLostError
+from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
+from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
+from palpate.reference.result import ImplicitResult
+
+Field: TypeAlias = Points | Callable[[Points], Points] | None
+
+# A step that does not converge is cut in two, so often at most.
+_MAX_HALVINGS = 6
+
+
+def simulate_implicit(
+    problem: Problem,
+    *,
+    strain: Strain = Strain.GREEN,
+    degree: int = 2,
+    displacement: Field = None,
+    velocity: Field = None,
+    amplitude: Amplitudes = None,
+    support_amplitude: Amplitudes = None,
+    spectral_radius: float = 0.8,
+    is_mass_lumped: bool = False,
+    relative_tolerance: float = 1e-9,
+    progress: Callable[[str], None] | None = None,
+) -> ImplicitResult:
+    """Step a problem through its time span.
+
+    Args:
+        problem: With `time` set, its `time_step` too: the outputs lie whole steps apart.
+        strain: Strain measure.
+        degree: Polynomial degree of the displacement, 1 to 3.
+        displacement: Initial, at the mesh's points [m], shape (num_points, 3), linear between
+            them; or a function of rest points, shape (n, 3); None is rest.
+        velocity: Initial [m/s], likewise; None is zero.
+        amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
+            takes each load's own.
+        support_amplitude: The same for the supports' displacements.
+        spectral_radius: See `AlphaMethod`.
+        is_mass_lumped: Row sums instead of the consistent mass; degree 1 only.
+        relative_tolerance: Of each step: out-of-balance nodal forces over the largest of
+            internal, external and inertial ones [-].
+        progress: Called with one line of text now and then.
+
+    Returns:
+        The trajectory at the outputs; every number in it is finite.
+
+    Raises:
+        InputError: No time span or step, outputs that are not whole steps apart, tools, or a load
+            or support that cannot be used.
+        ReferenceStepError: A step had no answer, however short; carries the last good state.
+
+    Note:
+        Unconditionally stable for linear problems only; of what the time step does not resolve
+        nothing is true. Halve the step to see how far it is resolved.
+    """
+    span, dt, per_output = _steps_of(problem)
+    if degree not in (1, 2, 3):
+        raise InputError(f"degree = {degree}: needs 1, 2 or 3")
+    if is_mass_lumped and degree > 1:
+        raise InputError("row sums of a quadratic mass matrix are negative; lump degree 1 only")
+    require_no_tools(problem, "implicit dynamics")
+    body = ElasticBody(
+        create_space(transfer(problem.mesh), degree),
+        problem.material,
+        Strain(strain),
+        problem.inclusions,
+    )
+    loads = LoadsOverTime(body, problem, amplitude, support_amplitude)
+    motion = Motion(
+        problem,
+        body,
+        loads,
+        AlphaMethod(spectral_radius),
+        is_mass_lumped=is_mass_lumped,
+        tolerance=relative_tolerance,
+    )
+    tell = progress or (lambda _line: None)
+    tell(f"{3 * motion.body.space.num_global_blocks} degrees of freedom, {motion.solver.name}")
+    space = body.space
+    state = motion.start(_flat(space, displacement), _flat(space, velocity))
+    states, smallest_det_f = [state], motion.sampler.smallest(state.u)
+    for output in range(1, span.num_outputs + 1):
+        for step in range(per_output):
+            time = ((output - 1) * per_output + step) * dt
+            state = _advance(motion, state, time, dt, _MAX_HALVINGS)
+        states.append(state)
+        smallest_det_f = min(smallest_det_f, motion.sampler.smallest(state.u))
+        tell(f"t = {output * per_output * dt:.4g} s of {span.end_time:g} s")
+    return ImplicitResult(
+        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+        displacements=np.array([space.at_points(s.u) for s in states]),
+        velocities=np.array([space.at_points(s.v) for s in states]),
+        kinetic_energies=np.array([motion.kinetic_energy(s.v) for s in states]),
+        strain_energies=np.array([motion.body.strain_energy(s.u) for s in states]),
+        external_works=np.array([s.external_work for s in states]),
+        damping_works=np.array([s.damping_work for s in states]),
+        smallest_det_f=smallest_det_f,
+        strain=motion.body.strain,
+        degree=degree,
+        time_step=dt,
+        newton_iterations=motion.iterations,
+        versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
+    )
+
+
+def _flat(space: TransferredSpace, given: Field) -> Points:
+    if given is None:
+        return np.zeros(3 * space.num_blocks)
+    if not callable(given):
+        return space.from_points(given)
+    values: Points = np.asarray(given(space.coordinates), dtype=np.float64).ravel()
+    return values
+
+
+def _steps_of(problem: Problem) -> tuple[TimeSpan, float, int]:
+    span = problem.time
+    if span is None or span.time_step is None:
+        raise InputError("implicit dynamics needs a time span with its time_step given")
+    dt = span.time_step
+    per_output = round(span.end_time / span.num_outputs / dt)
+    if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
+        raise InputError(
+            f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
+            "apart; choose end_time as num_outputs times a multiple of time_step"
+        )
+    return span, dt, per_output
+
+
+def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int) -> State:
+    """One step, or two half ones where it has no answer."""
+    try:
+        return motion.step(state, time, dt)
+    except StepLostError as error:
+        if halvings == 0:
+            at_points = motion.body.space.at_points(state.u)
+            raise ReferenceStepError(time, dt, str(error), at_points) from None
+    half = _advance(motion, state, time, 0.5 * dt, halvings - 1)
+    return _advance(motion, half, time + 0.5 * dt, 0.5 * dt, halvings - 1)

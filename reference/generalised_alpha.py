@@ -1,0 +1,231 @@
+"""One step of the generalised-alpha method on a body, by Newton's method.
+
+J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375; the equations are told in `dynamics`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference import fenicsx
+from palpate.reference.deformed_state import DetFSampler
+from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.explicit import row_sums_of_mass
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+from palpate.reference.loads_over_time import LoadsOverTime
+from palpate.reference.materials import by_cell
+
+_MAX_ITERATIONS = 12
+_EPS = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class AlphaMethod:
+    """The parameters of the generalised-alpha method.
+
+    Args:
+        spectral_radius: At infinite frequency [-], 0 to 1 (eq. 25 of Chung and Hulbert).
+    """
+
+    spectral_radius: float = 0.8
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.spectral_radius <= 1.0:
+            raise InputError(f"spectral_radius = {self.spectral_radius:g}: needs 0 to 1")
+
+    @property
+    def alpha_m(self) -> float:
+        """Where accelerations are taken."""
+        return (2.0 * self.spectral_radius - 1.0) / (self.spectral_radius + 1.0)
+
+    @property
+    def alpha_f(self) -> float:
+        """Where forces are balanced."""
+        return self.spectral_radius / (self.spectral_radius + 1.0)
+
+    @property
+    def gamma(self) -> float:
+        """Newmark's gamma: second order (eq. 17)."""
+        return 0.5 - self.alpha_m + self.alpha_f
+
+    @property
+    def beta(self) -> float:
+        """Newmark's beta: most damping at high frequencies (eq. 20)."""
+        return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Displacement [m], velocity, acceleration, all flat, and works since the start [J]."""
+
+    u: Points
+    v: Points
+    a: Points
+    external_work: float = 0.0
+    damping_work: float = 0.0
+
+
+class StepLostError(Exception):
+    """A step has no answer; the message says why."""
+
+
+class Motion:
+    """Forces, mass and supports of one problem, and a step of it.
+
+    Args:
+        problem: With its time span.
+        body: Its body.
+        loads: What pushes and holds it.
+        method: Of the steps.
+        is_mass_lumped: Row sums instead of the consistent mass.
+        tolerance: Relative residual of a step [-].
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        body: ElasticBody,
+        loads: LoadsOverTime,
+        method: AlphaMethod,
+        *,
+        is_mass_lumped: bool,
+        tolerance: float,
+    ) -> None:
+        assert problem.time is not None
+        self.damping = problem.time.mass_damping
+        self.method = method
+        self.tolerance = tolerance
+        self.body, self.loads = body, loads
+        space = body.space
+        self.sampler = DetFSampler(body)
+        mesh = space.transferred.mesh
+        density = by_cell(
+            space.transferred, problem.material, problem.inclusions, lambda m: m.density
+        )
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2 * space.degree})
+        self._w = fem.Function(space.space)
+        self._inertia = fenicsx.form(density * ufl.inner(self._w, body.v) * dx)
+        self._row_sums = row_sums_of_mass(body, problem) if is_mass_lumped else None
+        du = ufl.TrialFunction(space.space)
+        self._mass_share = fem.Constant(mesh, PETSc.ScalarType(0.0))
+        self._stiffness_share = fem.Constant(mesh, PETSc.ScalarType(0.0))
+        tangent = self._stiffness_share * ufl.derivative(body.virtual_work, body.u, du)
+        if not is_mass_lumped:
+            tangent += self._mass_share * density * ufl.inner(du, body.v) * dx
+        self._tangent = fenicsx.form(tangent)
+        self._matrix = fenicsx.create_matrix(self._tangent)
+        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.solver = LinearSolver(space.coordinates, is_symmetric=not self.loads.has_followers)
+        self.iterations = 0
+
+    def inertia(self, acceleration: Points) -> Points:
+        """M a [N], flat."""
+        if self._row_sums is not None:
+            force: Points = self._row_sums * acceleration
+            return force
+        self._w.x.array[: len(acceleration)] = acceleration
+        self._w.x.scatter_forward()
+        return fenicsx.assemble_vector(self._inertia)
+
+    def kinetic_energy(self, velocity: Points) -> float:
+        """Half of v . M v [J]."""
+        return 0.5 * float(fenicsx.total(float(velocity @ self.inertia(velocity))))
+
+    def _solve(
+        self, u: Points, rhs: Points, gap: Points, mass: float, stiffness: float, time: float
+    ) -> Points:
+        """Solve (mass M + stiffness K(u)) du = rhs, du = gap where held."""
+        self.body.set_displacement(u)
+        self._mass_share.value, self._stiffness_share.value = mass, stiffness
+        self._matrix.zeroEntries()
+        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        if stiffness:
+            self.loads.add_tangent(self._matrix, stiffness, time)
+        if self._row_sums is not None:
+            diagonal = self._matrix.getDiagonal()
+            diagonal.array[:] += mass * self._row_sums
+            self._matrix.setDiagonal(diagonal)
+            diagonal.destroy()
+        self.iterations += 1
+        return self.solver.solve(
+            self._matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance
+        )
+
+    def start(self, u: Points, v: Points) -> State:
+        """The state at time 0, with the acceleration that balances it."""
+        u = self.loads.at_supports(u, 0.0)
+        force = self.loads.force(u, 0.0) - self.body.internal_force(u)
+        force -= self.damping * self.inertia(v)
+        still = np.zeros(len(self.loads.held))
+        return State(u, v, self._solve(u, force, still, 1.0, 0.0, 0.0))
+
+    def step(self, state: State, time: float, dt: float) -> State:
+        """The state a time step later.
+
+        Raises:
+            StepLostError: Newton's method found no answer.
+        """
+        m = self.method
+        u, v, a = state.u, state.v, state.a
+        held, free = self.loads.held, self.loads.free
+        middle = time + (1.0 - m.alpha_f) * dt
+        mass = ((1.0 - m.alpha_m) / dt + (1.0 - m.alpha_f) * m.gamma * self.damping) / (m.beta * dt)
+        new = self.loads.at_supports(u + dt * v + 0.5 * dt**2 * a, time + dt)
+        if not self._is_sound(new):
+            new = self.loads.at_supports(u, time + dt)
+        rounding, last = 0.0, math.inf
+        for iteration in range(_MAX_ITERATIONS + 1):
+            new_a = (new - u - dt * v) / (m.beta * dt**2) - (0.5 / m.beta - 1.0) * a
+            new_v = v + dt * ((1.0 - m.gamma) * a + m.gamma * new_a)
+            mid_u = (1.0 - m.alpha_f) * new + m.alpha_f * u
+            mid_v = (1.0 - m.alpha_f) * new_v + m.alpha_f * v
+            mid_a = (1.0 - m.alpha_m) * new_a + m.alpha_m * a
+            internal, external = self.body.internal_force(mid_u), self.loads.force(mid_u, middle)
+            damped = self.damping * mid_v
+            inertia = self.inertia(mid_a + damped)
+            residual = external - internal - inertia
+            norm = fenicsx.norm(residual[free])
+            scale = max(fenicsx.norm(x) for x in (internal, external, inertia))
+            if not math.isfinite(norm):
+                raise StepLostError("the residual is not finite")
+            if norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding):
+                break
+            if iteration == _MAX_ITERATIONS:
+                raise StepLostError(f"no convergence in {_MAX_ITERATIONS} iterations")
+            last = norm
+            try:
+                du = self._solve(
+                    mid_u, residual, np.zeros(len(held)), mass, 1.0 - m.alpha_f, middle
+                )
+            except LinearSolveError as error:
+                raise StepLostError(str(error)) from None
+            rounding = 4.0 * _EPS * float(self._matrix.norm()) * self._size(new)
+            new = new + du
+            if not self._is_sound(new):
+                raise StepLostError("a cell would invert")
+        moved = new - u
+        # What holds the supports does work too: all that is out of balance there.
+        work = float(external @ moved) - float(residual[held] @ moved[held])
+        lost = float(self.inertia(damped) @ moved) if self.damping else 0.0
+        return State(
+            new,
+            new_v,
+            new_a,
+            state.external_work + float(fenicsx.total(work)),
+            state.damping_work + float(fenicsx.total(lost)),
+        )
+
+    def _is_sound(self, u: Points) -> bool:
+        return self.body.strain is Strain.LINEAR or self.sampler.smallest(u) > 0.0
+
+    def _size(self, u: Points) -> float:
+        source = self.body.space.transferred.source
+        cell = (source.volume / source.num_cells) ** (1.0 / 3.0)
+        return float(max(fenicsx.largest(float(np.max(np.abs(u), initial=0.0))), cell))

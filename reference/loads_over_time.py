@@ -1,0 +1,109 @@
+"""Loads and supports with their amplitudes, for motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.reference import fenicsx
+from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.loads import apply_loads
+from palpate.reference.supports import hold
+
+Amplitude: TypeAlias = Callable[[float], float]
+Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
+
+
+class LoadsOverTime:
+    """What pushes and holds a body, each by its own factor over time.
+
+    Args:
+        body: The body.
+        problem: Its supports and loads.
+        loads_by: Factor over time [-] on all loads, or one for each (None is 1); None takes each
+            load's own.
+        supports_by: The same for the supports' displacements.
+
+    Raises:
+        InputError: A load or support that cannot be used, or a wrong number of factors.
+    """
+
+    def __init__(
+        self,
+        body: ElasticBody,
+        problem: Problem,
+        loads_by: Amplitudes = None,
+        supports_by: Amplitudes = None,
+    ) -> None:
+        space = body.space
+        self._body = body
+        self._dead: list[tuple[Amplitude, Points]] = []
+        self._followers: list[tuple[Amplitude, Any, Any, Any]] = []
+        own: Amplitudes = [load.amplitude for load in problem.loads]
+        factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
+        du = ufl.TrialFunction(space.space)
+        for load, factor in zip(problem.loads, factors, strict=True):
+            applied = apply_loads(space, [load], body.u, body.v, body.strain)
+            self._dead.append((factor, applied.dead))
+            for work in applied.followers:
+                scale = fem.Constant(space.transferred.mesh, PETSc.ScalarType(0.0))
+                tangent = fenicsx.form(-scale * ufl.derivative(work, body.u, du))
+                self._followers.append((factor, fenicsx.form(work), scale, tangent))
+        together = hold(space, problem.supports)  # refuses supports that disagree
+        self.held: Indices = together.dofs
+        self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), together.dofs)
+        own = [support.amplitude for support in problem.supports]
+        factors = _one_each(
+            own if supports_by is None else supports_by, len(problem.supports), "supports"
+        )
+        self._held: list[tuple[Amplitude, Indices, Points]] = []
+        for support, factor in zip(problem.supports, factors, strict=True):
+            held = hold(space, [support])
+            self._held.append((factor, held.dofs, held.values))
+
+    @property
+    def has_followers(self) -> bool:
+        """Whether a load's direction follows the body, which makes tangents unsymmetric."""
+        return bool(self._followers)
+
+    def force(self, displacement: Points, time: float) -> Points:
+        """Nodal forces of all loads [N], flat."""
+        force = np.zeros_like(displacement)
+        for factor, dead in self._dead:
+            force += factor(time) * dead
+        if self._followers:
+            self._body.set_displacement(displacement)
+        for factor, work, _, _ in self._followers:
+            force += factor(time) * fenicsx.assemble_vector(work)
+        return force
+
+    def add_tangent(self, matrix: Any, share: float, time: float) -> None:
+        """Add minus the derivative of the forces, times a share; the body holds its place."""
+        for factor, _, scale, tangent in self._followers:
+            scale.value = share * factor(time)
+            fenicsx.assemble_into_matrix(matrix, tangent)
+
+    def at_supports(self, displacement: Points, time: float) -> Points:
+        """The displacement with its held components where they are at that time [m]."""
+        moved = displacement.copy()
+        for factor, dofs, values in self._held:
+            moved[dofs] = factor(time) * values
+        return moved
+
+
+def _one_each(given: Amplitudes, count: int, what: str) -> list[Amplitude]:
+    if given is None or callable(given):
+        return [given or _always] * count
+    if len(given) != count:
+        raise InputError(f"{len(given)} amplitudes for {count} {what}; give one for each, or one")
+    return [factor or _always for factor in given]
+
+
+def _always(_time: float) -> float:
+    return 1.0

@@ -1,0 +1,149 @@
+"""One solve on all ranks of mpirun: rank 0 leads, the others wait for what it sends.
+
+    mpirun -n 4 palpate solve CASE --with reference -o RESULT.vtu
+
+Only rank 0 reads, judges, prints and writes; the other processes do nothing but their share of
+each solve. An error that every rank meets is raised on rank 0 as usual; one that a single rank
+meets, while the others wait for it inside a solve, ends them all.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.reference.availability import require_available
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+
+# Variables in which Open MPI and MPICH tell a process its place.
+_PLACES = (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK"))
+_TAG = 1
+_POLL = 0.005  # [s]
+# A rank in trouble waits this long for the others to be in trouble too [s].
+_PATIENCE = 10.0
+
+# What is done on every rank: a function of the problem and of a place to tell progress.
+Task = Callable[[Problem, Callable[[str], None]], Any]
+
+
+def _place() -> tuple[int, int]:
+    for size, rank in _PLACES:
+        if size in os.environ and rank in os.environ:
+            return int(os.environ[size]), int(os.environ[rank])
+    return 1, 0
+
+
+def num_ranks() -> int:
+    """Processes that mpirun started this one among; 1 without mpirun."""
+    return _place()[0]
+
+
+def is_follower() -> bool:
+    """Whether this process only does its share of what rank 0 solves."""
+    return _place()[1] > 0
+
+
+def solve_on_ranks(
+    task: Task, problem: Problem, *, time_limit: float, progress: Callable[[str], None]
+) -> Any:
+    """Do a task on all ranks; called on rank 0, answered with its own result.
+
+    Args:
+        task: Picklable; does the same collective calls on every rank.
+        problem: Sent to all.
+        time_limit: All ranks are ended after this [s].
+        progress: Called on rank 0.
+
+    Raises:
+        ReferenceUnavailableError: mpirun is not that of the MPI FEniCSx was built with.
+    """
+    comm = _communicator()
+    for rank in range(1, comm.size):
+        comm.send((task, problem), dest=rank, tag=_TAG)
+    watch = threading.Timer(time_limit, _end_all, (comm, 3, f"no answer within {time_limit:g} s"))
+    watch.daemon = True
+    watch.start()
+    try:
+        return _together(comm, task, problem, progress)
+    finally:
+        watch.cancel()
+
+
+def follow() -> int:
+    """Do rank 0's tasks until it has no more; return the exit status of a follower."""
+    try:
+        comm = _communicator()
+    except (ReferenceFailedError, ImportError):
+        return 0  # rank 0 meets the same and tells it
+    while True:
+        while not comm.iprobe(source=0, tag=_TAG):
+            time.sleep(_POLL)
+        told = comm.recv(source=0, tag=_TAG)
+        if told is None:
+            return 0
+        task, problem = told
+        try:
+            _together(comm, task, problem, _say_nothing)
+        except Exception:
+            continue  # rank 0 has met it too
+
+
+def dismiss() -> None:
+    """Let the followers go; called on rank 0 at its end, whatever happened."""
+    if num_ranks() == 1:
+        return
+    try:
+        comm = _communicator()
+    except (ReferenceFailedError, ImportError):
+        return
+    for rank in range(1, comm.size):
+        comm.send(None, dest=rank, tag=_TAG)
+
+
+def _communicator() -> Any:
+    require_available()
+    from palpate.reference.fenicsx import COMM
+
+    if COMM.size != num_ranks():
+        raise ReferenceUnavailableError(
+            f"mpirun started {num_ranks()} processes, and the MPI of FEniCSx sees {COMM.size}; "
+            "use the mpirun that belongs to it"
+        )
+    return COMM
+
+
+def _together(comm: Any, task: Task, problem: Problem, progress: Callable[[str], None]) -> Any:
+    try:
+        answer = task(problem, progress)
+    except Exception as error:
+        # The others may wait inside the solve for what this rank will never send.
+        everyone = comm.Ibarrier()
+        deadline = time.monotonic() + _PATIENCE
+        while not everyone.Test():
+            if time.monotonic() > deadline:
+                _end_all(comm, _exit_code(error), f"rank {comm.rank}: {error}")
+            time.sleep(_POLL)
+        raise
+    comm.Ibarrier().Wait()
+    return answer
+
+
+def _exit_code(error: Exception) -> int:
+    if isinstance(error, InputError):
+        return 2
+    return 3 if isinstance(error, ReferenceFailedError) else 4
+
+
+def _end_all(comm: Any, code: int, why: str) -> None:
+    print(f"palpate: {why}", file=sys.stderr, flush=True)
+    comm.Abort(code)
+
+
+def _say_nothing(_line: str) -> None:
+    pass

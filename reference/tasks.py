@@ -1,0 +1,98 @@
+"""What the reference can be asked to do, as plain data; importable without FEniCSx.
+
+A task is called with a problem and a place to tell progress; it travels to a child process as a
+file and to the ranks of mpirun as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference.result import Audit, ImplicitResult, ReferenceResult, load_result
+
+Progress: TypeAlias = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class StaticTask:
+    """`palpate.reference.statics.solve_static`."""
+
+    strain: Strain = Strain.GREEN
+    degree: int = 1
+    relative_tolerance: float = 1e-10
+
+    answer = ReferenceResult
+
+    def __call__(self, problem: Problem, progress: Progress) -> ReferenceResult:
+        """Solve."""
+        from palpate.reference.statics import solve_static
+
+        return solve_static(
+            problem,
+            strain=self.strain,
+            degree=self.degree,
+            relative_tolerance=self.relative_tolerance,
+            progress=progress,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AuditTask:
+    """`palpate.reference.audit.audit_displacement`."""
+
+    displacement: Points
+    strain: Strain = Strain.GREEN
+    degree: int = 2
+
+    answer = Audit
+
+    def __call__(self, problem: Problem, progress: Progress) -> Audit:
+        """Audit."""
+        from palpate.reference.audit import audit_displacement
+
+        return audit_displacement(
+            problem, self.displacement, strain=self.strain, degree=self.degree, progress=progress
+        )
+
+
+@dataclass(frozen=True)
+class ImplicitTask:
+    """`palpate.reference.dynamics.simulate_implicit`, from rest."""
+
+    strain: Strain = Strain.GREEN
+    degree: int = 2
+    spectral_radius: float = 0.8
+    is_mass_lumped: bool = False
+
+    answer = ImplicitResult
+
+    def __call__(self, problem: Problem, progress: Progress) -> ImplicitResult:
+        """Simulate."""
+        from palpate.reference.dynamics import simulate_implicit
+
+        return simulate_implicit(
+            problem,
+            strain=self.strain,
+            degree=self.degree,
+            spectral_radius=self.spectral_radius,
+            is_mass_lumped=self.is_mass_lumped,
+            progress=progress,
+        )
+
+
+Task: TypeAlias = StaticTask | AuditTask | ImplicitTask
+
+
+def load_task(path: str | Path) -> Task:
+    """Read a task written by `save_result`.
+
+    Raises:
+        FileFormatError: Missing, damaged, or not a task.
+    """
+    task: Task = load_result(path, StaticTask, AuditTask, ImplicitTask)
+    return task

@@ -1,0 +1,176 @@
+"""Implicit dynamics against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.reference.availability import is_available
+from palpate.reference.errors import ReferenceStepError
+
+if is_available():
+    from palpate.reference.dynamics import simulate_implicit
+    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.generalised_alpha import AlphaMethod
+    from palpate.reference.statics import solve_static
+
+pytestmark = pytest.mark.dolfinx
+
+# Confined: P-wave speed sqrt((lmbda + 2 mu) / rho) with E = 1, nu = 0.3, rho = 1.
+SPEED = 1.16023870
+SIZE = 1e-3
+
+
+def confined_bar(box, count, span):
+    mesh = box((count, 1, 1), (1.0, 0.1, 0.1))
+    supports = []
+    for name in ("x0", "y0", "y1", "z0", "z1"):
+        facets = mesh.facet_groups[name]
+        axes = tuple(name[0] == axis for axis in "xyz")
+        supports.append(Support(np.unique(facets).astype(np.int32), facets, axes))
+    return Problem(mesh, Material(1.0, 0.3, 1.0), tuple(supports), (), span)
+
+
+def first_mode(points):
+    shape = np.zeros_like(points)
+    shape[:, 0] = SIZE * np.sin(0.5 * np.pi * points[:, 0])
+    return shape
+
+
+def wave_error(problem, damping=0.0, **options):
+    result = simulate_implicit(
+        problem, strain=Strain.LINEAR, displacement=first_mode, spectral_radius=1.0, **options
+    )
+    rest, omega = first_mode(problem.mesh.points), 0.5 * np.pi * SPEED
+    damped = math.sqrt(omega**2 - 0.25 * damping**2)
+    worst = 0.0
+    for time, u in zip(result.times, result.displacements, strict=True):
+        # x'' + lambda x' + omega^2 x = 0 from rest at 1.
+        factor = math.exp(-0.5 * damping * time) * (
+            math.cos(damped * time) + 0.5 * damping / damped * math.sin(damped * time)
+        )
+        worst = max(worst, float(np.linalg.norm(u - factor * rest) / np.linalg.norm(rest)))
+    return worst, result
+
+
+def test_the_p_wave_converges_with_second_order_in_time(box):
+    period = 4.0 / SPEED
+    errors = []
+    for steps in (50, 100):
+        problem = confined_bar(box, 8, TimeSpan(period, period / steps, num_outputs=5))
+        errors.append(wave_error(problem)[0])
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
+    # The trapezoidal rule takes the period too long by (omega dt)^2 / 12: 2 pi of that in u.
+    assert errors[1] < 1.05 * 2.0 * math.pi * (2.0 * math.pi / 100) ** 2 / 12.0
+
+
+def test_consistent_and_lumped_mass_err_to_opposite_sides(box):
+    period = 4.0 / SPEED
+    problem = confined_bar(box, 8, TimeSpan(period, period / 200, num_outputs=1))
+    at_end = {}
+    for is_lumped in (False, True):
+        _, result = wave_error(problem, degree=1, is_mass_lumped=is_lumped)
+        # Just after a whole period a mode that is too quick already moves back.
+        at_end[is_lumped] = float(np.sum(result.velocities[-1, :, 0]))
+    assert at_end[False] < 0.0 < at_end[True]
+
+
+def test_mass_damping_lets_the_wave_decay(box):
+    damping = 0.5
+    period = 4.0 / SPEED
+    problem = confined_bar(box, 8, TimeSpan(period, period / 200, damping, 5))
+    error, result = wave_error(problem, damping)
+    assert error < 1e-3
+    scale = result.strain_energies[0]
+    assert result.damping_works[-1] > 0.5 * scale
+    assert np.abs(result.energy_errors).max() < 1e-10 * scale
+
+
+def test_energy_is_kept_without_numerical_damping_and_only_lost_with_it(box):
+    problem = confined_bar(box, 6, TimeSpan(1.0, 0.05, num_outputs=20))
+    _, kept = wave_error(problem)
+    scale = kept.strain_energies[0]
+    assert np.abs(kept.energy_errors).max() < 1e-10 * scale
+    lossy = simulate_implicit(
+        problem, strain=Strain.LINEAR, displacement=first_mode, spectral_radius=0.3
+    )
+    lost = -np.diff(lossy.energy_errors)
+    assert lossy.energy_errors[-1] < -1e-5 * scale
+    assert lost.sum() < 0.05 * scale
+
+
+def beam(box, span, loads):
+    mesh = box((6, 1, 1), (0.3, 0.05, 0.05))
+    held = mesh.facet_groups["x0"]
+    support = Support(np.unique(held).astype(np.int32), held)
+    return Problem(mesh, Material(5e4, 0.3, 1000.0), (support,), loads, span)
+
+
+def test_a_short_step_follows_the_explicit_twin(box):
+    # Both lumped, the same tetrahedra, the same amplitude: they differ by their time steps alone.
+    loads = (BodyForce((0.0, 0.0, -4000.0), TabularAmplitude((0.0, 0.02), (0.0, 1.0))),)
+    apart = []
+    for dt in (5e-4, 2.5e-4):
+        problem = beam(box, TimeSpan(0.08, dt, 1.0, num_outputs=4), loads)
+        ours = simulate_implicit(problem, degree=1, is_mass_lumped=True)
+        twin = simulate_explicit(problem)
+        scale = np.abs(twin.displacements).max()
+        apart.append(np.abs(ours.displacements - twin.displacements).max() / scale)
+    assert apart[1] < 1e-3
+    assert math.log2(apart[0] / apart[1]) == pytest.approx(2.0, abs=0.4)
+
+
+def test_heavy_damping_ends_at_the_static_answer(box):
+    loads = (BodyForce((0.0, 0.0, -2000.0)),)
+    # Each step takes the spectral radius' share of what is left: 60 steps leave 1e-18.
+    problem = beam(box, TimeSpan(600.0, 10.0, 40.0, num_outputs=1), loads)
+    moved = simulate_implicit(problem, degree=2, spectral_radius=0.0)
+    static = solve_static(problem, degree=2)
+    scale = np.abs(static.displacement).max()
+    assert np.abs(moved.displacements[-1] - static.displacement).max() < 1e-6 * scale
+
+
+def test_a_moved_support_does_the_work_that_is_stored(box):
+    mesh = box((2, 1, 1), (0.2, 0.1, 0.1))
+    ramp = TabularAmplitude((0.0, 1.0), (0.0, 1.0), is_smooth=True)
+    left, right = mesh.facet_groups["x0"], mesh.facet_groups["x1"]
+    supports = (
+        Support(np.unique(left).astype(np.int32), left),
+        Support(
+            np.unique(right).astype(np.int32), right, displacement=(0.02, 0.0, 0.0), amplitude=ramp
+        ),
+    )
+    problem = Problem(mesh, Material(1e4, 0.3, 10.0), supports, (), TimeSpan(1.0, 0.02))
+    result = simulate_implicit(problem, degree=1, spectral_radius=1.0)
+    stored = result.strain_energies[-1]
+    assert stored > 0.0
+    # The work of a step is taken at its middle: second order in the step.
+    assert abs(result.energy_errors[-1]) < 2e-3 * stored
+
+
+def test_what_cannot_be_stepped_is_refused(box):
+    loads = (BodyForce((0.0, 0.0, -1.0)),)
+    with pytest.raises(InputError, match="time_step"):
+        simulate_implicit(beam(box, TimeSpan(1.0), loads))
+    with pytest.raises(InputError, match="whole steps"):
+        simulate_implicit(beam(box, TimeSpan(1.0, 0.03, num_outputs=7), loads))
+    with pytest.raises(InputError, match="lump degree 1 only"):
+        simulate_implicit(beam(box, TimeSpan(1.0, 0.1, num_outputs=1), loads), is_mass_lumped=True)
+    with pytest.raises(InputError, match="spectral_radius"):
+        AlphaMethod(1.5)
+
+
+def test_a_load_beyond_the_material_is_an_honest_end(box):
+    loads = (BodyForce((-1e7, 0.0, 0.0)),)
+    problem = beam(box, TimeSpan(1.0, 0.01, num_outputs=10), loads)
+    with pytest.raises(ReferenceStepError, match="found no step") as caught:
+        simulate_implicit(problem, degree=1)
+    assert caught.value.time_step < 0.01
+    assert caught.value.displacement.shape == problem.mesh.points.shape
+    assert np.isfinite(caught.value.displacement).all()
