@@ -14,12 +14,14 @@ a step costs what a step of the dynamics costs, and their number grows with omeg
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Histories, smooth_ramp
+from palpate.fastsim.contact.contact_law import ContactLaw
+from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.forces import STRAIN_MEASURE, constraints, lame_parameters
@@ -52,6 +54,7 @@ class RelaxationResult:
         history: (steps, relative residual) at each look of the last start.
         smallest_det_f: Smallest det F of all cells [-].
         starts: 1, or more if a start blew up.
+        tool_forces: On each tool at the end [N], shape (num_tools, 3).
     """
 
     displacement: Points
@@ -61,6 +64,7 @@ class RelaxationResult:
     history: tuple[tuple[int, float], ...]
     smallest_det_f: float
     starts: int
+    tool_forces: Points = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def relax(
@@ -70,9 +74,12 @@ def relax(
     relative_tolerance: float = 1e-10,
     max_steps: int = 1_000_000,
     num_threads: int = 1,
+    contact: ContactLaw | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> RelaxationResult:
     """Find R(a) = F (eq. 1) by dynamic relaxation.
+
+    Tools go along their paths while the load is raised, and rest at their ends.
 
     Args:
         problem: Mesh, material, supports and loads; density and time are ignored.
@@ -80,6 +87,7 @@ def relax(
         relative_tolerance: Residual over the load's norm, or the reactions' where supports move.
         max_steps: Where to give up.
         num_threads: At least 1.
+        contact: How tools are kept out: None is the constraint.
         progress: Called with one line now and then.
 
     Returns:
@@ -96,7 +104,7 @@ def relax(
         lowest frequency, Newton's hardly does.
     """
     require_supported(problem)
-    run = _Relaxation(problem, strain, relative_tolerance, num_threads)
+    run = _Relaxation(problem, strain, relative_tolerance, num_threads, contact)
     blown: BlowUpError | None = None
     ramp = _FIRST_RAMP
     for start in range(1, _MOST_STARTS + 1):
@@ -119,6 +127,7 @@ def relax(
             history=tuple(run.history),
             smallest_det_f=run.smallest_det_f(displacement),
             starts=start,
+            tool_forces=run.tool_forces,
         )
     raise RelaxationFailedError(
         f"{blown.reason} in cell {blown.cell} at every start"
@@ -135,7 +144,12 @@ class _Relaxation:
     """One problem's masses and counts, over several starts."""
 
     def __init__(
-        self, problem: Problem, strain: Strain, relative_tolerance: float, num_threads: int
+        self,
+        problem: Problem,
+        strain: Strain,
+        relative_tolerance: float,
+        num_threads: int,
+        contact: ContactLaw | None,
     ) -> None:
         self.steps = 0
         self.history: list[tuple[int, float]] = []
@@ -147,6 +161,8 @@ class _Relaxation:
         self._is_free = constraints(problem)[0].astype(bool)
         self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
         self._bound = self._gershgorin()
+        self._contact = contact
+        self.tool_forces = np.zeros((len(problem.tools), 3))
 
     def start(
         self,
@@ -161,7 +177,13 @@ class _Relaxation:
             BlowUpError: A cell inverted on the way, or the body stiffened beyond its masses.
         """
         ramp = smooth_ramp(float(ramp_steps))
-        mass = mass_factor * self._bound
+        bound, tools = self._bound, None
+        if self._problem.tools:
+            tools = self._tools(ramp)
+            bound = bound.copy()
+            for touched, stiffness in tools.penalties:
+                bound[touched.vertices] += 0.25 * stiffness * touched.areas
+        mass = mass_factor * bound
         body = ExplicitBody(
             self._problem,
             strain=self._strain,
@@ -170,6 +192,7 @@ class _Relaxation:
             histories=Histories(self._problem, ramp, ramp),
             mass=mass,
             num_threads=self._num_threads,
+            tools=tools,
         )
         zero = np.zeros_like(self.last_good)
         body.start(zero, zero)
@@ -193,6 +216,8 @@ class _Relaxation:
                 progress(f"{body.steps} steps, relative residual {relative:.2e}")
             rounding = rounding_error(4.0 * self._bound[:, None], now) / scale
             if is_loaded and relative <= max(self._tolerance, 0.1 * rounding):
+                if tools is not None:
+                    self.tool_forces = tools.last_forces()
                 return now, relative
             # While the load still grows the change of force is not the body's alone.
             if is_loaded:
@@ -204,6 +229,19 @@ class _Relaxation:
                     body.set_mass_damping(2.0 * omega)
             before, force_before = now, force
         return None
+
+    def _tools(self, ramp: Callable[[float], float]) -> ExplicitTools:
+        """The tools, their paths' whole time taken while the load is raised."""
+        times = np.concatenate([tool.path.times for tool in self._problem.tools])
+        first, span = float(times.min()), float(np.ptp(times))
+        return ExplicitTools(
+            self._problem,
+            self._contact,
+            self._bound,
+            critical_time_step=np.inf,
+            time_step=1.0,
+            clock=lambda steps: first + span * np.array([ramp(float(s)) for s in steps]),
+        )
 
     def smallest_det_f(self, displacement: Points) -> float:
         values = np.empty(self._problem.mesh.num_cells)

@@ -121,7 +121,8 @@ def critical_with_contact(
     added = np.zeros(len(mass))
     for contact, stiffness in contacts:
         added[contact.vertices] += stiffness * contact.areas / mass[contact.vertices]
-    return float(2.0 / np.sqrt(squared + added.max(initial=0.0)))
+    total = squared + float(added.max(initial=0.0))
+    return float(2.0 / np.sqrt(total)) if total > 0.0 else float("inf")
 
 
 def largest_speed(

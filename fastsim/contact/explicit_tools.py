@@ -177,6 +177,10 @@ class ExplicitTools:
                 self._impulses[:] = 0.0
                 self._rows.append(kept)
 
+    def last_forces(self) -> Points:
+        """Force on each tool at the last record [N], shape (num_tools, 3)."""
+        return self._rows[-1][:, :3].copy()
+
     def tracks(self, times: Points) -> tuple[ToolTrack, ...]:
         """What each tool did, at the output times [s]."""
         table = np.array(self._rows)

@@ -13,6 +13,7 @@ from palpate.fastsim.contact.contact_newton import ContactNewton
 from palpate.fastsim.contact.errors import ContactLostError, ToolInsideError
 from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
 from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
+from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.forces import assemble_internal_force, constraints
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.amplitude import TabularAmplitude
@@ -197,6 +198,19 @@ def test_a_sphere_of_triangles_is_nearly_a_sphere(slab: TetMesh) -> None:
         errors.append(abs(solve_contact(standing(slab, tool)).forces[-1, 0, 2] / round_one - 1))
     assert errors[0] < 0.2
     assert errors[1] < errors[0]
+
+
+@BOTH
+@pytest.mark.parametrize("law", [ContactLaw(), ContactLaw(ContactForm.PENALTY, 3e5)])
+def test_explicit_steps_come_to_rest_at_the_same_state(
+    slab: TetMesh, strain: Strain, law: ContactLaw
+) -> None:
+    problem = standing(slab, SPHERE)
+    rest = relax(problem, strain=strain, contact=law)
+    found = solve_contact(problem, strain=strain, law=law)
+    assert found.forces[-1, 0, 2] > 50.0
+    assert np.abs(rest.tool_forces - found.forces[-1]).max() < 1e-7 * found.forces[-1, 0, 2]
+    assert np.abs(rest.displacement - found.displacements[-1]).max() < 1e-8 * 0.06
 
 
 def test_a_flat_punch_touches_what_lies_below_it(slab: TetMesh) -> None:
