@@ -100,7 +100,7 @@ def solve(
 
 @app.command()
 def gate(
-    names: Cases,
+    names: OptionalCases = None,
     json: OptionalFile = None,
     junit: OptionalFile = None,
     summary: OptionalFile = None,
@@ -108,18 +108,31 @@ def gate(
     fault: Annotated[Fault, typer.Option(help="seed a fault, to see the gate go red")] = Fault.NONE,
     simulator: Command = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    metamorphic: Annotated[
+        bool, typer.Option(help="judge by relations that need no reference")
+    ] = False,
+    self_test: Annotated[bool, typer.Option(help="seed faults; the gate must go red")] = False,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation import outputs
     from palpate.validation.case import load_case
     from palpate.validation.judge import exit_code, judge_case
+    from palpate.validation.metamorphic import judge_relations
+    from palpate.validation.self_test import run_self_test
     from palpate.validation.simulators.candidate import candidate_for
 
     candidate = candidate_for(simulator, time_limit, fault)
-    loaded = [load_case(name) for name in names]
+    if self_test == bool(names):
+        raise InputError("name the cases, or say --self-test")
+    loaded = [load_case(name) for name in names or ()]
     progress = progress_lines()
-    results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
+    if self_test:
+        results = [run_self_test(progress)]
+    elif metamorphic:
+        results = [judge_relations(case, candidate, progress) for case in loaded]
+    else:
+        results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
     texts = {
         json: outputs.results_json(results, _version()),
         junit: outputs.junit_xml(results),

@@ -120,6 +120,8 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
 
 def check_name(check: CheckResult) -> str:
     """Short name of a check: metric, against what, which strain."""
+    if check.against in ("relation", "self-test"):
+        return check.metric
     against = {"same_mesh": "same mesh", "truth": "truth", "candidate": "own"}[check.against]
     return f"{check.metric} ({against}, {check.strain})"
 

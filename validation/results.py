@@ -36,7 +36,8 @@ class CheckResult:
 
     Attributes:
         metric: Name of the metric.
-        against: "same_mesh" (P1 on the same mesh), "truth" (P2) or "candidate" (on its own).
+        against: "same_mesh" (P1 on the same mesh), "truth" (P2), "candidate" (on its own),
+            "relation" (of two of its own answers) or "self-test" (of the gate).
         strain: Which of the candidate's solutions was judged.
         value: The error (or the quantity, for "candidate") in `unit`; None if there is none.
         limit: What `value` may be at most (at least, for smallest_det_f).

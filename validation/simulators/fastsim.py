@@ -18,6 +18,7 @@ from palpate.validation.simulators.faults import (
     spoil_problem,
     spoil_strain,
 )
+from palpate.validation.simulators.transposed import simulate_in_numpy
 
 
 def run_fastsim(
@@ -34,26 +35,27 @@ def run_fastsim(
     progress(f"fastsim, {used} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        if given.time is not None:
-            answer = _run_motion(given, used, progress)
-        elif fault is Fault.TRANSPOSED_GRADIENT and used is Strain.GREEN:
-            answer = _run_transposed(given)
-        else:
+        if given.time is None:
             answer = _run_statics(given, used, progress)
+        elif fault is Fault.TRANSPOSED_GRADIENT:
+            motion = simulate_in_numpy(given, is_transposed=True)
+            answer = Answer(motion.displacements[-1], 0.0, {}, motion)
+        else:
+            answer = _run_motion(given, used, progress)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
     seconds = time.perf_counter() - start
     displacement = spoil_displacement(problem.mesh, answer.displacement, fault)
-    motion = answer.trajectory
-    if motion is not None:
-        spoiled = spoil_displacement(problem.mesh, motion.displacements, fault)
-        motion = Trajectory(motion.times, spoiled)
+    spoiled = answer.trajectory
+    if spoiled is not None:
+        fields = spoil_displacement(problem.mesh, spoiled.displacements, fault)
+        spoiled = Trajectory(spoiled.times, fields)
     bad = np.flatnonzero(~np.isfinite(displacement).all(axis=1))
     if bad.size:
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
-    return Answer(displacement, seconds, answer.details, motion)
+    return Answer(displacement, seconds, answer.details, spoiled)
 
 
 def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer:
@@ -79,13 +81,3 @@ def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
     }
     motion = Trajectory(result.times, result.displacements)
     return Answer(result.displacements[-1], 0.0, details, motion)
-
-
-def _run_transposed(problem: Problem) -> Answer:
-    from palpate.validation.simulators.transposed import solve_transposed
-
-    try:
-        displacement, corrections = solve_transposed(problem)
-    except RuntimeError as error:
-        raise CandidateFailedError(str(error)) from error
-    return Answer(displacement, 0.0, {"corrections": corrections})

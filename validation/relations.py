@@ -1,0 +1,165 @@
+"""The same problem told in another way: turned, mirrored, renumbered, in other units.
+
+Each function gives the changed problem and the map that takes its answer back. A simulator that
+answers the two differently is wrong, whatever the reference says.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Inclusion, Material, Problem
+from palpate.meshes.tet_mesh import TetMesh
+
+Back = Callable[[Points], Points]
+Matrix = NDArray[np.float64]
+
+
+def rotation(axis: tuple[float, float, float], angle_deg: float) -> Matrix:
+    """Rotation matrix about an axis by Rodrigues' formula, (3, 3)."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.deg2rad(angle_deg)
+    turned: Matrix = np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K
+    return turned
+
+
+def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
+    """Turn everything, mesh, supports and loads; a matrix of determinant -1 mirrors.
+
+    Raises:
+        InputError: A support that holds single components, or a tool: they do not turn along.
+    """
+    if problem.tools:
+        raise InputError("a problem with tools cannot be turned here")
+    is_mirror = bool(np.linalg.det(matrix) < 0.0)
+    order = [0, 2, 1] if is_mirror else [0, 1, 2]
+
+    def facets(rows: Indices) -> Indices:
+        return np.ascontiguousarray(rows[:, order])
+
+    cells = problem.mesh.cells[:, [0, *(1 + k for k in order)]]
+    supports = []
+    for support in problem.supports:
+        if not all(support.components) and not np.allclose(np.abs(matrix), np.eye(3)):
+            raise InputError("a support of single components cannot be turned")
+        moved = matrix @ np.array(support.displacement)
+        supports.append(
+            dataclasses.replace(
+                support, facets=facets(support.facets), displacement=tuple(moved.tolist())
+            )
+        )
+    changed = dataclasses.replace(
+        problem,
+        mesh=TetMesh(problem.mesh.points @ matrix.T, cells),
+        supports=tuple(supports),
+        loads=tuple(_turned(load, matrix, facets) for load in problem.loads),
+    )
+    return changed, lambda answer: answer @ matrix
+
+
+def _turned(load: Load, matrix: Matrix, facets: Callable[[Indices], Indices]) -> Load:
+    def vector(values: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = (matrix @ np.array(values)).tolist()
+        return (x, y, z)
+
+    match load:
+        case BodyForce():
+            return dataclasses.replace(load, force_density=vector(load.force_density))
+        case Traction():
+            turned = vector(load.traction)
+            return dataclasses.replace(load, facets=facets(load.facets), traction=turned)
+        case PointForce():
+            return dataclasses.replace(load, forces=load.forces @ matrix.T)
+        case Pressure():
+            return dataclasses.replace(load, facets=facets(load.facets))
+
+
+def renumber(problem: Problem, seed: int = 0) -> tuple[Problem, Back]:
+    """Points and cells in a random order."""
+    rng = np.random.default_rng(seed)
+    mesh = problem.mesh
+    order = rng.permutation(mesh.num_points)
+    new = np.empty(mesh.num_points, dtype=np.int32)
+    new[order] = np.arange(mesh.num_points)
+    cell_order = rng.permutation(mesh.num_cells)
+    new_cell = np.empty(mesh.num_cells, dtype=np.int32)
+    new_cell[cell_order] = np.arange(mesh.num_cells)
+
+    def load_of(load: Load) -> Load:
+        match load:
+            case Traction() | Pressure():
+                return dataclasses.replace(load, facets=new[load.facets])
+            case PointForce():
+                return dataclasses.replace(load, points=new[load.points])
+            case BodyForce():
+                return load
+
+    changed = dataclasses.replace(
+        problem,
+        mesh=TetMesh(mesh.points[order], new[mesh.cells][cell_order]),
+        supports=tuple(
+            dataclasses.replace(s, points=new[s.points], facets=new[s.facets])
+            for s in problem.supports
+        ),
+        loads=tuple(map(load_of, problem.loads)),
+        inclusions=tuple(Inclusion(new_cell[i.cells], i.material) for i in problem.inclusions),
+    )
+    return changed, lambda answer: answer[new]
+
+
+def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back]:
+    """The same body with lengths in another unit, a metre being `scale` of it; forces stay."""
+
+    def material(of: Material) -> Material:
+        return Material(of.youngs_modulus / scale**2, of.poissons_ratio, of.density / scale**3)
+
+    def load_of(load: Load) -> Load:
+        match load:
+            case BodyForce():
+                x, y, z = (f / scale**3 for f in load.force_density)
+                return dataclasses.replace(load, force_density=(x, y, z))
+            case Traction():
+                x, y, z = (t / scale**2 for t in load.traction)
+                return dataclasses.replace(load, traction=(x, y, z))
+            case Pressure():
+                return dataclasses.replace(load, pressure=load.pressure / scale**2)
+            case PointForce():
+                return load
+
+    def support_of(support: Support) -> Support:
+        x, y, z = (scale * d for d in support.displacement)
+        return dataclasses.replace(support, displacement=(x, y, z))
+
+    changed = dataclasses.replace(
+        problem,
+        mesh=TetMesh(scale * problem.mesh.points, problem.mesh.cells),
+        material=material(problem.material),
+        supports=tuple(map(support_of, problem.supports)),
+        loads=tuple(map(load_of, problem.loads)),
+        inclusions=tuple(Inclusion(i.cells, material(i.material)) for i in problem.inclusions),
+    )
+    return changed, lambda answer: answer / scale
+
+
+def prescribe(mesh: TetMesh, material: Material, held: Indices, displacement: Points) -> Problem:
+    """A body without loads whose points `held` are moved, each by its own displacement."""
+    supports = tuple(
+        Support(np.array([p], dtype=np.int32), displacement=tuple(displacement[p].tolist()))
+        for p in np.asarray(held)
+    )
+    return Problem(mesh, material, supports, ())
