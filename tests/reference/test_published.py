@@ -84,6 +84,7 @@ def test_turek_hron_lies_within_the_error_bar(box, mu, published, independent):
         (0.25, (-0.5643324, 3.0172077), (-0.563, 3.015)),
         (0.50, (-1.6064172, 4.9345748), (-1.604, 4.933)),
         (1.00, (-3.2894124, 6.6996418), (-3.286, 6.698)),
+        (2.50, (-5.5499560, 8.1060902), None),
     ],
 )
 def test_cantilever_under_end_shear(box, load_factor, elastica, sze):
@@ -99,7 +100,8 @@ def test_cantilever_under_end_shear(box, load_factor, elastica, sze):
     tip = int(np.argmin(np.abs(mesh.points - [10.0, 0.5, 0.05]).sum(axis=1)))
     moved = result.displacement[tip, [0, 2]]
     # 0.1 %: the beam's own shear and stretch are (h/L)^2 = 1e-4 of it.
-    scale = np.abs(elastica).max()
-    assert np.abs(moved - elastica).max() <= 1e-3 * scale
-    assert np.abs(moved - sze).max() <= 1e-3 * scale
+    for published in (elastica, sze):
+        if published is not None:
+            scale = np.abs(published).max()
+            assert np.abs(moved - published).max() <= 1e-3 * scale
     assert result.volume == pytest.approx(1.0, rel=1e-3)

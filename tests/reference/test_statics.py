@@ -54,7 +54,7 @@ def force_on(mesh, face, forces):
     return forces[np.unique(mesh.facet_groups[face])].sum(axis=0)
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize(
     ("stretch", "stress_over_E", "lateral"),
     [  # P/E = l (l^2 - 1) / 2; lateral stretch sqrt(1 - nu (l^2 - 1)), nu = 0.3
@@ -82,6 +82,22 @@ def test_free_uniaxial_stretch_is_the_closed_form(box, stretch, stress_over_E, l
     psi = LMBDA / 2 * strains.sum() ** 2 + MU * (strains**2).sum()
     assert result.strain_energy == pytest.approx(psi, rel=1e-9)
     assert result.relative_residual <= 1e-10
+
+
+@pytest.mark.parametrize("stretch", [0.60, 0.55, 0.50])
+def test_compression_by_displacement_passes_the_peak_of_stress(box, stretch):
+    # One cube of linear cells: finer ones find shears in which the material is unstable earlier.
+    mesh = box((1, 1, 1))
+    pushed = support(mesh, "x1", (True, False, False), (stretch - 1, 0.0, 0.0))
+    result = solve_static(Problem(mesh, MATERIAL, (*rollers(mesh), pushed), ()))
+    side = np.sqrt(1 - NU * (stretch**2 - 1))
+    expected = mesh.points * (np.array([stretch, side, side]) - 1)
+    assert np.max(np.abs(result.displacement - expected)) <= CLOSED
+    forces = internal_force(mesh, result.displacement, material=MATERIAL)
+    stress_over_E = force_on(mesh, "x1", forces)[0] / E
+    assert stress_over_E == pytest.approx(stretch * (stretch**2 - 1) / 2, rel=1e-9)
+    # Peak at 1 / sqrt(3): -1 / (3 sqrt(3)) = -0.1924501.
+    assert -0.1924501 < stress_over_E < -0.18
 
 
 @pytest.mark.parametrize("degree", [1, 2])
