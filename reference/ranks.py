@@ -9,15 +9,19 @@ meets, while the others wait for it inside a solve, ends them all.
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.meshes.problem_files import load_problem, save_problem
 from palpate.reference.availability import require_available
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 
@@ -28,8 +32,9 @@ _POLL = 0.005  # [s]
 # A rank in trouble waits this long for the others to be in trouble too [s].
 _PATIENCE = 10.0
 
-# What is done on every rank: a function of the problem and of a place to tell progress.
-Task = Callable[[Problem, Callable[[str], None]], Any]
+Say: TypeAlias = Callable[[str], None]
+# What is done on every rank, with a place to tell progress.
+Task: TypeAlias = Callable[[Problem, Say], Any]
 
 
 def _place() -> tuple[int, int]:
@@ -49,9 +54,7 @@ def is_follower() -> bool:
     return _place()[1] > 0
 
 
-def solve_on_ranks(
-    task: Task, problem: Problem, *, time_limit: float, progress: Callable[[str], None]
-) -> Any:
+def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress: Say) -> Any:
     """Do a task on all ranks; called on rank 0, answered with its own result.
 
     Args:
@@ -64,15 +67,22 @@ def solve_on_ranks(
         ReferenceUnavailableError: mpirun is not that of the MPI FEniCSx was built with.
     """
     comm = _communicator()
+    with tempfile.TemporaryDirectory(prefix="palpate-ranks-") as folder:
+        given = Path(folder, "problem.npz")
+        save_problem(given, problem)
+        sent = given.read_bytes()
     for rank in range(1, comm.size):
-        comm.send((task, problem), dest=rank, tag=_TAG)
+        comm.send((task, sent), dest=rank, tag=_TAG)
     watch = threading.Timer(time_limit, _end_all, (comm, 3, f"no answer within {time_limit:g} s"))
     watch.daemon = True
     watch.start()
     try:
-        return _together(comm, task, problem, progress)
+        answer, error = _together(comm, lambda say: task(problem, say), progress)
     finally:
         watch.cancel()
+    if error is not None:
+        raise error
+    return answer
 
 
 def follow() -> int:
@@ -87,11 +97,7 @@ def follow() -> int:
         told = comm.recv(source=0, tag=_TAG)
         if told is None:
             return 0
-        task, problem = told
-        try:
-            _together(comm, task, problem, _say_nothing)
-        except Exception:
-            continue  # rank 0 has met it too
+        _together(comm, functools.partial(_do_share, *told), _say_nothing)
 
 
 def dismiss() -> None:
@@ -106,7 +112,9 @@ def dismiss() -> None:
         comm.send(None, dest=rank, tag=_TAG)
 
 
+@functools.cache
 def _communicator() -> Any:
+    """All ranks, on a channel of its own: dolfinx too has barriers under way on COMM_WORLD."""
     require_available()
     from palpate.reference.fenicsx import COMM
 
@@ -115,12 +123,23 @@ def _communicator() -> Any:
             f"mpirun started {num_ranks()} processes, and the MPI of FEniCSx sees {COMM.size}; "
             "use the mpirun that belongs to it"
         )
-    return COMM
+    return COMM.Dup()
 
 
-def _together(comm: Any, task: Task, problem: Problem, progress: Callable[[str], None]) -> Any:
+def _do_share(task: Task, sent: bytes, say: Say) -> Any:
+    with tempfile.TemporaryDirectory(prefix="palpate-ranks-") as folder:
+        given = Path(folder, "problem.npz")
+        given.write_bytes(sent)
+        problem = load_problem(given)
+    return task(problem, say)
+
+
+def _together(
+    comm: Any, share: Callable[[Say], Any], progress: Say
+) -> tuple[Any, Exception | None]:
+    """Do this rank's share; return its answer, or the error that every rank met."""
     try:
-        answer = task(problem, progress)
+        answer = share(progress)
     except Exception as error:
         # The others may wait inside the solve for what this rank will never send.
         everyone = comm.Ibarrier()
@@ -129,9 +148,9 @@ def _together(comm: Any, task: Task, problem: Problem, progress: Callable[[str],
             if time.monotonic() > deadline:
                 _end_all(comm, _exit_code(error), f"rank {comm.rank}: {error}")
             time.sleep(_POLL)
-        raise
+        return None, error
     comm.Ibarrier().Wait()
-    return answer
+    return answer, None
 
 
 def _exit_code(error: Exception) -> int:

@@ -1,0 +1,152 @@
+"""The same command under mpirun: rank 0 leads, and the answer does not depend on how many."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.files import read_point_data
+from palpate.meshes.problem import Material, Problem
+from palpate.meshes.problem_files import save_problem
+from palpate.reference import ranks
+
+_BESIDE = Path(sys.executable).parent / "mpirun"  # the PyPI wheel brings its own
+MPIRUN = str(_BESIDE) if _BESIDE.exists() else shutil.which("mpirun")
+
+pytestmark = [
+    pytest.mark.dolfinx,
+    pytest.mark.skipif(MPIRUN is None, reason="mpirun is not on the path"),
+]
+
+
+def run(num_ranks, *arguments):
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(str(Path(p).absolute()) for p in sys.path if p),
+        "OMP_NUM_THREADS": "1",
+        # A test machine may have one core, and run as root.
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "OMPI_MCA_mpi_yield_when_idle": "1",
+    }
+    return subprocess.run(
+        [
+            *([MPIRUN, "-n", str(num_ranks)] if num_ranks > 1 else []),
+            *(sys.executable, "-P", *arguments),
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+# Every rank does this: both degrees, factors and multigrid, a follower load, and an audit.
+SOLVES = """
+import sys
+import numpy as np
+from palpate.meshes.problem_files import load_problem
+from palpate.reference import linear_solver
+from palpate.reference.audit import audit_displacement
+from palpate.reference.fenicsx import COMM
+from palpate.reference.statics import solve_static
+
+problem = load_problem(sys.argv[1])
+found = {}
+for degree, largest in ((1, 10**6), (2, 10**6), (2, 0)):
+    linear_solver.LARGEST_DIRECT = largest
+    result = solve_static(problem, degree=degree)
+    name = f"{degree}-{'factors' if largest else 'multigrid'}"
+    found[name] = result.displacement
+    found[name + "-scalars"] = np.array(
+        [result.volume, result.surface_area, result.smallest_det_f, result.strain_energy]
+    )
+audit = audit_displacement(problem, found["1-factors"], degree=2)
+found["audit-multigrid-scalars"] = np.array(
+    [audit.residual_norm, audit.displacement_error, audit.volume_error, *audit.cell_errors]
+)
+if COMM.rank == 0:
+    np.savez(sys.argv[2], size=COMM.size, **found)
+"""
+
+
+def test_two_ranks_find_what_one_finds(tmp_path, box):
+    mesh = box((5, 2, 2), (0.5, 0.2, 0.2), jitter=0.2)
+    held = mesh.facet_groups["x0"]
+    problem = Problem(
+        mesh,
+        Material(2e4, 0.4),
+        (Support(np.unique(held).astype(np.int32), held),),
+        (
+            BodyForce((0.0, 200.0, -600.0)),
+            Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
+            PointForce(np.array([mesh.num_points - 1], np.int32), np.array([[0.0, 0.3, 0.0]])),
+            Pressure(mesh.facet_groups["z1"], 80.0),
+        ),
+    )
+    save_problem(tmp_path / "problem.npz", problem)
+    found = {}
+    for n in (1, 2):
+        path = tmp_path / f"{n}.npz"
+        done = run(n, "-c", SOLVES, str(tmp_path / "problem.npz"), str(path))
+        assert done.returncode == 0, done.stderr
+        with np.load(path) as stored:
+            found[n] = dict(stored)
+        assert found[n].pop("size") == n
+    assert found[1].keys() == found[2].keys()
+    for name, alone in found[1].items():
+        # Factors agree to rounding; iterations end at 1e-10 (Newton) and 1e-8 (audit).
+        apart = 1e-8 if "multigrid" in name else 1e-10
+        assert np.abs(alone).max() > 1e-3
+        assert np.abs(found[2][name] - alone).max() < apart * np.abs(alone).max(), name
+
+
+def test_the_command_solves_on_two_ranks_and_writes_once(tmp_path):
+    path = tmp_path / "kidney.vtu"
+    command = ("-m", "palpate.validation.cli", "solve", "kidney", "--with", "reference")
+    done = run(2, *command, "-o", str(path))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("displacement [m]") == 1
+    assert np.abs(read_point_data(path)[1]["displacement"]).max() > 1e-3
+
+
+def test_an_error_is_told_once_with_its_exit_code():
+    done = run(
+        2,
+        *("-m", "palpate.validation.cli", "solve", "no-such-case"),
+        *("--with", "reference", "-o", "never.vtu"),
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("no built-in case") == 1
+
+
+def test_without_mpirun_this_process_leads_alone(monkeypatch):
+    for name in ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK", "PMI_SIZE", "PMI_RANK"):
+        monkeypatch.delenv(name, raising=False)
+    assert ranks.num_ranks() == 1
+    assert not ranks.is_follower()
+    ranks.dismiss()
+
+
+def test_both_mpis_tell_a_process_its_place(monkeypatch):
+    for size, rank in (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK")):
+        with monkeypatch.context() as patch:
+            patch.setenv(size, "4")
+            patch.setenv(rank, "3")
+            assert ranks.num_ranks() == 4
+            assert ranks.is_follower()
