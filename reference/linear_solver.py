@@ -13,11 +13,17 @@ from palpate.reference.fenicsx import PETSc
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
 LARGEST_DIRECT = 15_000
+# Up to here a matrix that multigrid cannot work with is factored after all: about 3 GB.
+LARGEST_FALLBACK = 150_000
 _MAX_KRYLOV_ITERATIONS = 2_000
 
 
 class LinearSolveError(RuntimeError):
     """The linear solver gave up: the tangent is singular, or not positive definite."""
+
+
+class PreconditionerError(LinearSolveError):
+    """The preconditioner is not positive definite; the matrix may well be."""
 
 
 class LinearSolver:
@@ -26,14 +32,20 @@ class LinearSolver:
     Args:
         coordinates: Rest position of each node that this rank owns [m], shape (num_blocks, 3).
         is_symmetric: Whether the tangents are (they are unless a load follows the surface).
+        has_contact: Whether contact stiffens some nodes along one direction: a smoother that
+            looks at one degree of freedom at a time then needs a wider bound.
     """
 
-    def __init__(self, coordinates: Points, *, is_symmetric: bool) -> None:
+    def __init__(
+        self, coordinates: Points, *, is_symmetric: bool, has_contact: bool = False
+    ) -> None:
         num_nodes = fenicsx.total(len(coordinates))
         centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
         self._centred = coordinates - centre
         self._is_symmetric = is_symmetric
+        self._has_contact = has_contact
         self._is_direct = 3 * num_nodes < LARGEST_DIRECT
+        self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()
 
     @property
@@ -69,7 +81,10 @@ class LinearSolver:
                 self._attach_rigid_modes(matrix, held)
             self._ksp.setOperators(matrix)
             self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
-            self._run(b, x)
+            try:
+                self._run(b, x)
+            except PreconditionerError:
+                self._factor_instead(matrix, b, x)
             solution: Points = np.array(x.array)
         finally:
             x.destroy()
@@ -96,17 +111,34 @@ class LinearSolver:
             self._ksp.setTolerances(rtol=1e-6, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
             # The multigrid of the last Newton step, one small step away, serves as well.
             self._ksp.getPC().setReusePreconditioner(not self._is_direct)
-            self._run(b, x)
-            if self._is_direct:
-                negative, zero, _ = self._ksp.getPC().getFactorMatrix().getInertia()
-                return int(negative) == 0 and int(zero) == 0
-            return True
+            try:
+                self._run(b, x)
+            except PreconditionerError:
+                return self._factor_instead(matrix, b, x)
+            return has_positive_pivots(self._ksp) if self._is_direct else True
         except LinearSolveError:
             return False
         finally:
             self._ksp.getPC().setReusePreconditioner(False)
             x.destroy()
             b.destroy()
+
+    def _factor_instead(self, matrix: Any, b: Any, x: Any) -> bool:
+        """Solve by factors where multigrid is none; return whether all pivots are positive."""
+        if not self._may_fall_back:
+            raise LinearSolveError(
+                f"the preconditioner of {self.name} is not positive definite, nor perhaps the "
+                "tangent stiffness"
+            )
+        ksp = self._direct()
+        try:
+            ksp.setOperators(matrix)
+            ksp.solve(b, x)
+            return has_positive_pivots(ksp) if self._is_symmetric else True
+        except PETSc.Error as error:
+            raise LinearSolveError(f"PETSc error {error.ierr} in MUMPS") from None
+        finally:
+            ksp.destroy()
 
     def _hold(self, matrix: Any, held: Indices, x: Any, b: Any) -> None:
         # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
@@ -126,13 +158,12 @@ class LinearSolver:
             raise LinearSolveError(f"PETSc error {error.ierr} in {self.name}") from None
         reason = self._ksp.getConvergedReason()
         if reason < 0:
-            indefinite = (
-                PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
-                PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
-            )
+            # What multigrid cannot do says nothing about the matrix.
+            if reason == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC:
+                raise PreconditionerError
             raise LinearSolveError(
                 "the tangent stiffness is not positive definite"
-                if reason in indefinite
+                if reason == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 else f"{self.name} stopped with reason {reason}"
             )
 
@@ -159,6 +190,9 @@ class LinearSolver:
             "mg_levels_ksp_type": "chebyshev",
             "mg_levels_pc_type": "jacobi",
             "mg_levels_ksp_max_it": 3,
+            # Smoothing up to so many times the estimated largest eigenvalue. Contact adds k n n^T
+            # at single nodes: up to 3 against its diagonal, which the estimate's few steps miss.
+            "mg_levels_ksp_chebyshev_esteig": "0,0.2,0,3.0" if self._has_contact else "0,0.1,0,1.1",
         }.items():
             options[key] = value
         ksp.setType("cg" if self._is_symmetric else "fgmres")
@@ -187,3 +221,9 @@ class LinearSolver:
             vectors.append(vector)
         matrix.setBlockSizes(3, 3)
         matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=fenicsx.COMM))
+
+
+def has_positive_pivots(ksp: Any) -> bool:
+    """Whether the factors L D L^T of a direct solve have positive pivots only."""
+    negative, zero, _ = ksp.getPC().getFactorMatrix().getInertia()
+    return int(negative) == 0 and int(zero) == 0

@@ -74,7 +74,11 @@ class Newton:
         self.relative_tolerance = relative_tolerance
         self._max_iterations = max_iterations
         space = equilibrium.space
-        self._linear = LinearSolver(space.coordinates, is_symmetric=not equilibrium.has_followers)
+        self._linear = LinearSolver(
+            space.coordinates,
+            is_symmetric=not equilibrium.has_followers,
+            has_contact=bool(equilibrium.contacts),
+        )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self.is_linear = equilibrium.strain is Strain.LINEAR
