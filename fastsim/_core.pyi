@@ -150,6 +150,7 @@ class EdgesNearEdges:
         self,
         first_points: NDArray[np.float64],
         first: NDArray[np.int32],
+        second_points: NDArray[np.float64],
         second: NDArray[np.int32],
         is_same_body: bool,
     ) -> None: ...
@@ -165,7 +166,6 @@ class EdgesNearEdges:
         second_points: NDArray[np.float64],
         distance: float,
     ) -> NDArray[np.int32]: ...
-    def voxel_sizes(self) -> list[float]: ...
 
 def find_edges_near_edges_brute_force(
     first_points: NDArray[np.float64],

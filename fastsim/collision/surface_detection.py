@@ -178,7 +178,11 @@ class EdgeEdgeDetector(_SurfaceDetector):
         self.edges = edges_of(surface)
         self.intruder_edges = self.edges if self._is_same else edges_of(self._intruder)
         self._core = _core.EdgesNearEdges(
-            self._intruder.points, self.intruder_edges, self.edges, self._is_same
+            self._intruder.points,
+            self.intruder_edges,
+            surface.points,
+            self.edges,
+            self._is_same,
         )
 
     def find(

@@ -177,13 +177,15 @@ void bind_edges_near_edges(nb::module_ &module) {
     nb::class_<EdgesNearEdges>(module, "EdgesNearEdges")
         .def(
             "__init__",
-            [](EdgesNearEdges *self, Points first_points, Edges first, Edges second,
-               bool is_same_body) {
+            [](EdgesNearEdges *self, Points first_points, Edges first, Points second_points,
+               Edges second, bool is_same_body) {
                 new (self) EdgesNearEdges(as_rows<Position>(first_points), as_rows<Edge>(first),
-                                          as_rows<Edge>(second), is_same_body);
+                                          as_rows<Position>(second_points), as_rows<Edge>(second),
+                                          is_same_body);
             },
             nb::arg("first_points").noconvert(), nb::arg("first").noconvert(),
-            nb::arg("second").noconvert(), nb::arg("is_same_body"))
+            nb::arg("second_points").noconvert(), nb::arg("second").noconvert(),
+            nb::arg("is_same_body"))
         .def(
             "find",
             [](EdgesNearEdges &self, Points first_points, Points second_points, double distance) {
@@ -203,8 +205,7 @@ void bind_edges_near_edges(nb::module_ &module) {
                 });
             },
             nb::arg("first_points").noconvert(), nb::arg("second_points").noconvert(),
-            nb::arg("distance"))
-        .def("voxel_sizes", &EdgesNearEdges::voxel_sizes);
+            nb::arg("distance"));
 
     module.def(
         "find_edges_near_edges_brute_force",

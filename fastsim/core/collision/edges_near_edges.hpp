@@ -1,7 +1,8 @@
 #pragma once
 // Which edges come within a distance of which others: of another body, or of the same one.
 
-#include "collision/size_classes.hpp"
+#include "collision/element_blocks.hpp"
+#include "collision/pair_order.hpp"
 #include "collision/voxel_hash.hpp"
 
 namespace fastsim {
@@ -24,7 +25,8 @@ class EdgesNearEdges {
     // a pair is given once, its first edge having the lower number, and edges with a common
     // point do not count.
     EdgesNearEdges(std::span<const Position> first_points, std::span<const Edge> first,
-                   std::span<const Edge> second, bool is_same_body);
+                   std::span<const Position> second_points, std::span<const Edge> second,
+                   bool is_same_body);
 
     // Candidates: pairs whose closed boxes meet, one grown by `reach_of`. By second edge, then by
     // first; valid until the next call. Throws std::invalid_argument when a point is not finite.
@@ -36,23 +38,26 @@ class EdgesNearEdges {
     std::span<const EdgeNearEdge> find(std::span<const Position> first_points,
                                        std::span<const Position> second_points, double distance);
 
-    [[nodiscard]] std::vector<double> voxel_sizes() const;
-
   private:
     struct SizeClass {
-        VoxelHash hash;
+        double size = 0.0;         // mean of its edges, at the time of construction
         std::vector<Index> active; // its edges that are near the other body
-        std::vector<Extent> boxes; // of its edges, in the order of the hash
-        double size;               // mean, at the time of construction
         Extent middles{};          // box of their middles
         Position half{};           // largest half of a box, along each axis
     };
-    void fill(std::span<const Position> first_points, const Extent &near, double reach);
+    void take_active(std::span<const Position> first_points, const Extent &near);
+    void look_up(const SizeClass &one, std::span<const Position> first_points,
+                 std::span<const Position> second_points, double reach);
 
-    std::vector<Edge> _first, _second;
+    std::vector<Edge> _first;
+    ElementBlocks<2> _second;
     std::vector<std::uint8_t> _class; // of the first body's edges
     std::vector<SizeClass> _classes;
+    VoxelHash _hash;
+    std::vector<Extent> _hashed; // boxes of the hashed edges, in the order of the hash
+    BlockBoxes _boxes;
     std::vector<Pair> _candidates;
+    PairOrder<Pair> _order;
     std::vector<EdgeNearEdge> _found;
     bool _is_same_body;
 };

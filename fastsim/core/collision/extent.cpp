@@ -58,4 +58,16 @@ Extent extent_of_some(std::span<const Position> points, std::span<const std::int
     return box;
 }
 
+Extent keep_within(const Extent &box, std::span<const Position> points,
+                   std::span<const std::int32_t> chosen, std::vector<std::int32_t> &kept) {
+    kept.clear();
+    Extent own = Extent::nothing();
+    for (const std::int32_t v : chosen)
+        if (const Position &p = points[static_cast<std::size_t>(v)]; box.contains(p)) {
+            kept.push_back(v);
+            own.add(p);
+        }
+    return own;
+}
+
 } // namespace fastsim

@@ -7,6 +7,7 @@
 #include <limits>
 #include <span>
 #include <stdexcept>
+#include <vector>
 
 namespace fastsim {
 
@@ -48,6 +49,10 @@ struct Extent {
         }
         return both;
     }
+    [[nodiscard]] Position middle() const { // between the two, without overflow
+        return {low[0] + 0.5 * (high[0] - low[0]), low[1] + 0.5 * (high[1] - low[1]),
+                low[2] + 0.5 * (high[2] - low[2])};
+    }
     [[nodiscard]] double longest() const {
         return std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
     }
@@ -78,5 +83,9 @@ Extent extent_of_all(std::span<const Position> points);
 
 // Box of some points. Throws std::invalid_argument when one is not finite.
 Extent extent_of_some(std::span<const Position> points, std::span<const std::int32_t> chosen);
+
+// Of the chosen points those within a box, in the same order, into `kept`; returns their own box.
+Extent keep_within(const Extent &box, std::span<const Position> points,
+                   std::span<const std::int32_t> chosen, std::vector<std::int32_t> &kept);
 
 } // namespace fastsim

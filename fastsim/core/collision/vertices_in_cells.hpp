@@ -1,11 +1,9 @@
 #pragma once
 // Which vertices lie in which tetrahedra: of another body, or of the same one.
 
-#include "collision/size_classes.hpp"
+#include "collision/element_blocks.hpp"
+#include "collision/pair_order.hpp"
 #include "collision/voxel_hash.hpp"
-
-#include <compare>
-#include <utility>
 
 namespace fastsim {
 
@@ -13,34 +11,15 @@ struct VertexInCell {
     std::int32_t vertex; // its number in the body's points
     std::int32_t cell;
     std::array<double, 4> weights; // barycentric, >= 0, sum 1
-
-    auto operator<=>(const VertexInCell &other) const {
-        return std::pair(vertex, cell) <=> std::pair(other.vertex, other.cell);
-    }
-    bool operator==(const VertexInCell &other) const {
-        return vertex == other.vertex && cell == other.cell;
-    }
 };
 
-// The narrow phase, which is also the definition: in the cell's closed box, and with no negative
-// weight as computed here. A flat or inverted cell holds nothing.
-class CellFrame {
-  public:
-    CellFrame(std::span<const Position> points, const std::array<std::int32_t, 4> &cell);
+// The narrow phase for a vertex in the cell's closed box: whether no weight, as computed here, is
+// negative. A flat or inverted cell holds nothing.
+bool is_in_cell(const Position &p, std::span<const Position> points,
+                const std::array<std::int32_t, 4> &cell, std::array<double, 4> &weights);
 
-    [[nodiscard]] const Extent &box() const { return _box; }
-    [[nodiscard]] bool holds(const Position &p, std::array<double, 4> &weights);
-
-  private:
-    std::array<const Position *, 4> _corners;
-    Extent _box;
-    // Rows of the inverse of the edges' matrix; made when a vertex is in the box.
-    std::array<Position, 3> _row{};
-    bool _is_made = false, _is_positive = false;
-};
-
-// Detection from step to step. Cells are sorted once: by class of size, and within a class along a
-// curve that fills space, so that a run of them is compact and is passed over as one.
+// Detection from step to step: boundary vertices are hashed, and blocks of cells look up what is
+// in their boxes.
 class VerticesInCells {
   public:
     using Index = std::int32_t;
@@ -61,27 +40,21 @@ class VerticesInCells {
         std::size_t hashed = 0, cells_near = 0, pairs_tested = 0;
     };
     [[nodiscard]] const Work &work() const { return _work; }
+    // Of each class of cells, ascending.
     [[nodiscard]] std::vector<double> voxel_sizes() const;
 
   private:
-    struct Block {
-        std::uint32_t first_cell, last_cell;   // of `_cells` and `_number`
-        std::uint32_t first_point, last_point; // of `_block_points`
-        std::size_t size_class;
-    };
-    void make_blocks(std::span<const Position> points, std::span<const Cell> cells,
-                     const SizeClasses &classes);
-    void look_into(const Block &block, std::span<const Position> vertex_points,
+    using Blocks = ElementBlocks<4>;
+    // Tests the hashed vertices of these places against the block's cells.
+    void look_into(const Blocks::Block &block, std::span<const std::uint32_t> places,
                    std::span<const Position> cell_points);
 
+    Blocks _cells;
     std::vector<Index> _vertices, _active;
-    std::vector<double> _voxel_sizes; // by class, coarsest first
     VoxelHash _hash;
-    std::vector<Index> _number; // of each cell in the mesh
-    std::vector<Cell> _cells;   // their corners, in the same order
-    std::vector<Block> _blocks;
-    std::vector<Index> _block_points; // points of a block's cells, each once
+    BlockBoxes _boxes;
     std::vector<VertexInCell> _found;
+    PairOrder<VertexInCell> _order;
     Work _work;
     bool _is_same_body;
 };

@@ -1,7 +1,8 @@
 #pragma once
 // Which vertices come within a distance of which triangles: of another body, or of the same one.
 
-#include "collision/size_classes.hpp"
+#include "collision/element_blocks.hpp"
+#include "collision/pair_order.hpp"
 #include "collision/voxel_hash.hpp"
 
 namespace fastsim {
@@ -33,15 +34,16 @@ class VerticesNearFacets {
     std::span<const VertexNearFacet> find(std::span<const Position> vertex_points,
                                           std::span<const Position> facet_points, double distance);
 
+    // Of each class of facets, ascending, when the distance is 0.
     [[nodiscard]] std::vector<double> voxel_sizes() const;
 
   private:
+    ElementBlocks<3> _facets;
     std::vector<Index> _vertices, _active;
-    std::vector<Facet> _facets;
-    SizeClasses _classes;
-    std::vector<VoxelHash> _hash; // one for each class
-    std::vector<std::uint8_t> _is_filled;
+    VoxelHash _hash;
+    BlockBoxes _boxes;
     std::vector<Pair> _candidates;
+    PairOrder<Pair> _order;
     std::vector<VertexNearFacet> _found;
     bool _is_same_body;
 };

@@ -44,38 +44,8 @@ class VoxelHash {
     // All points, those of a bucket together; within a bucket in the order given.
     [[nodiscard]] std::span<const Entry> entries() const { return {_entries.data(), _size}; }
 
-    // Calls visit(entry, its place in entries()) for each point in the closed box, none twice.
-    template <typename Visit> void near(const Extent &box, Visit &&visit) const {
-        Voxel low, high;
-        if (!reach(box, low, high))
-            return;
-        if (is_wide(low, high)) {
-            for (std::size_t k = 0; k < _size; ++k)
-                if (box.contains(_entries[k].at))
-                    visit(_entries[k], k);
-            return;
-        }
-        each_row(low, high, [&](std::uint32_t row, std::size_t first, std::size_t last) {
-            for (std::size_t k = first; k < last; ++k)
-                if (box.contains(_entries[k].at) && _entries[k].row == row)
-                    visit(_entries[k], k);
-            return false;
-        });
-    }
-
-    // False when no point lies in the box; may be true then, too.
-    [[nodiscard]] bool may_hold(const Extent &box) const {
-        Voxel low, high;
-        if (!reach(box, low, high))
-            return false;
-        return is_wide(low, high) ||
-               each_row(low, high, [&](std::uint32_t row, std::size_t first, std::size_t last) {
-                   for (std::size_t k = first; k < last; ++k)
-                       if (_entries[k].row == row)
-                           return true;
-                   return false;
-               });
-    }
+    // Places in entries() of the points in the closed box, each once; valid until the next call.
+    std::span<const std::uint32_t> near(const Extent &box);
 
   private:
     using Voxel = std::array<std::int32_t, 3>;
@@ -114,22 +84,6 @@ class VoxelHash {
         return across(0) > _mask || across(1) > 0xffffu || across(2) > 0xffffu ||
                across(1) * across(2) > _size;
     }
-    // Calls look(row, first, last) for runs of entries until it says true.
-    template <typename Look> bool each_row(const Voxel &low, const Voxel &high, Look &&look) const {
-        const std::size_t across = static_cast<std::size_t>(high[0] - low[0]) + 1;
-        const std::size_t buckets = static_cast<std::size_t>(_mask) + 1;
-        Voxel v = low;
-        for (v[2] = low[2]; v[2] <= high[2]; ++v[2])
-            for (v[1] = low[1]; v[1] <= high[1]; ++v[1]) {
-                const std::size_t b = bucket_of(v), end = b + across;
-                const std::uint32_t row = row_of(v);
-                if (look(row, _end[b], _end[std::min(end, buckets)]))
-                    return true;
-                if (end > buckets && look(row, 0, _end[end - buckets]))
-                    return true;
-            }
-        return false;
-    }
     void open(std::size_t size, const Extent &extent, double voxel_size);
     void sum_counts();
 
@@ -141,6 +95,7 @@ class VoxelHash {
     std::vector<std::uint32_t> _end; // of bucket b: at b + 1
     std::vector<std::uint32_t> _bucket;
     std::vector<Entry> _entries;
+    std::vector<std::uint32_t> _near; // one longer than the entries
 };
 
 } // namespace fastsim

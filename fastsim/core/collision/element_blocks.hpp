@@ -1,0 +1,128 @@
+#pragma once
+// Elements (cells, facets or edges) in compact blocks of up to 64, so that far ones are passed
+// over together and near ones are tested side by side.
+
+#include "collision/block_boxes.hpp"
+#include "collision/size_classes.hpp"
+
+#include <span>
+#include <vector>
+
+namespace fastsim {
+
+// Order by class of size, the coarsest first, and within it so that each run of as many as are in a
+// block is compact. Pre-condition: a middle and a class for each element.
+std::vector<std::int32_t> compact_order(std::span<const Position> middles,
+                                        const SizeClasses &classes, std::size_t elements_in_block);
+
+template <std::size_t corners> class ElementBlocks {
+  public:
+    using Index = std::int32_t;
+    using Element = std::array<Index, corners>;
+    static constexpr std::size_t most_points = corners * BlockBoxes::capacity;
+
+    struct Block {
+        std::uint32_t first, last;             // elements, in the blocks' own order
+        std::uint32_t first_point, last_point; // of `_points`
+        std::uint32_t size_class;
+    };
+
+    // Sizes and order are taken from the points as they are now.
+    // Pre-condition: elements_in_block is 1 to the capacity of BlockBoxes.
+    ElementBlocks(std::span<const Position> points, std::span<const Element> elements,
+                  std::size_t elements_in_block)
+        : _elements(elements.begin(), elements.end()) {
+        std::vector<double> sizes;
+        std::vector<Position> middles;
+        for (const Element &element : elements) {
+            const Extent box = extent_of(points, element);
+            sizes.push_back(box.longest());
+            middles.push_back(box.middle());
+        }
+        const SizeClasses classes = sort_by_size(sizes);
+        _number = compact_order(middles, classes, elements_in_block);
+        make_blocks(classes, elements_in_block);
+        measure(points, classes.count());
+    }
+
+    [[nodiscard]] std::span<const Block> blocks() const { return _blocks; }
+    [[nodiscard]] const std::vector<Element> &elements() const { return _elements; }
+    // The element's number, from its place in the blocks.
+    [[nodiscard]] Index number(std::size_t k) const { return _number[k]; }
+    // Mean size of the blocks of each class, at the time of construction; > 0.
+    [[nodiscard]] const std::vector<double> &mean_size() const { return _mean_size; }
+
+    [[nodiscard]] Extent extent(const Block &block, std::span<const Position> points) const {
+        Extent box = Extent::nothing();
+        for (std::size_t k = block.first_point; k < block.last_point; ++k)
+            box.add(points[static_cast<std::size_t>(_points[k])]);
+        return box;
+    }
+
+    // Boxes of a block's elements, grown.
+    void fit(const Block &block, std::span<const Position> points, double grown,
+             BlockBoxes &boxes) const {
+        std::array<Position, most_points> own;
+        for (std::size_t k = block.first_point; k < block.last_point; ++k)
+            own[k - block.first_point] = points[static_cast<std::size_t>(_points[k])];
+        boxes.resize(block.last - block.first);
+        for (std::size_t k = block.first; k < block.last; ++k) {
+            const std::array<std::uint8_t, corners> &at = _local[k];
+            Extent box{own[at[0]], own[at[0]]};
+            for (std::size_t c = 1; c < corners; ++c)
+                box.add(own[at[c]]);
+            boxes.set(k - block.first, box.grown(grown));
+        }
+    }
+
+  private:
+    void make_blocks(const SizeClasses &classes, std::size_t elements_in_block) {
+        const auto class_of = [&](std::size_t k) {
+            return classes.of[static_cast<std::size_t>(_number[k])];
+        };
+        _local.resize(_elements.size());
+        std::vector<Index> own;
+        for (std::size_t first = 0, last = 0; first < _number.size(); first = last) {
+            own.clear();
+            while (last < _number.size() && last < first + elements_in_block &&
+                   class_of(last) == class_of(first)) {
+                const Element &element = _elements[static_cast<std::size_t>(_number[last++])];
+                own.insert(own.end(), element.begin(), element.end());
+            }
+            std::sort(own.begin(), own.end());
+            own.erase(std::unique(own.begin(), own.end()), own.end());
+            for (std::size_t k = first; k < last; ++k)
+                for (std::size_t c = 0; c < corners; ++c) {
+                    const Index point = _elements[static_cast<std::size_t>(_number[k])][c];
+                    _local[k][c] = static_cast<std::uint8_t>(
+                        std::lower_bound(own.begin(), own.end(), point) - own.begin());
+                }
+            _blocks.push_back({static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(last),
+                               static_cast<std::uint32_t>(_points.size()),
+                               static_cast<std::uint32_t>(_points.size() + own.size()),
+                               class_of(first)});
+            _points.insert(_points.end(), own.begin(), own.end());
+        }
+        _points.shrink_to_fit();
+    }
+    void measure(std::span<const Position> points, std::size_t num_classes) {
+        _mean_size.assign(num_classes, 0.0);
+        std::vector<double> counted(num_classes, 0.0);
+        for (const Block &block : _blocks) {
+            _mean_size[block.size_class] += extent(block, points).longest();
+            counted[block.size_class] += 1.0;
+        }
+        for (std::size_t k = 0; k < num_classes; ++k)
+            _mean_size[k] = std::max(_mean_size[k] / std::max(counted[k], 1.0),
+                                     std::numeric_limits<double>::min());
+    }
+
+    std::vector<Element> _elements; // as given
+    std::vector<Index> _number;     // of each element, in the order of the blocks
+    std::vector<std::array<std::uint8_t, corners>> _local; // corners in the block's own points
+    std::vector<Index> _points;                            // of each block, each once
+    std::vector<Block> _blocks;
+    std::vector<double> _mean_size;
+};
+
+} // namespace fastsim
