@@ -151,6 +151,14 @@ if ! recorded environment "$ENVIRONMENT"; then
             logged as_root env DEBIAN_FRONTEND=noninteractive \
                 apt-get install -y --no-install-recommends $missing
         fi
+        # Only tests want these: another code on the same mesh, and more than one rank.
+        for extra in calculix-ccx:ccx openmpi-bin:mpirun; do
+            if ! command -v "${extra#*:}" >/dev/null && may_install; then
+                as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y \
+                    --no-install-recommends "${extra%:*}" >>"$LOG" 2>&1 ||
+                    say "${extra%:*} could not be installed; its tests are skipped"
+            fi
+        done
     else
         # A compiler (for the core, and for FEniCSx's forms), headers, and venv itself.
         wanted=""

@@ -46,7 +46,8 @@ class Rival:
         bounds = {"held": felupe.Boundary(field[0], mask=held)}
         dof0, dof1 = felupe.dof.partition(field, bounds)
         load = felupe.PointLoad(field, np.arange(len(held)), values=body["external_force"])
-        result = felupe.newtonrhapson(
+        solve = getattr(felupe, "newtonraphson", None) or felupe.newtonrhapson
+        result = solve(
             items=[felupe.SolidBody(law, field), load],
             dof0=dof0,
             dof1=dof1,
@@ -55,6 +56,7 @@ class Rival:
             verbose=0,
         )
         return {
+            **({"displacement": field[0].values.copy()} if body.get("wants_field") else {}),
             "tip_displacement": float(field[0].values[int(body["tip"]), 2]),
             "iterations": int(result.iterations),
             "solver": SOLVER,

@@ -1,0 +1,97 @@
+"""Other codes on the same tetrahedra: FElupe and CalculiX know nothing of dolfinx or of palpate.
+
+Linear tetrahedra, the Saint-Venant-Kirchhoff material, the same nodal forces; what is compared is
+the displacement of every point.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Support, Traction
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.reference.availability import is_available
+from palpate.validation.case import load_case
+
+if is_available():
+    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.statics import solve_static
+
+pytestmark = [pytest.mark.dolfinx, pytest.mark.slow]
+
+
+def bent_and_twisted_bar(box):
+    mesh = box((8, 2, 2), (0.4, 0.1, 0.1), jitter=0.2)
+    held = mesh.facet_groups["x0"]
+    corners = np.flatnonzero(
+        (mesh.points[:, 0] == 0.4) & (np.abs(mesh.points[:, 1:] - 0.05) == 0.05).all(axis=1)
+    )
+    spin = np.cross([1.0, 0.0, 0.0], mesh.points[corners] - [0.4, 0.05, 0.05])
+    return Problem(
+        mesh,
+        Material(2e4, 0.4),
+        (Support(np.unique(held).astype(np.int32), held),),
+        (
+            BodyForce((0.0, 200.0, -600.0)),
+            Traction(mesh.facet_groups["x1"], (30.0, 0.0, 10.0)),
+            PointForce(corners.astype(np.int32), 20.0 * spin),
+        ),
+    )
+
+
+def body_of(problem, strain):
+    """What the benchmarks give to every code, with the reference's own nodal forces."""
+    equilibrium = Equilibrium(problem, strain=strain, degree=1)
+    dead = equilibrium.external_force(np.zeros(equilibrium.num_dofs))
+    return {
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+        "held": np.unique(np.concatenate([s.points for s in problem.supports])),
+        "external_force": equilibrium.space.at_points(dead),
+        "youngs_modulus": problem.material.youngs_modulus,
+        "poissons_ratio": problem.material.poissons_ratio,
+        "strain": strain.value,
+        "relative_tolerance": 1e-11,
+        "tip": problem.mesh.num_points - 1,
+        "wants_field": True,
+    }
+
+
+def largest_difference(problem, strain, prepare):
+    ours = solve_static(problem, strain=strain, relative_tolerance=1e-12).displacement
+    theirs = prepare(body_of(problem, strain)).advance(1)["displacement"]
+    assert theirs.shape == ours.shape
+    scale = np.abs(ours).max()
+    # Large: linear strain would be told apart at once.
+    assert scale > 0.05 * np.ptp(problem.mesh.points, axis=0).max()
+    return float(np.abs(theirs - ours).max() / scale)
+
+
+CASES = ["bar", "beam", "kidney"]
+
+
+def problem_of(name, box):
+    return bent_and_twisted_bar(box) if name == "bar" else load_case(name).problem
+
+
+@pytest.mark.skipif(importlib.util.find_spec("felupe") is None, reason="FElupe is not installed")
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("name", CASES)
+def test_felupe_agrees_to_eight_digits(box, name, strain):
+    from palpate.validation.benchmarks.rivals.static_felupe import prepare
+
+    assert largest_difference(problem_of(name, box), strain, prepare) < 1e-8
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("name", CASES)
+def test_calculix_agrees_to_five_digits(box, name, strain):
+    # Its .dat file holds seven digits.
+    from palpate.validation.benchmarks.rivals.static_calculix import prepare
+
+    assert largest_difference(problem_of(name, box), strain, prepare) < 1e-5
