@@ -138,6 +138,8 @@ def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answe
                     str(stored["reason"]),
                     float(stored["smallest_det_f"]),
                     stored["displacement"],
+                    float(stored["smallest_stretch"]),
+                    stored["place"],
                 )
         answered: Answer = load_result(answer, task.answer)
         return answered
@@ -146,7 +148,10 @@ def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answe
 
 
 def _save_failure(path: Path, error: ReferenceNotConvergedError | ReferenceStepError) -> None:
-    names = ("load_factor", "reason", "smallest_det_f", "displacement", "time", "time_step")
+    names = (
+        *("load_factor", "reason", "smallest_det_f", "displacement", "smallest_stretch", "place"),
+        *("time", "time_step"),
+    )
     told = {name: np.asarray(getattr(error, name)) for name in names if hasattr(error, name)}
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **told)

@@ -50,6 +50,27 @@ class DetFSampler:
         return fenicsx.largest(float(np.sqrt(np.max(self._gradient()))))
 
 
+def find_smallest_stretch(body: ElasticBody, displacement: Points) -> tuple[float, Points]:
+    """Smallest principal stretch at the sample points [-], and its place at rest [m], shape (3,).
+
+    The root of the smallest eigenvalue of F^T F.
+    """
+    transferred = body.space.transferred
+    mesh = transferred.mesh
+    points = lattice(3 * (body.space.degree - 1))
+    sample = fenicsx.evaluate_in_cells(mesh, deformation_gradient(body.u), points)
+    body.set_displacement(displacement)
+    F = sample().reshape(-1, len(points), 3, 3)
+    squared = np.linalg.eigvalsh(np.swapaxes(F, 2, 3) @ F)[..., 0]
+    cell, point = np.unravel_index(int(np.argmin(squared)), squared.shape)
+    corners = mesh.geometry.x[fenicsx.cell_nodes(mesh)[cell], :3]
+    place = corners[0] + points[point] @ (corners[1:] - corners[0])
+    found = float(np.sqrt(max(squared[cell, point], 0.0)))
+    least = fenicsx.smallest(found)
+    # Of equal ranks the last one's word counts.
+    return least, fenicsx.last_of_ranks(place, found == least)
+
+
 @dataclass(frozen=True)
 class DeformedState:
     """Volume [m3], surface area [m2] and strain energy [J] of a displacement."""

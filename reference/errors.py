@@ -31,6 +31,9 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         smallest_det_f: Smallest det F of that last equilibrium [-].
         displacement: Displacement of that last equilibrium at the mesh's points [m],
             shape (num_points, 3); empty when not even the mesh was reached.
+        smallest_stretch: Smallest principal stretch there [-]; Saint-Venant-Kirchhoff has no more
+            resistance to give at about 0.577.
+        place: Where that is in the rest body [m], shape (3,); NaN where it was not looked for.
     """
 
     def __init__(
@@ -39,14 +42,23 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         reason: str,
         smallest_det_f: float = 1.0,
         displacement: Points | None = None,
+        smallest_stretch: float = 1.0,
+        place: Points | None = None,
     ) -> None:
         self.load_factor = load_factor
         self.reason = reason
         self.smallest_det_f = smallest_det_f
         self.displacement = np.zeros((0, 3)) if displacement is None else displacement
+        self.smallest_stretch = smallest_stretch
+        self.place = np.full(3, np.nan) if place is None else np.asarray(place)
+        where = ""
+        if np.isfinite(self.place).all():
+            x, y, z = self.place.tolist()
+            place_text = f"({x:.4g}, {y:.4g}, {z:.4g}) m"
+            where = f", smallest principal stretch {smallest_stretch:.3f} at {place_text}"
         super().__init__(
             f"the reference found equilibrium up to {load_factor:.3f} of the load and none beyond: "
-            f"{reason} (smallest det F there {smallest_det_f:.3g}); lower the load"
+            f"{reason} (smallest det F there {smallest_det_f:.3g}{where}); lower the load"
         )
 
 

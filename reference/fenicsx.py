@@ -54,6 +54,7 @@ __all__ = [
     "fem",
     "form",
     "largest",
+    "last_of_ranks",
     "meshtags",
     "norm",
     "smallest",
@@ -199,6 +200,11 @@ def largest(value: float) -> float:
     if COMM.size == 1:
         return value
     return float(np.max(COMM.allgather(value)))
+
+
+def last_of_ranks(value: Any, is_offered: bool) -> Any:
+    """The value of the last rank that offers one, the same on each."""
+    return [v for v in COMM.allgather(value if is_offered else None) if v is not None][-1]
 
 
 def norm(values: Points) -> float:

@@ -34,17 +34,24 @@ class LinearSolver:
         is_symmetric: Whether the tangents are (they are unless a load follows the surface).
         has_contact: Whether contact stiffens some nodes along one direction: a smoother that
             looks at one degree of freedom at a time then needs a wider bound.
+        is_always_direct: Also where multigrid would be cheaper: for tangents that need not be
+            positive definite.
     """
 
     def __init__(
-        self, coordinates: Points, *, is_symmetric: bool, has_contact: bool = False
+        self,
+        coordinates: Points,
+        *,
+        is_symmetric: bool,
+        has_contact: bool = False,
+        is_always_direct: bool = False,
     ) -> None:
         num_nodes = fenicsx.total(len(coordinates))
         centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
         self._centred = coordinates - centre
         self._is_symmetric = is_symmetric
         self._has_contact = has_contact
-        self._is_direct = 3 * num_nodes < LARGEST_DIRECT
+        self._is_direct = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()
 

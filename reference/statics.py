@@ -13,7 +13,7 @@ from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
 from palpate.reference.contact.tool_path import follow_tools
-from palpate.reference.deformed_state import DetFSampler, measure_state
+from palpate.reference.deformed_state import DetFSampler, find_smallest_stretch, measure_state
 from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.fenicsx import PETSc
@@ -84,7 +84,8 @@ def solve_static(
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
     if reason or not np.isfinite(path.displacement).all():
         reached = path.load_factors[-1] if path.load_factors else 0.0
-        raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal)
+        where = find_smallest_stretch(equilibrium, path.displacement)
+        raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
     state = measure_state(equilibrium, path.displacement)
     return ReferenceResult(
         displacement=nodal,

@@ -310,6 +310,8 @@ def test_compression_past_the_limit_ends_where_theory_says(box):
     assert error.smallest_det_f > 0.0
     stretch = 1 + error.displacement[:, 0].min()
     assert stretch == pytest.approx(1 / np.sqrt(3), abs=0.05)
+    assert error.smallest_stretch == pytest.approx(stretch, rel=1e-9)
+    assert f"smallest principal stretch {stretch:.3f}" in str(error)
 
 
 @pytest.mark.parametrize("push", [-1.0, -1e3])
