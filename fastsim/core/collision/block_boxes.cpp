@@ -8,56 +8,76 @@ namespace fastsim {
 
 // One function for each instruction set, chosen at run time. Comparisons only: nothing is rounded.
 struct MeetingBoxes {
-    static std::uint64_t plain(const BlockBoxes &b, const Extent &box) {
-        std::uint64_t bits = 0;
-        for (std::size_t k = 0; k < b._count; ++k) {
-            bool meets = true;
-            for (std::size_t i = 0; i < 3; ++i)
-                meets = meets & (b._low[i][k] <= box.high[i]) & (b._high[i][k] >= box.low[i]);
-            bits |= std::uint64_t{meets} << k;
+    static void plain(const BlockBoxes &b, const BoxTable &table,
+                      std::span<const std::uint32_t> rows, std::uint64_t *bits) {
+        for (const std::uint32_t row : rows) {
+            const double *low = table.low + row * table.stride;
+            const double *high = table.high + row * table.stride;
+            std::uint64_t found = 0;
+            for (std::size_t k = 0; k < b._count; ++k) {
+                bool meets = true;
+                for (std::size_t i = 0; i < 3; ++i)
+                    meets = meets & (b._low[i][k] <= high[i]) & (b._high[i][k] >= low[i]);
+                found |= std::uint64_t{meets} << k;
+            }
+            *bits++ = found;
         }
-        return bits;
     }
 
 #ifdef FASTSIM_HAS_X86_KERNELS
-    __attribute__((target("avx2"))) static std::uint64_t avx2(const BlockBoxes &b,
-                                                              const Extent &box) {
-        std::uint64_t bits = 0;
-        for (std::size_t k = 0; k < b._count; k += 4) {
-            __m256d meets = _mm256_and_pd(_mm256_cmp_pd(_mm256_load_pd(&b._low[0][k]),
-                                                        _mm256_set1_pd(box.high[0]), _CMP_LE_OQ),
-                                          _mm256_cmp_pd(_mm256_load_pd(&b._high[0][k]),
-                                                        _mm256_set1_pd(box.low[0]), _CMP_GE_OQ));
-            for (std::size_t i = 1; i < 3; ++i) {
-                meets =
-                    _mm256_and_pd(meets, _mm256_cmp_pd(_mm256_load_pd(&b._low[i][k]),
-                                                       _mm256_set1_pd(box.high[i]), _CMP_LE_OQ));
-                meets = _mm256_and_pd(meets, _mm256_cmp_pd(_mm256_load_pd(&b._high[i][k]),
-                                                           _mm256_set1_pd(box.low[i]), _CMP_GE_OQ));
+    __attribute__((target("avx2"))) static void avx2(const BlockBoxes &b, const BoxTable &table,
+                                                     std::span<const std::uint32_t> rows,
+                                                     std::uint64_t *bits) {
+        for (const std::uint32_t row : rows) {
+            __m256d low[3], high[3];
+            for (std::size_t i = 0; i < 3; ++i) {
+                low[i] = _mm256_set1_pd(table.low[row * table.stride + i]);
+                high[i] = _mm256_set1_pd(table.high[row * table.stride + i]);
             }
-            bits |= static_cast<std::uint64_t>(_mm256_movemask_pd(meets)) << k;
+            std::uint64_t found = 0;
+            for (std::size_t k = 0; k < b._count; k += 4) {
+                __m256d meets = _mm256_and_pd(
+                    _mm256_cmp_pd(_mm256_load_pd(&b._low[0][k]), high[0], _CMP_LE_OQ),
+                    _mm256_cmp_pd(_mm256_load_pd(&b._high[0][k]), low[0], _CMP_GE_OQ));
+                for (std::size_t i = 1; i < 3; ++i) {
+                    meets = _mm256_and_pd(
+                        meets, _mm256_cmp_pd(_mm256_load_pd(&b._low[i][k]), high[i], _CMP_LE_OQ));
+                    meets = _mm256_and_pd(
+                        meets, _mm256_cmp_pd(_mm256_load_pd(&b._high[i][k]), low[i], _CMP_GE_OQ));
+                }
+                found |= static_cast<std::uint64_t>(_mm256_movemask_pd(meets)) << k;
+            }
+            *bits++ = found;
         }
-        return bits;
     }
 
-    __attribute__((target("avx512f"))) static std::uint64_t avx512(const BlockBoxes &b,
-                                                                   const Extent &box) {
-        std::uint64_t bits = 0;
-        for (std::size_t k = 0; k < b._count; k += 8) {
-            __mmask8 meets = 0xff;
+    __attribute__((target("avx512f"))) static void avx512(const BlockBoxes &b,
+                                                          const BoxTable &table,
+                                                          std::span<const std::uint32_t> rows,
+                                                          std::uint64_t *bits) {
+        for (const std::uint32_t row : rows) {
+            __m512d low[3], high[3];
             for (std::size_t i = 0; i < 3; ++i) {
-                meets = _mm512_mask_cmp_pd_mask(meets, _mm512_load_pd(&b._low[i][k]),
-                                                _mm512_set1_pd(box.high[i]), _CMP_LE_OQ);
-                meets = _mm512_mask_cmp_pd_mask(meets, _mm512_load_pd(&b._high[i][k]),
-                                                _mm512_set1_pd(box.low[i]), _CMP_GE_OQ);
+                low[i] = _mm512_set1_pd(table.low[row * table.stride + i]);
+                high[i] = _mm512_set1_pd(table.high[row * table.stride + i]);
             }
-            bits |= std::uint64_t{meets} << k;
+            std::uint64_t found = 0;
+            for (std::size_t k = 0; k < b._count; k += 8) {
+                __mmask8 meets = 0xff;
+                for (std::size_t i = 0; i < 3; ++i) {
+                    meets = _mm512_mask_cmp_pd_mask(meets, _mm512_load_pd(&b._low[i][k]), high[i],
+                                                    _CMP_LE_OQ);
+                    meets = _mm512_mask_cmp_pd_mask(meets, _mm512_load_pd(&b._high[i][k]), low[i],
+                                                    _CMP_GE_OQ);
+                }
+                found |= std::uint64_t{meets} << k;
+            }
+            *bits++ = found;
         }
-        return bits;
     }
 #endif
 
-    static BlockBoxes::Meeting widest() {
+    static BlockBoxes::FindMeeting widest() {
 #ifdef FASTSIM_HAS_X86_KERNELS
         if (__builtin_cpu_supports("avx512f"))
             return avx512;
@@ -68,11 +88,12 @@ struct MeetingBoxes {
     }
 };
 
-BlockBoxes::BlockBoxes() : _meeting(MeetingBoxes::widest()) {}
+BlockBoxes::BlockBoxes() : _find_meeting(MeetingBoxes::widest()) {}
 
 void BlockBoxes::resize(std::size_t count) {
     _count = count;
-    for (std::size_t k = count; k < capacity; ++k)
+    // The widest vectors read on to a multiple of eight.
+    for (std::size_t k = count; k % 8 != 0; ++k)
         set(k, Extent::nothing());
 }
 

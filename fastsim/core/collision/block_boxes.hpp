@@ -1,11 +1,18 @@
 #pragma once
-// The boxes of up to 64 elements, side by side, and which of them meet another box: a bit for each.
+// The boxes of up to 64 elements, side by side, and which of them meet other boxes: a bit for each.
 
 #include "collision/extent.hpp"
 
 #include <cstddef>
 
 namespace fastsim {
+
+// Boxes in a table of numbers: row k has its low corner at low + k * stride, its high corner at
+// high + k * stride; for points both are the same.
+struct BoxTable {
+    const double *low, *high;
+    std::size_t stride;
+};
 
 class BlockBoxes {
   public:
@@ -21,21 +28,23 @@ class BlockBoxes {
             _high[i][k] = box.high[i];
         }
     }
-    [[nodiscard]] Extent get(std::size_t k) const {
-        return {{_low[0][k], _low[1][k], _low[2][k]}, {_high[0][k], _high[1][k], _high[2][k]}};
-    }
 
-    // Bit k is set when box k and the given one, both closed, have a point in common. With the
-    // widest vectors that the processor has; the answer is the same with all.
-    [[nodiscard]] std::uint64_t meeting(const Extent &box) const { return _meeting(*this, box); }
+    // For each of these rows of a table, in bits[0], bits[1], ...: bit k is set when box k and the
+    // row's, both closed, have a point in common. With the widest vectors that the processor has;
+    // the answer is the same with all.
+    void find_meeting(const BoxTable &table, std::span<const std::uint32_t> rows,
+                      std::uint64_t *bits) const {
+        _find_meeting(*this, table, rows, bits);
+    }
 
   private:
     friend struct MeetingBoxes;
-    using Meeting = std::uint64_t (*)(const BlockBoxes &, const Extent &);
+    using FindMeeting = void (*)(const BlockBoxes &, const BoxTable &,
+                                 std::span<const std::uint32_t>, std::uint64_t *);
 
     alignas(64) std::array<std::array<double, capacity>, 3> _low, _high;
     std::size_t _count = 0;
-    Meeting _meeting;
+    FindMeeting _find_meeting;
 };
 
 } // namespace fastsim

@@ -26,14 +26,22 @@ bool have_common_point(const Edge &a, const Edge &b) {
 EdgesNearEdges::EdgesNearEdges(std::span<const Position> first_points, std::span<const Edge> first,
                                std::span<const Position> second_points,
                                std::span<const Edge> second, bool is_same_body)
-    : _first(first.begin(), first.end()), _second(second_points, second, edges_in_block),
-      _hash(first.size()), _order(second.size()), _is_same_body(is_same_body) {
+    : _given(first.begin(), first.end()), _second(second_points, second, edges_in_block),
+      _hash(first.size()), _bits(first.size()), _order(second.size()), _is_same_body(is_same_body) {
     std::vector<double> sizes;
-    sizes.reserve(first.size());
-    for (const Edge &edge : first)
-        sizes.push_back(extent_of(first_points, edge).longest());
-    SizeClasses classes = sort_by_size(sizes);
-    _class = std::move(classes.of);
+    std::vector<Position> middles;
+    for (const Edge &edge : first) {
+        const Extent box = extent_of(first_points, edge);
+        sizes.push_back(box.longest());
+        middles.push_back(box.middle());
+    }
+    const SizeClasses classes = sort_by_size(sizes);
+    // In the order of the blocks, too, when the edges are the same.
+    _first_number = compact_order(middles, classes, edges_in_block);
+    for (const Index e : _first_number) {
+        _first.push_back(first[at(e)]);
+        _class.push_back(classes.of[at(e)]);
+    }
     for (std::size_t k = 0; k < classes.count(); ++k) {
         SizeClass &one = _classes.emplace_back();
         one.size = classes.mean[k];
@@ -110,20 +118,34 @@ void EdgesNearEdges::look_up(const SizeClass &one, std::span<const Position> fir
             for (const VoxelHash::Entry &entry : _hash.entries())
                 _hashed.push_back(extent_of(first_points, _first[at(entry.id)]));
         }
-        const std::span<const std::uint32_t> places = _hash.near(around);
+        std::span<std::uint32_t> places = _hash.near(around);
+        if (_is_same_body) {
+            // Both lists are in the same order: of two edges the earlier one is looked up.
+            const auto is_later = [&](std::uint32_t k) {
+                return at(_hash.entries()[k].id) >= block.last;
+            };
+            places = {places.begin(), std::remove_if(places.begin(), places.end(), is_later)};
+        }
         if (places.empty())
             continue;
         _second.fit(block, second_points, reach, _boxes);
-        for (const std::uint32_t k : places) {
-            const Index first = _hash.entries()[k].id;
-            for (std::uint64_t bits = _boxes.meeting(_hashed[k]); bits != 0; bits &= bits - 1) {
+        _boxes.find_meeting({_hashed[0].low.data(), _hashed[0].high.data(), 6}, places,
+                            _bits.data());
+        if (_is_same_body)
+            _second.mark(block);
+        for (std::size_t j = 0; j < places.size(); ++j) {
+            const auto first = at(_hash.entries()[places[j]].id);
+            std::uint64_t bits = _bits[j];
+            if (_is_same_body) {
+                if (first >= block.first)
+                    bits &= ~std::uint64_t{1} << (first - block.first);
+                bits &= ~(_second.with_corner(block, _first[first][0]) |
+                          _second.with_corner(block, _first[first][1]));
+            }
+            for (; bits != 0; bits &= bits - 1) {
                 const auto bit = static_cast<std::size_t>(std::countr_zero(bits));
-                const Index second = _second.number(block.first + bit);
-                if (_is_same_body &&
-                    (first >= second ||
-                     have_common_point(_first[at(first)], _second.elements()[at(second)])))
-                    continue;
-                _candidates.push_back({first, second});
+                const Index a = _first_number[first], b = _second.number(block.first + bit);
+                _candidates.push_back(_is_same_body && b < a ? Pair{b, a} : Pair{a, b});
             }
         }
     }
@@ -135,7 +157,7 @@ std::span<const EdgeNearEdge> EdgesNearEdges::find(std::span<const Position> fir
     _found.clear();
     for (const auto &[first, second] : find_candidates(first_points, second_points, distance)) {
         EdgeNearEdge pair{first, second, {}, 0.0};
-        if (is_near(first_points, _first[at(first)], second_points, _second.elements()[at(second)],
+        if (is_near(first_points, _given[at(first)], second_points, _second.elements()[at(second)],
                     distance, pair))
             _found.push_back(pair);
     }

@@ -49,13 +49,16 @@ class EdgesNearEdges {
     void look_up(const SizeClass &one, std::span<const Position> first_points,
                  std::span<const Position> second_points, double reach);
 
-    std::vector<Edge> _first;
+    std::vector<Edge> _given;         // the first edges, as given
+    std::vector<Edge> _first;         // the same in compact order
+    std::vector<Index> _first_number; // of each of them
     ElementBlocks<2> _second;
     std::vector<std::uint8_t> _class; // of the first body's edges
     std::vector<SizeClass> _classes;
     VoxelHash _hash;
     std::vector<Extent> _hashed; // boxes of the hashed edges, in the order of the hash
     BlockBoxes _boxes;
+    std::vector<std::uint64_t> _bits; // second edges of a block for each first edge near it
     std::vector<Pair> _candidates;
     PairOrder<Pair> _order;
     std::vector<EdgeNearEdge> _found;

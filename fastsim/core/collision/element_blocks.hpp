@@ -42,6 +42,7 @@ template <std::size_t corners> class ElementBlocks {
         const SizeClasses classes = sort_by_size(sizes);
         _number = compact_order(middles, classes, elements_in_block);
         make_blocks(classes, elements_in_block);
+        _place.assign(points.size(), std::numeric_limits<std::uint32_t>::max());
         measure(points, classes.count());
     }
 
@@ -57,6 +58,18 @@ template <std::size_t corners> class ElementBlocks {
         for (std::size_t k = block.first_point; k < block.last_point; ++k)
             box.add(points[static_cast<std::size_t>(_points[k])]);
         return box;
+    }
+
+    // Of the block's elements, those that have the point as a corner: a bit for each, all 0 when
+    // the block does not have the point. For points of the elements' own mesh; `mark` first.
+    [[nodiscard]] std::uint64_t with_corner(const Block &block, Index point) const {
+        const std::uint32_t k = _place[static_cast<std::size_t>(point)];
+        return k - block.first_point < block.last_point - block.first_point ? _incident[k] : 0;
+    }
+    // Notes where the block's points are, for `with_corner` of this block.
+    void mark(const Block &block) {
+        for (std::uint32_t k = block.first_point; k < block.last_point; ++k)
+            _place[static_cast<std::size_t>(_points[k])] = k;
     }
 
     // Boxes of a block's elements, grown.
@@ -102,8 +115,14 @@ template <std::size_t corners> class ElementBlocks {
                                static_cast<std::uint32_t>(_points.size() + own.size()),
                                class_of(first)});
             _points.insert(_points.end(), own.begin(), own.end());
+            _incident.resize(_points.size(), 0);
+            for (std::size_t k = first; k < last; ++k)
+                for (std::size_t c = 0; c < corners; ++c)
+                    _incident[_blocks.back().first_point + _local[k][c]] |= std::uint64_t{1}
+                                                                            << (k - first);
         }
         _points.shrink_to_fit();
+        _incident.shrink_to_fit();
     }
     void measure(std::span<const Position> points, std::size_t num_classes) {
         _mean_size.assign(num_classes, 0.0);
@@ -121,6 +140,8 @@ template <std::size_t corners> class ElementBlocks {
     std::vector<Index> _number;     // of each element, in the order of the blocks
     std::vector<std::array<std::uint8_t, corners>> _local; // corners in the block's own points
     std::vector<Index> _points;                            // of each block, each once
+    std::vector<std::uint64_t> _incident; // elements of the block that have the point
+    std::vector<std::uint32_t> _place;    // of each point of the mesh in `_points`, where marked
     std::vector<Block> _blocks;
     std::vector<double> _mean_size;
 };

@@ -50,7 +50,7 @@ bool is_in_cell(const Position &p, std::span<const Position> points, const Cell 
 VerticesInCells::VerticesInCells(std::span<const Position> cell_points, std::span<const Cell> cells,
                                  std::span<const Index> vertices, bool is_same_body)
     : _cells(cell_points, cells, cells_in_block), _vertices(vertices.begin(), vertices.end()),
-      _hash(vertices.size()),
+      _hash(vertices.size()), _bits(vertices.size()),
       _order(vertices.empty() ? 0 : at(*std::max_element(vertices.begin(), vertices.end())) + 1),
       _is_same_body(is_same_body) {
     _active.reserve(vertices.size());
@@ -90,17 +90,20 @@ void VerticesInCells::look_into(const Blocks::Block &block, std::span<const std:
                                 std::span<const Position> cell_points) {
     _work.cells_near += block.last - block.first;
     _cells.fit(block, cell_points, 0.0, _boxes);
-    for (const std::uint32_t k : places) {
-        const auto &[p, v, row] = _hash.entries()[k];
-        for (std::uint64_t bits = _boxes.meeting({p, p}); bits != 0; bits &= bits - 1) {
+    _boxes.find_meeting(_hash.table(), places, _bits.data());
+    if (_is_same_body)
+        _cells.mark(block);
+    for (std::size_t j = 0; j < places.size(); ++j) {
+        const auto &[p, v, row] = _hash.entries()[places[j]];
+        std::uint64_t bits = _bits[j];
+        if (_is_same_body)
+            bits &= ~_cells.with_corner(block, v);
+        for (; bits != 0; bits &= bits - 1) {
             const auto bit = static_cast<std::size_t>(std::countr_zero(bits));
             const Index c = _cells.number(block.first + bit);
-            const Cell &cell = _cells.elements()[at(c)];
-            if (_is_same_body && is_corner(v, cell))
-                continue;
             ++_work.pairs_tested;
             VertexInCell pair{v, c, {}};
-            if (is_in_cell(p, cell_points, cell, pair.weights))
+            if (is_in_cell(p, cell_points, _cells.elements()[at(c)], pair.weights))
                 _found.push_back(pair);
         }
     }

@@ -53,6 +53,7 @@ class VerticesInCells {
     std::vector<Index> _vertices, _active;
     VoxelHash _hash;
     BlockBoxes _boxes;
+    std::vector<std::uint64_t> _bits; // cells of a block for each vertex near it
     std::vector<VertexInCell> _found;
     PairOrder<VertexInCell> _order;
     Work _work;

@@ -27,7 +27,8 @@ VerticesNearFacets::VerticesNearFacets(std::span<const Position> facet_points,
                                        std::span<const Facet> facets,
                                        std::span<const Index> vertices, bool is_same_body)
     : _facets(facet_points, facets, facets_in_block), _vertices(vertices.begin(), vertices.end()),
-      _hash(vertices.size()), _order(facets.size()), _is_same_body(is_same_body) {
+      _hash(vertices.size()), _bits(vertices.size()), _order(facets.size()),
+      _is_same_body(is_same_body) {
     _active.reserve(vertices.size());
     _candidates.reserve(facets.size() + 64); // grows, once, where more are found
     _found.reserve(facets.size() + 64);
@@ -57,13 +58,17 @@ VerticesNearFacets::find_candidates(std::span<const Position> vertex_points,
         if (places.empty())
             continue;
         _facets.fit(block, facet_points, reach, _boxes);
-        for (const std::uint32_t k : places) {
-            const auto &[p, vertex, row] = _hash.entries()[k];
-            for (std::uint64_t bits = _boxes.meeting({p, p}); bits != 0; bits &= bits - 1) {
+        _boxes.find_meeting(_hash.table(), places, _bits.data());
+        if (_is_same_body)
+            _facets.mark(block);
+        for (std::size_t j = 0; j < places.size(); ++j) {
+            const Index vertex = _hash.entries()[places[j]].id;
+            std::uint64_t bits = _bits[j];
+            if (_is_same_body)
+                bits &= ~_facets.with_corner(block, vertex);
+            for (; bits != 0; bits &= bits - 1) {
                 const auto bit = static_cast<std::size_t>(std::countr_zero(bits));
-                const Index facet = _facets.number(block.first + bit);
-                if (!_is_same_body || !is_corner(vertex, _facets.elements()[at(facet)]))
-                    _candidates.push_back({vertex, facet});
+                _candidates.push_back({vertex, _facets.number(block.first + bit)});
             }
         }
     }

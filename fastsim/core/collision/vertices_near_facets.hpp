@@ -42,6 +42,7 @@ class VerticesNearFacets {
     std::vector<Index> _vertices, _active;
     VoxelHash _hash;
     BlockBoxes _boxes;
+    std::vector<std::uint64_t> _bits; // facets of a block for each vertex near it
     std::vector<Pair> _candidates;
     PairOrder<Pair> _order;
     std::vector<VertexNearFacet> _found;

@@ -18,7 +18,7 @@ std::size_t num_buckets(std::size_t size) {
 VoxelHash::VoxelHash(std::size_t most)
     : _end(num_buckets(most) + 1), _bucket(most), _entries(most), _near(most + 1) {}
 
-std::span<const std::uint32_t> VoxelHash::near(const Extent &box) {
+std::span<std::uint32_t> VoxelHash::near(const Extent &box) {
     // Written everywhere, kept where the point is in the box: no branch to be guessed.
     std::size_t count = 0;
     Voxel low, high;

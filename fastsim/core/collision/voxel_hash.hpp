@@ -4,7 +4,7 @@
 // from there, so that the neighbours of a row lie side by side in memory. The table is as large
 // as what it holds, is filled anew by counting, and nothing is allocated after construction.
 
-#include "collision/extent.hpp"
+#include "collision/block_boxes.hpp"
 
 #include <cstddef>
 #include <vector>
@@ -44,8 +44,14 @@ class VoxelHash {
     // All points, those of a bucket together; within a bucket in the order given.
     [[nodiscard]] std::span<const Entry> entries() const { return {_entries.data(), _size}; }
 
+    [[nodiscard]] BoxTable table() const {
+        static_assert(sizeof(Entry) % sizeof(double) == 0);
+        const double *first = _entries.empty() ? nullptr : _entries.front().at.data();
+        return {first, first, sizeof(Entry) / sizeof(double)};
+    }
+
     // Places in entries() of the points in the closed box, each once; valid until the next call.
-    std::span<const std::uint32_t> near(const Extent &box);
+    std::span<std::uint32_t> near(const Extent &box);
 
   private:
     using Voxel = std::array<std::int32_t, 3>;
