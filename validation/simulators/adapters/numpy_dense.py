@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +86,21 @@ def main() -> None:
         raise SystemExit(
             f"{rest['points'].size} degrees of freedom; dense matrices end at {LARGEST}"
         )
+    start = time.process_time()
     displacement, iterations = solve(rest, given["strain"] == "linear")
-    about = {"tool": "numpy", "version": np.__version__, "law": given["law"]}
+    about = {
+        "tool": "numpy",
+        "version": np.__version__,
+        "law": given["law"],
+        "method": "Newton, dense matrices",
+        "seconds": time.process_time() - start,
+        "newton_iterations": iterations,
+    }
     np.savez(
         result,
         displacement=displacement,
         case_key=given["case_key"],
-        about=json.dumps({**about, "newton_iterations": iterations}),
+        about=json.dumps(about),
     )
 
 

@@ -1,0 +1,96 @@
+"""Adapters whose tool is installed give fastsim's answer; rest by kinetic damping is right."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.benchmarks.children import interpreters
+from palpate.validation.simulators import adapters
+from palpate.validation.simulators.outside import OutsideSimulator
+from palpate.validation.studies import frontier
+
+FOLDER = Path(adapters.__file__).parent
+# Largest distance from fastsim on the same mesh, over the largest displacement: seven digits in
+# a text file, a residual of 1e-7 or, in single precision and with another law, the law.
+ALLOWED = {
+    "numpy_dense": 1e-9,
+    "calculix": 1e-5,
+    "felupe_svk": 1e-8,
+    "mujoco_flex": 1e-5,
+    "newton_neo_hookean": 0.02,
+}
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"adapter_{name}", FOLDER / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ALLOWED)
+def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
+    if name == "newton_neo_hookean":
+        # Laws part as strains grow: at a tenth of the load they are nearly one.
+        x, y, z = problem.loads[0].traction  # type: ignore[union-attr]
+        lighter = Traction(problem.loads[0].facets, (x / 10, y / 10, z / 10))  # type: ignore[union-attr]
+        problem = dataclasses.replace(problem, loads=(lighter,))
+    answer = solve_static(problem).displacement
+    module = {adapter: module for adapter, module, _ in frontier._ADAPTERS}[name]
+    interpreter = frontier._interpreter(module)
+    if interpreter is None or (name == "calculix" and shutil.which("ccx") is None):
+        pytest.skip(f"{name}: its tool is not installed in {interpreters()}")
+    simulator = OutsideSimulator(f"{interpreter} {FOLDER / name}.py {{case}} {{result}}", 120.0)
+    found = simulator.run(problem, Strain.GREEN, lambda _line: None)
+    apart = np.abs(found.placed.displacement[0] - answer).max() / np.abs(answer).max()
+    assert apart <= ALLOWED[name]
+    assert {"tool", "version", "law", "method", "seconds"} <= set(found.about)
+
+
+def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None:
+    relaxation = load("relaxation")
+    state = {"x": 0.0, "v": 0.0}
+
+    def step() -> tuple[float, float]:
+        # k = m = 1, pulled by 1: rest at x = 1.
+        state["v"] += 0.1 * (1.0 - state["x"])
+        state["x"] += 0.1 * state["v"]
+        return state["v"] ** 2, abs(1.0 - state["x"])
+
+    def stop() -> None:
+        state["v"] = 0.0
+
+    count, residual = relaxation.relax(step, stop, 1e-6, 10_000)
+    assert residual <= 1e-6
+    assert count < 2000
+    assert relaxation.relax(lambda: (1.0, 0.5), stop, 1e-6, 7) == (7, 0.5)
+    with pytest.raises(SystemExit, match="blew up"):
+        relaxation.relax(lambda: (np.nan, 0.5), stop, 1e-6, 7)
+
+
+def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:
+    from palpate.fastsim.time_steps import sharp_critical_time_step
+    from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
+
+    materials = cell_materials(problem)
+    rest = {
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+        "youngs_modulus": materials[:, 0],
+        "poissons_ratio": materials[:, 1],
+    }
+    step = load("relaxation").stable_step(rest, lumped_mass(problem))
+    limit = sharp_critical_time_step(problem.mesh, problem.material)
+    assert 0.1 * limit < step < limit
