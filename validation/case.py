@@ -21,6 +21,9 @@ from palpate.validation.case_schema import CaseSpec, CheckSpec
 from palpate.validation.filling import BuiltMesh
 from palpate.validation.geometry import build_mesh
 
+# Small cases, statics and motion, judged against stored references in seconds.
+QUICK = ("beam", "block", "block-motion", "kidney")
+
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 

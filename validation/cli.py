@@ -8,13 +8,14 @@ import tempfile
 import traceback
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
+from palpate.validation import reference_cli
 from palpate.validation.bench_cli import bench
 from palpate.validation.exchange_cli import compare, export
 from palpate.validation.mesh_cli import mesh
@@ -32,8 +33,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-reference_app = typer.Typer(help="Stored references.", no_args_is_help=True)
-app.add_typer(reference_app, name="reference")
+app.add_typer(reference_cli.app, name="reference")
 
 Cases = Annotated[list[str], typer.Argument(help="built-in names, or paths to .toml files")]
 OptionalCases = Annotated[
@@ -112,20 +112,23 @@ def gate(
         bool, typer.Option(help="judge by relations that need no reference")
     ] = False,
     self_test: Annotated[bool, typer.Option(help="seed faults; the gate must go red")] = False,
+    quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
+    every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation import outputs
-    from palpate.validation.case import load_case
+    from palpate.validation.case import QUICK, builtin_cases, load_case
     from palpate.validation.judge import exit_code, judge_case
     from palpate.validation.metamorphic import judge_relations
     from palpate.validation.self_test import run_self_test
     from palpate.validation.simulators.candidate import candidate_for
 
     candidate = candidate_for(simulator, time_limit, fault)
-    if self_test == bool(names):
-        raise InputError("name the cases, or say --self-test")
-    loaded = [load_case(name) for name in names or ()]
+    if self_test + quick + every + bool(names) != 1:
+        raise InputError("name the cases, or say one of --quick, --all and --self-test")
+    chosen = QUICK if quick else builtin_cases() if every else names or ()
+    loaded = [load_case(name) for name in chosen]
     progress = progress_lines()
     if self_test:
         results = [run_self_test(progress)]
@@ -208,39 +211,6 @@ def study(
 
 
 app.command()(bench)
-
-
-@reference_app.command("build")
-def reference_build(names: Cases) -> None:
-    """Solve and store the references of built-in cases; needs FEniCSx."""
-    import datetime
-
-    from palpate.validation.case import load_case
-    from palpate.validation.reference_set import solve_for_storing
-    from palpate.validation.stored_references import store
-
-    for name in names:
-        case = load_case(name)
-        found = solve_for_storing(case.problem, progress_lines())
-        provenance: dict[str, Any] = {
-            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "command": f"palpate reference build {case.name}",
-            "palpate": _version(),
-            **found.provenance,
-        }
-        print(store(case.name, case.problem, found, provenance))
-
-
-@reference_app.command("check")
-def reference_check(names: Cases) -> None:
-    """Check that the stored references belong to their cases."""
-    from palpate.validation.case import load_case
-    from palpate.validation.stored_references import load_stored
-
-    for name in names:
-        case = load_case(name)
-        stored = load_stored(case.name, case.problem)
-        print(f"{case.name}: {stored.origin}, made {stored.provenance.get('date', '?')}")
 
 
 def _version() -> str:

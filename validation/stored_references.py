@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import zlib
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -50,10 +51,25 @@ def problem_key(problem: Problem) -> str:
     return digest.hexdigest()
 
 
+def accepted_path(name: str) -> Path:
+    """File of a case's accepted references, which verdicts use."""
+    return references_folder() / f"{name}.npz"
+
+
+def pending_path(name: str) -> Path:
+    """File of a case's references that were built and wait to be accepted."""
+    return references_folder() / f"{name}.pending.npz"
+
+
 def store(
-    name: str, problem: Problem, references: ReferenceSet, provenance: dict[str, Any]
+    name: str,
+    problem: Problem,
+    references: ReferenceSet,
+    provenance: dict[str, Any],
+    *,
+    path: Path | None = None,
 ) -> Path:
-    """Write a case's references, whole or not at all."""
+    """Write a case's references, whole or not at all; as the accepted ones unless `path` is."""
     header: dict[str, Any] = {
         "schema": SCHEMA,
         "key": problem_key(problem),
@@ -79,7 +95,7 @@ def store(
             arrays[f"times_{index}"] = state.trajectory.times
             arrays[f"displacements_{index}"] = state.trajectory.displacements
     arrays["header"] = np.array(json.dumps(header, sort_keys=True, allow_nan=False))
-    path = references_folder() / f"{name}.npz"
+    path = path or accepted_path(name)
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     return path
@@ -92,10 +108,66 @@ def load_stored(name: str, problem: Problem) -> ReferenceSet:
         MissingReferenceError: There are none, or the file is damaged.
         StaleReferenceError: They were made for something else.
     """
-    path = references_folder() / f"{name}.npz"
-    remedy = f"make it with `palpate reference build {name}` where FEniCSx is installed"
+    path = accepted_path(name)
+    remedy = (
+        f"make it with `palpate reference build {name}` where FEniCSx is installed, then "
+        f"`palpate reference accept {name} --reason TEXT`"
+    )
     if not path.is_file():
         raise MissingReferenceError(f"no stored reference for {name!r}; {remedy}")
+    try:
+        references, key = read_reference(path)
+    except MissingReferenceError as error:
+        raise MissingReferenceError(
+            f"the stored reference of {name!r} is {error}; {remedy}"
+        ) from error
+    if key != problem_key(problem):
+        raise StaleReferenceError(
+            f"the stored reference of {name!r} is stale: mesh, material, supports or loads have "
+            f"changed since it was made; {remedy}"
+        )
+    for state in references.states.values():
+        fits = state.displacement.shape == problem.mesh.points.shape
+        if not fits or not np.isfinite(state.displacement).all():
+            raise StaleReferenceError(f"the stored reference of {name!r} does not fit its mesh")
+    return references
+
+
+def accept_pending(name: str, problem: Problem, acceptance: dict[str, Any]) -> Path:
+    """Make what was built for a case its accepted references.
+
+    Args:
+        name: Of the case.
+        problem: Of the case now.
+        acceptance: Who, why, when and what changed; kept in the provenance.
+
+    Raises:
+        MissingReferenceError: Nothing was built, or it is damaged.
+        StaleReferenceError: The case has changed since it was built.
+    """
+    pending = pending_path(name)
+    if not pending.is_file():
+        raise MissingReferenceError(
+            f"nothing was built for {name!r}; run `palpate reference build {name}` first"
+        )
+    references, key = read_reference(pending)
+    if key != problem_key(problem):
+        raise StaleReferenceError(
+            f"{name!r} has changed since its reference was built; "
+            f"run `palpate reference build {name}` again"
+        )
+    provenance = {**references.provenance, "accepted": acceptance}
+    path = store(name, problem, references, provenance)
+    pending.unlink()
+    return path
+
+
+def read_reference(path: Path) -> tuple[ReferenceSet, str]:
+    """Read a file of references, whatever it was made for, and its key.
+
+    Raises:
+        MissingReferenceError: Missing, damaged, or of another schema.
+    """
     try:
         # Our own stream: numpy leaves a damaged file open.
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
@@ -107,20 +179,20 @@ def load_stored(name: str, problem: Problem) -> ReferenceSet:
                 else None
                 for k in range(len(fields))
             ]
-        schema, key = header["schema"], header["key"]
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise MissingReferenceError(
-            f"the stored reference of {name!r} is damaged ({type(error).__name__}); {remedy}"
-        ) from error
-    if schema != SCHEMA or key != problem_key(problem):
-        raise StaleReferenceError(
-            f"the stored reference of {name!r} is stale: mesh, material, supports or loads have "
-            f"changed since it was made; {remedy}"
-        )
+        if header["schema"] != SCHEMA:
+            raise ValueError(f"schema {header['schema']}")
+        return _unpacked(header, fields, motions), str(header["key"])
+    except FileNotFoundError:
+        raise MissingReferenceError("missing") from None
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error) as error:
+        raise MissingReferenceError(f"damaged ({type(error).__name__})") from error
+
+
+def _unpacked(
+    header: dict[str, Any], fields: list[Any], motions: list[Trajectory | None]
+) -> ReferenceSet:
     states = {}
     for entry, displacement, motion in zip(header["states"], fields, motions, strict=True):
-        if displacement.shape != problem.mesh.points.shape or not np.isfinite(displacement).all():
-            raise StaleReferenceError(f"the stored reference of {name!r} does not fit its mesh")
         strain = Strain(entry["strain"])
         states[entry["label"], strain] = State(
             label=entry["label"],
