@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.boundary_conditions import Load, Pressure, Support, Traction
+from palpate.meshes.boundary_conditions import Load, Pressure, Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -63,9 +63,10 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
 
 
 def refine_problem(problem: Problem) -> Problem:
-    """The same problem on the uniformly refined mesh, supports and loads carried over.
+    """The same problem on the uniformly refined mesh, all that it has carried over.
 
-    Point forces stay on their points. Facet loads cover the same area.
+    Point forces stay on their points. Facet loads cover the same area, tools may touch the same
+    facets, inclusions fill the same cells.
     """
     midpoints = _EdgeMidpoints(problem.mesh)
     supports = []
@@ -79,9 +80,26 @@ def refine_problem(problem: Problem) -> Problem:
             loads.append(dataclasses.replace(load, facets=midpoints.facets(load.facets)))
         else:
             loads.append(load)
-    kept: tuple[Support, ...] = tuple(supports)
+    tools = [
+        dataclasses.replace(tool, contact_facets=midpoints.facets(tool.contact_facets))
+        for tool in problem.tools
+    ]
+    # In the order of the cells of `refine_uniformly`: four corners, then four inside.
+    given = np.arange(problem.mesh.num_cells)
+    given_cell = np.concatenate([np.tile(given, 4), np.repeat(given, 4)])
+    inclusions = [
+        dataclasses.replace(
+            one, cells=np.flatnonzero(np.isin(given_cell, one.cells)).astype(np.int32)
+        )
+        for one in problem.inclusions
+    ]
     return dataclasses.replace(
-        problem, mesh=refine_uniformly(problem.mesh), supports=kept, loads=tuple(loads)
+        problem,
+        mesh=refine_uniformly(problem.mesh),
+        supports=tuple(supports),
+        loads=tuple(loads),
+        tools=tuple(tools),
+        inclusions=tuple(inclusions),
     )
 
 

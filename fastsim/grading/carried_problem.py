@@ -1,4 +1,4 @@
-"""Supports and loads of a problem on a refined mesh."""
+"""Supports, loads, tools and inclusions of a problem on a refined mesh."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.meshes.arrays import Indices
 from palpate.meshes.boundary_conditions import Load, Pressure, Support, Traction
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Inclusion, Problem
+from palpate.meshes.rigid_tool import RigidTool
 
 
 def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
-    """The same problem on the refined mesh: the same regions are held and pushed.
+    """The same problem on the refined mesh: the same regions are held, pushed and touched.
 
     Forces on single points stay on their points, which keep their numbers.
 
@@ -32,9 +33,20 @@ def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
             return dataclasses.replace(load, facets=graded.carry_facets(load.facets))
         return load
 
+    def carried_tool(tool: RigidTool) -> RigidTool:
+        facets = tool.contact_facets
+        carried = graded.carry_facets(facets) if len(facets) else facets
+        return dataclasses.replace(tool, contact_facets=carried)
+
+    def carried_inclusion(inclusion: Inclusion) -> Inclusion:
+        inside = np.isin(graded.given_cell, inclusion.cells)
+        return dataclasses.replace(inclusion, cells=np.flatnonzero(inside).astype(np.int32))
+
     return dataclasses.replace(
         problem,
         mesh=graded.mesh,
         supports=tuple(carried_support(s) for s in problem.supports),
         loads=tuple(carried_load(load) for load in problem.loads),
+        tools=tuple(carried_tool(tool) for tool in problem.tools),
+        inclusions=tuple(carried_inclusion(one) for one in problem.inclusions),
     )

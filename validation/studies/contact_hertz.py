@@ -68,11 +68,12 @@ def sphere_into_block(mesh: TetMesh, depths: Points, material: Material = MATERI
     points = mesh.points
     side = float(points[:, 0].max())
     supports = []
-    for axis, value in ((0, 0.0), (1, 0.0), (2, -side)):
-        on_plane = np.flatnonzero(np.abs(points[:, axis] - value) < 1e-9 * side).astype(np.int32)
-        held = tuple(k == axis for k in range(3))
-        supports.append(Support(on_plane, components=(held[0], held[1], held[2])))
     facets = mesh.boundary_facets
+    for axis, value in ((0, 0.0), (1, 0.0), (2, -side)):
+        # With their facets, so that quadratic elements hold their edges too.
+        on_plane = facets[(np.abs(points[facets][:, :, axis] - value) < 1e-9 * side).all(axis=1)]
+        held = tuple(k == axis for k in range(3))
+        supports.append(Support(np.unique(on_plane), on_plane, (held[0], held[1], held[2])))
     is_top = (np.abs(points[facets][:, :, 2]) < 1e-9 * side).all(axis=1)
     is_near = (np.linalg.norm(points[facets][:, :, :2], axis=2) < RADIUS).any(axis=1)
     depths = np.asarray(depths, dtype=np.float64)
