@@ -196,7 +196,9 @@ def report(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="meshing, beam, kidney, grading or iterations")],
+    name: Annotated[
+        str, typer.Argument(help="meshing, beam, kidney, contact, grading or iterations")
+    ],
     output: Folder,
 ) -> None:
     """Remake a study of the paper: meshing (Fig. 1), beam (Fig. 2), kidney (Fig. 5, Table I)..."""

@@ -21,6 +21,9 @@ from palpate.meshes.problem import Problem, Strain
 # Out-of-balance force over the contact forces, below which what pushes is nearly settled.
 _CLOSE = 1e-2
 
+# Slope of the potential at a step's end over that at its start, and how often it is cut.
+_STEEP = 0.8
+_MOST_CUTS = 8
 # Relative residual of the prediction.
 _ROUGH = 1e-3
 
@@ -145,6 +148,35 @@ class ContactNewton(Newton):
         )
         self._is_stale = self._is_stale or changed
         self._active = active
+
+    def _line_search(
+        self, displacement: Points, step: Points, factor: float, residual: Points, moves_held: bool
+    ) -> tuple[Points, Points, Points] | None:
+        """As without tools; then shorter while the potential rises steeply again along the step.
+
+        Vertices that come and go would otherwise do so for ever.
+        """
+        accepted = super()._line_search(displacement, step, factor, residual, moves_held)
+        if accepted is None or moves_held:
+            return accepted
+        free = self._is_free != 0
+        fall = float(np.sum((residual * step)[free]))
+        low, high = 0.0, 1.0
+        for _ in range(_MOST_CUTS):
+            trial, trial_residual, _ = accepted
+            rise = -float(np.sum((trial_residual * step)[free]))
+            if not (fall > 0.0 and abs(rise) > _STEEP * fall):
+                return accepted
+            reached = float(np.sum((trial - displacement) * step) / np.sum(step * step))
+            if rise > 0.0:
+                high = reached
+            elif reached >= high:
+                return accepted
+            else:
+                low = reached
+            middle = displacement + 0.5 * (low + high) * step
+            accepted = (middle, *self._residual(middle, factor))
+        return accepted
 
     def _scale(self, internal: Points, factor: float) -> float:
         return max(super()._scale(internal, factor), self._contact_norm)

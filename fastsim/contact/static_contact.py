@@ -10,7 +10,7 @@ import numpy as np
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw, layer_stiffness
 from palpate.fastsim.contact.contact_newton import ContactNewton
 from palpate.fastsim.contact.errors import ContactLostError
-from palpate.fastsim.contact.tool_checks import require_outside
+from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
 from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
@@ -99,6 +99,7 @@ def solve_contact(
         for contact in contacts
     ]
     for number, contact in enumerate(contacts):
+        require_larger_than_gaps(problem, contact, number)
         require_outside(problem, contact, number, np.zeros_like(problem.mesh.points))
     newton = ContactNewton(
         problem, strain, relative_tolerance, max_iterations, contacts, stiffnesses

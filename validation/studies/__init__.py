@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 
-STUDIES = ("beam", "frontier", "grading", "iterations", "kidney", "meshing")
+STUDIES = ("beam", "contact", "frontier", "grading", "iterations", "kidney", "meshing")
 
 
 def run_study(name: str, folder: Path, progress: Callable[[str], None], console: Console) -> int:

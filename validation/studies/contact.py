@@ -1,0 +1,151 @@
+"""Section IV: tools that touch tissue. Is the contact right, and what does it cost?
+
+A rigid sphere on a block has a closed form where the strain is small and linear (Hertz): the
+linear simulator must come to it as the mesh is refined, and Green strain must depart from it by the
+same amount on every mesh. Beyond that, the same discrete problem is given to the reference: force,
+displacement and change of volume must be the same on the same mesh.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
+from palpate.reference.availability import is_available
+from palpate.validation.report.study_page import Finding, gravest, write_study_page
+from palpate.validation.results import Verdict
+from palpate.validation.run_folder import MARK
+from palpate.validation.studies import contact_page as page
+from palpate.validation.studies import contact_scenes as scenes
+from palpate.validation.studies.contact_runs import (
+    DEPTH,
+    LEVELS,
+    Outcome,
+    hertz_level,
+    penalty_rates,
+    vary_penalty,
+)
+from palpate.validation.studies.contact_speed import SHARE, measure_speeds
+
+_CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}
+HERTZ_LIMIT = 0.03
+SAME_MESH_LIMIT = 1e-6
+SHARE_LIMIT = 0.2
+
+
+def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
+    """Solve, compare, time, judge; leave report.html, figures, tables and results.json."""
+    if not is_available():
+        raise InputError("study contact needs FEniCSx to compare with; see the set-up in README")
+    speeds = measure_speeds(progress)
+    levels = [hertz_level(n, growth, progress) for n, growth in LEVELS]
+    indentation = scenes.indentation()
+    every = [indentation, scenes.flat_punch(), *scenes.kidney_scenes()]
+    pairs = [scenes.compare(scene, strain, progress) for scene in every for strain in Strain]
+    progress("the last depth with an equilibrium")
+    outcome = Outcome(
+        levels, pairs, scenes.last_depth(indentation, 0.35), vary_penalty(progress), speeds
+    )
+    findings = judge(outcome)
+    tables = [
+        page.level_table(outcome),
+        page.curve_table(outcome),
+        page.pair_table(outcome),
+        page.penalty_table(outcome),
+        page.speed_table(outcome),
+    ]
+    names = ("hertz", "force_depth", "same_mesh", "penalty", "speed")
+    for name, table in zip(names, tables, strict=True):
+        lines = [",".join(row) for row in (table.columns, *table.rows)]
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    figures = page.draw(outcome, HERTZ_LIMIT)
+    for name, figure in zip(("force_depth", "convergence"), figures, strict=True):
+        (folder / f"{name}.svg").write_text(figure.svg, encoding="utf-8")
+    write_study_page(
+        folder / "report.html",
+        title="Contact with tools (section IV)",
+        about=(__doc__ or "").split("\n\n")[1:],
+        findings=findings,
+        figures=figures,
+        tables=tables,
+    )
+    document = {
+        "study": "contact",
+        "findings": [asdict(f) for f in findings],
+        **asdict(outcome),
+    }
+    (folder / MARK).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    for f in findings:
+        console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
+    return _CODES[gravest(findings)]
+
+
+def judge(found: Outcome) -> list[Finding]:
+    """What was claimed, and whether it holds."""
+
+    def finding(claim: str, text: str, holds: bool) -> Finding:
+        return Finding(claim, text, Verdict.PASSED if holds else Verdict.FAILED)
+
+    away = [abs(level.linear - 1.0) for level in found.levels]
+    ratios = [level.green / level.linear for level in found.levels]
+    depth, det, why = found.last_depth
+    rates = penalty_rates(found.penalties)
+    first, second = found.speeds
+    findings = [
+        finding(
+            f"linear strain is within {HERTZ_LIMIT:.0%} of Hertz at d = {DEPTH:g} R, and nearer "
+            "on every finer mesh",
+            ", ".join(f"{level.linear - 1.0:+.2%}" for level in found.levels),
+            away[-1] <= HERTZ_LIMIT and all(np.diff(away) < 0.0),
+        ),
+        finding(
+            "Green strain departs from linear by the same on every mesh, within 0.2 %: it is the "
+            "material's departure",
+            ", ".join(f"{ratio - 1.0:+.2%}" for ratio in ratios),
+            max(ratios) - min(ratios) <= 0.002 and max(ratios) < 0.99,
+        ),
+    ]
+    for pair in found.pairs:
+        errors = pair.force_error, pair.displacement_error, pair.volume_error
+        findings.append(
+            finding(
+                f"{pair.scene}, {pair.strain} strain: force, displacement and change of volume "
+                f"are the reference's on the same mesh, within {SAME_MESH_LIMIT:g}",
+                ", ".join(f"{error:.1e}" for error in errors) + f"; up to {pair.reached}",
+                all(error <= SAME_MESH_LIMIT for error in errors),
+            )
+        )
+    return [
+        *findings,
+        finding(
+            f"the sphere goes to {scenes.DEPTHS[-1]:g} R, and where Saint-Venant-Kirchhoff has no "
+            "equilibrium any more is stated",
+            f"{depth:.3f} R (smallest det F {det:.2f}): {why}",
+            depth > scenes.DEPTHS[-1],
+        ),
+        finding(
+            "penalties lack a force in proportion to 1/k, within 0.1 in the exponent",
+            "exponents " + ", ".join(f"{rate:.3f}" for rate in rates),
+            all(abs(rate - 1.0) <= 0.1 for rate in rates[1:]),
+        ),
+        finding(
+            f"a capsule adds at most {SHARE_LIMIT:.0%} to a step of {first.cells} cells",
+            ", ".join(f"{share:+.1%}" for share in first.shares) + " (constraint, penalty)",
+            max(first.shares) <= SHARE_LIMIT,
+        ),
+        finding(
+            f"with a moving capsule {SHARE:.0%} of the cells that would run in real time still do, "
+            "on one core",
+            f"{second.cells} cells at {min(second.real_time_factors[1:]):.2f} times real time "
+            f"({first.real_time_cells} without a tool)",
+            min(second.real_time_factors[1:]) >= 1.0
+            and second.cells >= 0.95 * SHARE * first.real_time_cells,
+        ),
+    ]

@@ -1,0 +1,129 @@
+"""What contact with one tool costs: share of a step, and the largest body in real time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fastsim.amplitudes import Histories
+from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
+from palpate.fastsim.contact.explicit_tools import ExplicitTools
+from palpate.fastsim.dynamics import SAFETY
+from palpate.fastsim.explicit_body import ExplicitBody, Precision
+from palpate.fastsim.forces import lumped_mass
+from palpate.fastsim.mesher import mesh_surface
+from palpate.fastsim.time_steps import sharp_critical_time_step
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_tool import CapsuleShape, RigidTool, ToolPath
+from palpate.meshes.tet_mesh import TetMesh
+
+# As in `palpate bench steps`.
+TISSUE = Material(1e4, 0.45, 1000.0)
+MASS_DAMPING = 5.0
+EDGE, CELLS = 5.15e-3, 20_724
+# Share of the largest body in real time without tools that must still be so with one.
+SHARE = 0.75
+_TIMINGS = 10
+_CELL_STEPS = 2e7
+
+
+@dataclass(frozen=True)
+class Speed:
+    """One body on one core, single precision.
+
+    Attributes:
+        cells: Of the kidney.
+        time_step: [s].
+        seconds: Of the processor per step: without a tool, with the constraint, the penalty.
+    """
+
+    cells: int
+    time_step: float
+    seconds: tuple[float, float, float]
+
+    @property
+    def shares(self) -> tuple[float, float]:
+        """What the tool adds to a step: constraint, penalty [-]."""
+        bare, constraint, penalty = self.seconds
+        return constraint / bare - 1.0, penalty / bare - 1.0
+
+    @property
+    def real_time_factors(self) -> tuple[float, float, float]:
+        """Simulated over spent time [-]."""
+        bare, constraint, penalty = (self.time_step / s for s in self.seconds)
+        return bare, constraint, penalty
+
+    @property
+    def real_time_cells(self) -> int:
+        """Cells of this body in real time without a tool: cost grows as n, steps as n^(1/3)."""
+        return int(self.cells * self.real_time_factors[0] ** 0.75)
+
+
+def measure_speeds(progress: Callable[[str], None]) -> tuple[Speed, Speed]:
+    """The kidney of the benchmark, then one of three quarters of what would be real time."""
+    progress(f"steps of the kidney, about {CELLS} cells, with a capsule and without")
+    first = measure_speed(mesh_surface(shape_kidney(edge_length=EDGE)))
+    wanted = SHARE * first.real_time_cells
+    progress(f"steps of the kidney, about {wanted:.0f} cells")
+    edge = EDGE * (first.cells / wanted) ** (1.0 / 3.0)
+    return first, measure_speed(mesh_surface(shape_kidney(edge_length=edge)))
+
+
+def measure_speed(mesh: TetMesh) -> Speed:
+    """Best of several timings, taken in turn while a capsule slides over the kidney."""
+    step = SAFETY * sharp_critical_time_step(mesh, TISSUE)
+    bodies = [
+        moving_capsule(mesh, step, law)
+        for law in (None, ContactLaw(), ContactLaw(ContactForm.PENALTY))
+    ]
+    # The capsule is down after 0.2 s.
+    for body in bodies:
+        body.advance(int(0.25 / step), int(0.25 / step))
+    steps = max(50, int(_CELL_STEPS / mesh.num_cells))
+    best = [np.inf] * len(bodies)
+    for _ in range(_TIMINGS):
+        for k, body in enumerate(bodies):
+            start = time.process_time()
+            body.advance(steps, steps)
+            best[k] = min(best[k], (time.process_time() - start) / steps)
+    return Speed(mesh.num_cells, step, (best[0], best[1], best[2]))
+
+
+def moving_capsule(mesh: TetMesh, step: float, law: ContactLaw | None) -> ExplicitBody:
+    """A kidney that lies on its side, a capsule pressed 5 mm into it that slides along it."""
+    held = Support(np.flatnonzero(mesh.points[:, 1] < -0.02).astype(np.int32))
+    near = np.abs(mesh.points[:, 2]) < 0.03
+    top = float(mesh.points[near, 1].max())
+    radius = 0.008
+    heights = top + radius + np.array([0.0005, -0.005, -0.005])
+    positions = np.stack([np.zeros(3), heights, np.array([-0.02, -0.02, 0.03])], axis=1)
+    across = np.repeat([[np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]], 3, axis=0)
+    path = ToolPath(np.array([0.0, 0.2, 5.0]), positions, across)
+    tools = () if law is None else (RigidTool(CapsuleShape(radius, 0.02), path),)
+    problem = Problem(mesh, TISSUE, (held,), (), tools=tools)
+    explicit = None
+    if law is not None:
+        explicit = ExplicitTools(
+            problem,
+            law,
+            lumped_mass(mesh, TISSUE.density),
+            critical_time_step=step / SAFETY,
+            time_step=step,
+        )
+    body = ExplicitBody(
+        problem,
+        strain=Strain.GREEN,
+        time_step=step,
+        mass_damping=MASS_DAMPING,
+        histories=Histories(problem, None, None),
+        precision=Precision.SINGLE,
+        tools=explicit,
+    )
+    rest = np.zeros_like(mesh.points)
+    body.start(rest, rest)
+    return body
