@@ -98,6 +98,8 @@ class VerticesInCells:
         cells: NDArray[np.int32],
         vertices: NDArray[np.int32],
         is_same_body: bool,
+        num_threads: int,
+        at_most: InstructionSet,
     ) -> None: ...
     def find(
         self, vertex_points: NDArray[np.float64], cell_points: NDArray[np.float64]
@@ -120,6 +122,8 @@ class VerticesNearFacets:
         facets: NDArray[np.int32],
         vertices: NDArray[np.int32],
         is_same_body: bool,
+        num_threads: int,
+        at_most: InstructionSet,
     ) -> None: ...
     def find(
         self,
@@ -153,6 +157,8 @@ class EdgesNearEdges:
         second_points: NDArray[np.float64],
         second: NDArray[np.int32],
         is_same_body: bool,
+        num_threads: int,
+        at_most: InstructionSet,
     ) -> None: ...
     def find(
         self,

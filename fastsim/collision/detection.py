@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
+from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError, NonFiniteError
 from palpate.meshes.tet_mesh import TetMesh
@@ -47,14 +48,22 @@ class VertexCellDetector:
         mesh: Body whose cells are looked at.
         intruder: Body whose boundary vertices are looked for; None is the same body, whose own
             corners do not count.
+        num_threads: At least 1; they wait between calls. What is found does not depend on it.
     """
 
-    def __init__(self, mesh: TetMesh, intruder: TetMesh | None = None) -> None:
+    def __init__(
+        self, mesh: TetMesh, intruder: TetMesh | None = None, *, num_threads: int = 1
+    ) -> None:
         self._mesh = mesh
         self._intruder = mesh if intruder is None else intruder
         self._vertices = np.unique(self._intruder.boundary_facets).astype(np.int32)
         self._core = _core.VerticesInCells(
-            mesh.points, mesh.cells, self._vertices, intruder is None
+            mesh.points,
+            mesh.cells,
+            self._vertices,
+            intruder is None,
+            at_least_one(num_threads),
+            chosen_instruction_set(),
         )
 
     @property
@@ -103,6 +112,13 @@ class VertexCellDetector:
                 raise InputError("two bodies: give the points of the intruder as well")
             return here, here
         return here, shaped_as(self._intruder.points, intruder_points)
+
+
+def at_least_one(num_threads: int) -> int:
+    """The number of threads, refused where there would be none."""
+    if num_threads < 1:
+        raise InputError(f"num_threads = {num_threads}; it must be at least 1")
+    return num_threads
 
 
 def shaped_as(rest: Points, points: Points) -> Points:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.collision.detection import not_finite, shaped_as
+from palpate.fastsim.collision.detection import at_least_one, not_finite, shaped_as
+from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tri_surface import TriSurface
@@ -91,13 +92,21 @@ class VertexFacetDetector(_SurfaceDetector):
         surface: Surface whose facets are looked at.
         intruder: Surface whose vertices (those that its facets use) are looked for; None is the
             same surface, where a facet's own corners do not count.
+        num_threads: At least 1; they wait between calls. What is found does not depend on it.
     """
 
-    def __init__(self, surface: TriSurface, intruder: TriSurface | None = None) -> None:
+    def __init__(
+        self, surface: TriSurface, intruder: TriSurface | None = None, *, num_threads: int = 1
+    ) -> None:
         super().__init__(surface, intruder)
         self._vertices = np.unique(self._intruder.facets).astype(np.int32)
         self._core = _core.VerticesNearFacets(
-            surface.points, surface.facets, self._vertices, self._is_same
+            surface.points,
+            surface.facets,
+            self._vertices,
+            self._is_same,
+            at_least_one(num_threads),
+            chosen_instruction_set(),
         )
 
     def find(
@@ -171,9 +180,12 @@ class EdgeEdgeDetector(_SurfaceDetector):
         surface: Surface whose edges are looked at.
         intruder: Surface whose edges are looked for; None is the same surface, where a pair is
             found once, and edges with a common point do not count.
+        num_threads: At least 1; they wait between calls. What is found does not depend on it.
     """
 
-    def __init__(self, surface: TriSurface, intruder: TriSurface | None = None) -> None:
+    def __init__(
+        self, surface: TriSurface, intruder: TriSurface | None = None, *, num_threads: int = 1
+    ) -> None:
         super().__init__(surface, intruder)
         self.edges = edges_of(surface)
         self.intruder_edges = self.edges if self._is_same else edges_of(self._intruder)
@@ -183,6 +195,8 @@ class EdgeEdgeDetector(_SurfaceDetector):
             surface.points,
             self.edges,
             self._is_same,
+            at_least_one(num_threads),
+            chosen_instruction_set(),
         )
 
     def find(

@@ -81,12 +81,13 @@ void bind_vertices_in_cells(nb::module_ &module) {
         .def(
             "__init__",
             [](VerticesInCells *self, Points cell_points, Cells cells, Indices vertices,
-               bool is_same_body) {
+               bool is_same_body, std::size_t num_threads, InstructionSet at_most) {
                 new (self) VerticesInCells(as_rows<Position>(cell_points), as_rows<Cell>(cells),
-                                           as_span(vertices), is_same_body);
+                                           as_span(vertices), is_same_body, num_threads, at_most);
             },
             nb::arg("cell_points").noconvert(), nb::arg("cells").noconvert(),
-            nb::arg("vertices").noconvert(), nb::arg("is_same_body"))
+            nb::arg("vertices").noconvert(), nb::arg("is_same_body"), nb::arg("num_threads"),
+            nb::arg("at_most"))
         .def(
             "find",
             [](VerticesInCells &self, Points vertex_points, Points cell_points) {
@@ -124,13 +125,14 @@ void bind_vertices_near_facets(nb::module_ &module) {
         .def(
             "__init__",
             [](VerticesNearFacets *self, Points facet_points, Facets facets, Indices vertices,
-               bool is_same_body) {
+               bool is_same_body, std::size_t num_threads, InstructionSet at_most) {
                 new (self)
                     VerticesNearFacets(as_rows<Position>(facet_points), as_rows<Facet>(facets),
-                                       as_span(vertices), is_same_body);
+                                       as_span(vertices), is_same_body, num_threads, at_most);
             },
             nb::arg("facet_points").noconvert(), nb::arg("facets").noconvert(),
-            nb::arg("vertices").noconvert(), nb::arg("is_same_body"))
+            nb::arg("vertices").noconvert(), nb::arg("is_same_body"), nb::arg("num_threads"),
+            nb::arg("at_most"))
         .def(
             "find",
             [](VerticesNearFacets &self, Points vertex_points, Points facet_points,
@@ -178,14 +180,14 @@ void bind_edges_near_edges(nb::module_ &module) {
         .def(
             "__init__",
             [](EdgesNearEdges *self, Points first_points, Edges first, Points second_points,
-               Edges second, bool is_same_body) {
+               Edges second, bool is_same_body, std::size_t num_threads, InstructionSet at_most) {
                 new (self) EdgesNearEdges(as_rows<Position>(first_points), as_rows<Edge>(first),
                                           as_rows<Position>(second_points), as_rows<Edge>(second),
-                                          is_same_body);
+                                          is_same_body, num_threads, at_most);
             },
             nb::arg("first_points").noconvert(), nb::arg("first").noconvert(),
             nb::arg("second_points").noconvert(), nb::arg("second").noconvert(),
-            nb::arg("is_same_body"))
+            nb::arg("is_same_body"), nb::arg("num_threads"), nb::arg("at_most"))
         .def(
             "find",
             [](EdgesNearEdges &self, Points first_points, Points second_points, double distance) {

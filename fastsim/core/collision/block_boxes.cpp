@@ -77,18 +77,21 @@ struct MeetingBoxes {
     }
 #endif
 
-    static BlockBoxes::FindMeeting widest() {
+    static BlockBoxes::FindMeeting widest(InstructionSet at_most) {
 #ifdef FASTSIM_HAS_X86_KERNELS
-        if (__builtin_cpu_supports("avx512f"))
+        const InstructionSet set = std::min(at_most, widest_instruction_set());
+        if (set == InstructionSet::avx512)
             return avx512;
-        if (__builtin_cpu_supports("avx2"))
+        if (set == InstructionSet::avx2)
             return avx2;
+#else
+        static_cast<void>(at_most);
 #endif
         return plain;
     }
 };
 
-BlockBoxes::BlockBoxes() : _find_meeting(MeetingBoxes::widest()) {}
+BlockBoxes::BlockBoxes(InstructionSet at_most) : _find_meeting(MeetingBoxes::widest(at_most)) {}
 
 void BlockBoxes::resize(std::size_t count) {
     _count = count;

@@ -2,6 +2,7 @@
 // The boxes of up to 64 elements, side by side, and which of them meet other boxes: a bit for each.
 
 #include "collision/extent.hpp"
+#include "mechanics/step_kernel.hpp"
 
 #include <cstddef>
 
@@ -18,7 +19,8 @@ class BlockBoxes {
   public:
     static constexpr std::size_t capacity = 64;
 
-    BlockBoxes();
+    // Uses no wider vectors than asked for, nor than the processor has.
+    explicit BlockBoxes(InstructionSet at_most);
 
     // What lies beyond `count` meets nothing.
     void resize(std::size_t count);
@@ -30,8 +32,7 @@ class BlockBoxes {
     }
 
     // For each of these rows of a table, in bits[0], bits[1], ...: bit k is set when box k and the
-    // row's, both closed, have a point in common. With the widest vectors that the processor has;
-    // the answer is the same with all.
+    // row's, both closed, have a point in common. The answer is the same with all vectors.
     void find_meeting(const BoxTable &table, std::span<const std::uint32_t> rows,
                       std::uint64_t *bits) const {
         _find_meeting(*this, table, rows, bits);

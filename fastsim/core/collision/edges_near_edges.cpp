@@ -2,8 +2,6 @@
 
 #include "collision/narrow_phase.hpp"
 
-#include <bit>
-
 namespace fastsim {
 
 namespace {
@@ -25,9 +23,11 @@ bool have_common_point(const Edge &a, const Edge &b) {
 
 EdgesNearEdges::EdgesNearEdges(std::span<const Position> first_points, std::span<const Edge> first,
                                std::span<const Position> second_points,
-                               std::span<const Edge> second, bool is_same_body)
+                               std::span<const Edge> second, bool is_same_body,
+                               std::size_t num_threads, InstructionSet at_most)
     : _given(first.begin(), first.end()), _second(second_points, second, edges_in_block),
-      _hash(first.size()), _bits(first.size()), _order(second.size()), _is_same_body(is_same_body) {
+      _hash(first.size()), _searches(num_threads, Search(_second, first.size(), at_most)),
+      _workers(num_threads), _order(second.size()), _is_same_body(is_same_body) {
     std::vector<double> sizes;
     std::vector<Position> middles;
     for (const Edge &edge : first) {
@@ -87,8 +87,18 @@ EdgesNearEdges::find_candidates(std::span<const Position> first_points,
     for (SizeClass &one : _classes) {
         for (double &half : one.half)
             half += slack;
-        if (!one.active.empty())
-            look_up(one, first_points, second_points, reach);
+        for (std::size_t k = 0; k < _second.num_classes() && !one.active.empty(); ++k) {
+            hash(one, first_points,
+                 std::max(voxel_per_block * _second.mean_size()[k], one.size) + reach);
+            const auto blocks = _second.blocks(k);
+            _workers.share_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
+                look_into(blocks[b], one, second_points, reach, _searches[worker]);
+            });
+        }
+    }
+    for (Search &search : _searches) {
+        _candidates.insert(_candidates.end(), search.found.begin(), search.found.end());
+        search.found.clear();
     }
     _order.sort(
         _candidates, [](const Pair &pair) { return pair[1]; },
@@ -96,59 +106,48 @@ EdgesNearEdges::find_candidates(std::span<const Position> first_points,
     return _candidates;
 }
 
-void EdgesNearEdges::look_up(const SizeClass &one, std::span<const Position> first_points,
-                             std::span<const Position> second_points, double reach) {
-    const auto middle_of = [&](Index e) { return extent_of(first_points, _first[at(e)]).middle(); };
-    std::size_t filled = _second.mean_size().size(); // class that the hash is for now
-    for (const auto &block : _second.blocks()) {
-        const Extent box = _second.extent(block, second_points).grown(reach);
-        Extent around = box;
-        for (std::size_t i = 0; i < 3; ++i) {
-            around.low[i] -= one.half[i];
-            around.high[i] += one.half[i];
-        }
-        if (!around.meets(one.middles))
-            continue;
-        if (filled != block.size_class) {
-            filled = block.size_class; // blocks of a class follow one another
-            _hash.fill(one.active, one.middles,
-                       std::max(voxel_per_block * _second.mean_size()[filled], one.size) + reach,
-                       middle_of);
-            _hashed.clear();
-            for (const VoxelHash::Entry &entry : _hash.entries())
-                _hashed.push_back(extent_of(first_points, _first[at(entry.id)]));
-        }
-        std::span<std::uint32_t> places = _hash.near(around);
-        if (_is_same_body) {
-            // Both lists are in the same order: of two edges the earlier one is looked up.
-            const auto is_later = [&](std::uint32_t k) {
-                return at(_hash.entries()[k].id) >= block.last;
-            };
-            places = {places.begin(), std::remove_if(places.begin(), places.end(), is_later)};
-        }
-        if (places.empty())
-            continue;
-        _second.fit(block, second_points, reach, _boxes);
-        _boxes.find_meeting({_hashed[0].low.data(), _hashed[0].high.data(), 6}, places,
-                            _bits.data());
-        if (_is_same_body)
-            _second.mark(block);
-        for (std::size_t j = 0; j < places.size(); ++j) {
-            const auto first = at(_hash.entries()[places[j]].id);
-            std::uint64_t bits = _bits[j];
-            if (_is_same_body) {
-                if (first >= block.first)
-                    bits &= ~std::uint64_t{1} << (first - block.first);
-                bits &= ~(_second.with_corner(block, _first[first][0]) |
-                          _second.with_corner(block, _first[first][1]));
-            }
-            for (; bits != 0; bits &= bits - 1) {
-                const auto bit = static_cast<std::size_t>(std::countr_zero(bits));
-                const Index a = _first_number[first], b = _second.number(block.first + bit);
-                _candidates.push_back(_is_same_body && b < a ? Pair{b, a} : Pair{a, b});
-            }
-        }
+void EdgesNearEdges::hash(const SizeClass &one, std::span<const Position> first_points,
+                          double voxel_size) {
+    const auto box_of = [&](Index e) { return extent_of(first_points, _first[at(e)]); };
+    _hash.fill(one.active, one.middles, voxel_size, [&](Index e) { return box_of(e).middle(); });
+    _hashed.clear();
+    for (const VoxelHash::Entry &entry : _hash.entries())
+        _hashed.push_back(box_of(entry.id));
+}
+
+void EdgesNearEdges::look_into(const Blocks::Block &block, const SizeClass &one,
+                               std::span<const Position> second_points, double reach,
+                               Search &search) const {
+    Extent around = _second.extent(block, second_points).grown(reach);
+    for (std::size_t i = 0; i < 3; ++i) {
+        around.low[i] -= one.half[i];
+        around.high[i] += one.half[i];
     }
+    if (!around.meets(one.middles))
+        return;
+    const auto place_of = [&](std::uint32_t k) { return at(_hash.entries()[k].id); };
+    // Within one body both lists are in the same order: the earlier of two edges is looked up.
+    const auto places = search.look_up(
+        _hash, around, [&](std::uint32_t k) { return !_is_same_body || place_of(k) < block.last; });
+    if (places.empty())
+        return;
+    if (_is_same_body)
+        search.mark(_second, block);
+    const auto left_out = [&](std::uint32_t k) -> std::uint64_t {
+        if (!_is_same_body)
+            return 0;
+        const std::size_t first = place_of(k);
+        const std::uint64_t not_later =
+            first >= block.first ? ~(~std::uint64_t{1} << (first - block.first)) : 0;
+        return not_later | search.with_corner(_second, block, _first[first][0]) |
+               search.with_corner(_second, block, _first[first][1]);
+    };
+    search.test(_second, block, second_points, reach,
+                {_hashed[0].low.data(), _hashed[0].high.data(), sizeof(Extent) / sizeof(double)},
+                places, left_out, [&](std::uint32_t k, Index b) {
+                    const Index a = _first_number[place_of(k)];
+                    search.found.push_back(_is_same_body && b < a ? Pair{b, a} : Pair{a, b});
+                });
 }
 
 std::span<const EdgeNearEdge> EdgesNearEdges::find(std::span<const Position> first_points,

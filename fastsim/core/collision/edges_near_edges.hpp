@@ -1,9 +1,9 @@
 #pragma once
 // Which edges come within a distance of which others: of another body, or of the same one.
 
-#include "collision/element_blocks.hpp"
+#include "collision/block_search.hpp"
 #include "collision/pair_order.hpp"
-#include "collision/voxel_hash.hpp"
+#include "collision/workers.hpp"
 
 namespace fastsim {
 
@@ -26,7 +26,7 @@ class EdgesNearEdges {
     // point do not count.
     EdgesNearEdges(std::span<const Position> first_points, std::span<const Edge> first,
                    std::span<const Position> second_points, std::span<const Edge> second,
-                   bool is_same_body);
+                   bool is_same_body, std::size_t num_threads, InstructionSet at_most);
 
     // Candidates: pairs whose closed boxes meet, one grown by `reach_of`. By second edge, then by
     // first; valid until the next call. Throws std::invalid_argument when a point is not finite.
@@ -39,6 +39,8 @@ class EdgesNearEdges {
                                        std::span<const Position> second_points, double distance);
 
   private:
+    using Blocks = ElementBlocks<2>;
+    using Search = BlockSearch<2, Pair>;
     struct SizeClass {
         double size = 0.0;         // mean of its edges, at the time of construction
         std::vector<Index> active; // its edges that are near the other body
@@ -46,19 +48,20 @@ class EdgesNearEdges {
         Position half{};           // largest half of a box, along each axis
     };
     void take_active(std::span<const Position> first_points, const Extent &near);
-    void look_up(const SizeClass &one, std::span<const Position> first_points,
-                 std::span<const Position> second_points, double reach);
+    void hash(const SizeClass &one, std::span<const Position> first_points, double voxel_size);
+    void look_into(const Blocks::Block &block, const SizeClass &one,
+                   std::span<const Position> second_points, double reach, Search &search) const;
 
     std::vector<Edge> _given;         // the first edges, as given
     std::vector<Edge> _first;         // the same in compact order
     std::vector<Index> _first_number; // of each of them
-    ElementBlocks<2> _second;
+    Blocks _second;
     std::vector<std::uint8_t> _class; // of the first body's edges
     std::vector<SizeClass> _classes;
     VoxelHash _hash;
-    std::vector<Extent> _hashed; // boxes of the hashed edges, in the order of the hash
-    BlockBoxes _boxes;
-    std::vector<std::uint64_t> _bits; // second edges of a block for each first edge near it
+    std::vector<Extent> _hashed;   // boxes of the hashed edges, in the order of the hash
+    std::vector<Search> _searches; // one for each thread
+    Workers _workers;
     std::vector<Pair> _candidates;
     PairOrder<Pair> _order;
     std::vector<EdgeNearEdge> _found;

@@ -6,6 +6,7 @@
 #include "collision/size_classes.hpp"
 
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace fastsim {
@@ -24,7 +25,6 @@ template <std::size_t corners> class ElementBlocks {
     struct Block {
         std::uint32_t first, last;             // elements, in the blocks' own order
         std::uint32_t first_point, last_point; // of `_points`
-        std::uint32_t size_class;
     };
 
     // Sizes and order are taken from the points as they are now.
@@ -42,15 +42,19 @@ template <std::size_t corners> class ElementBlocks {
         const SizeClasses classes = sort_by_size(sizes);
         _number = compact_order(middles, classes, elements_in_block);
         make_blocks(classes, elements_in_block);
-        _place.assign(points.size(), std::numeric_limits<std::uint32_t>::max());
-        measure(points, classes.count());
+        _num_points = points.size();
+        measure(points);
     }
 
-    [[nodiscard]] std::span<const Block> blocks() const { return _blocks; }
+    [[nodiscard]] std::size_t num_classes() const { return _mean_size.size(); }
+    [[nodiscard]] std::span<const Block> blocks(std::size_t size_class) const {
+        const auto [first, last] = _class_blocks[size_class];
+        return std::span(_blocks).subspan(first, last - first);
+    }
     [[nodiscard]] const std::vector<Element> &elements() const { return _elements; }
     // The element's number, from its place in the blocks.
     [[nodiscard]] Index number(std::size_t k) const { return _number[k]; }
-    // Mean size of the blocks of each class, at the time of construction; > 0.
+    // Mean size of the blocks of each class, at the time of construction [m]; > 0.
     [[nodiscard]] const std::vector<double> &mean_size() const { return _mean_size; }
 
     [[nodiscard]] Extent extent(const Block &block, std::span<const Position> points) const {
@@ -60,16 +64,28 @@ template <std::size_t corners> class ElementBlocks {
         return box;
     }
 
-    // Of the block's elements, those that have the point as a corner: a bit for each, all 0 when
-    // the block does not have the point. For points of the elements' own mesh; `mark` first.
-    [[nodiscard]] std::uint64_t with_corner(const Block &block, Index point) const {
-        const std::uint32_t k = _place[static_cast<std::size_t>(point)];
-        return k - block.first_point < block.last_point - block.first_point ? _incident[k] : 0;
-    }
-    // Notes where the block's points are, for `with_corner` of this block.
-    void mark(const Block &block) {
+    [[nodiscard]] std::size_t num_points() const { return _num_points; }
+
+    // Where points are in the block that was marked last; other blocks' places are outside its own.
+    class Marks {
+      public:
+        explicit Marks(std::size_t num_points)
+            : _place(num_points, std::numeric_limits<std::uint32_t>::max()) {}
+
+      private:
+        friend class ElementBlocks;
+        std::vector<std::uint32_t> _place;
+    };
+    void mark(const Block &block, Marks &marks) const {
         for (std::uint32_t k = block.first_point; k < block.last_point; ++k)
-            _place[static_cast<std::size_t>(_points[k])] = k;
+            marks._place[static_cast<std::size_t>(_points[k])] = k;
+    }
+    // Of the block's elements, those that have a point of their own mesh as a corner: a bit for
+    // each. Pre-condition: the block is marked.
+    [[nodiscard]] std::uint64_t with_corner(const Block &block, Index point,
+                                            const Marks &marks) const {
+        const std::uint32_t k = marks._place[static_cast<std::size_t>(point)];
+        return k - block.first_point < block.last_point - block.first_point ? _incident[k] : 0;
     }
 
     // Boxes of a block's elements, grown.
@@ -94,6 +110,7 @@ template <std::size_t corners> class ElementBlocks {
             return classes.of[static_cast<std::size_t>(_number[k])];
         };
         _local.resize(_elements.size());
+        _class_blocks.assign(classes.count(), {0, 0});
         std::vector<Index> own;
         for (std::size_t first = 0, last = 0; first < _number.size(); first = last) {
             own.clear();
@@ -112,8 +129,10 @@ template <std::size_t corners> class ElementBlocks {
                 }
             _blocks.push_back({static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(last),
                                static_cast<std::uint32_t>(_points.size()),
-                               static_cast<std::uint32_t>(_points.size() + own.size()),
-                               class_of(first)});
+                               static_cast<std::uint32_t>(_points.size() + own.size())});
+            _class_blocks[class_of(first)].second = _blocks.size();
+            for (std::size_t k = class_of(first) + 1; k < _class_blocks.size(); ++k)
+                _class_blocks[k] = {_blocks.size(), _blocks.size()};
             _points.insert(_points.end(), own.begin(), own.end());
             _incident.resize(_points.size(), 0);
             for (std::size_t k = first; k < last; ++k)
@@ -124,16 +143,14 @@ template <std::size_t corners> class ElementBlocks {
         _points.shrink_to_fit();
         _incident.shrink_to_fit();
     }
-    void measure(std::span<const Position> points, std::size_t num_classes) {
-        _mean_size.assign(num_classes, 0.0);
-        std::vector<double> counted(num_classes, 0.0);
-        for (const Block &block : _blocks) {
-            _mean_size[block.size_class] += extent(block, points).longest();
-            counted[block.size_class] += 1.0;
+    void measure(std::span<const Position> points) {
+        for (std::size_t k = 0; k < _class_blocks.size(); ++k) {
+            double sum = 0.0;
+            for (const Block &block : blocks(k))
+                sum += extent(block, points).longest();
+            const double count = static_cast<double>(std::max<std::size_t>(blocks(k).size(), 1));
+            _mean_size.push_back(std::max(sum / count, std::numeric_limits<double>::min()));
         }
-        for (std::size_t k = 0; k < num_classes; ++k)
-            _mean_size[k] = std::max(_mean_size[k] / std::max(counted[k], 1.0),
-                                     std::numeric_limits<double>::min());
     }
 
     std::vector<Element> _elements; // as given
@@ -141,9 +158,10 @@ template <std::size_t corners> class ElementBlocks {
     std::vector<std::array<std::uint8_t, corners>> _local; // corners in the block's own points
     std::vector<Index> _points;                            // of each block, each once
     std::vector<std::uint64_t> _incident; // elements of the block that have the point
-    std::vector<std::uint32_t> _place;    // of each point of the mesh in `_points`, where marked
     std::vector<Block> _blocks;
+    std::vector<std::pair<std::size_t, std::size_t>> _class_blocks; // first and end
     std::vector<double> _mean_size;
+    std::size_t _num_points = 0;
 };
 
 } // namespace fastsim

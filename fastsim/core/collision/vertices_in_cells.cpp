@@ -2,8 +2,6 @@
 
 #include "predicates/vector_algebra.hpp"
 
-#include <bit>
-
 namespace fastsim {
 
 namespace {
@@ -48,9 +46,11 @@ bool is_in_cell(const Position &p, std::span<const Position> points, const Cell 
 }
 
 VerticesInCells::VerticesInCells(std::span<const Position> cell_points, std::span<const Cell> cells,
-                                 std::span<const Index> vertices, bool is_same_body)
+                                 std::span<const Index> vertices, bool is_same_body,
+                                 std::size_t num_threads, InstructionSet at_most)
     : _cells(cell_points, cells, cells_in_block), _vertices(vertices.begin(), vertices.end()),
-      _hash(vertices.size()), _bits(vertices.size()),
+      _hash(vertices.size()), _searches(num_threads, Search(_cells, vertices.size(), at_most)),
+      _workers(num_threads),
       _order(vertices.empty() ? 0 : at(*std::max_element(vertices.begin(), vertices.end())) + 1),
       _is_same_body(is_same_body) {
     _active.reserve(vertices.size());
@@ -66,19 +66,22 @@ std::span<const VertexInCell> VerticesInCells::find(std::span<const Position> ve
     if (!extent_of_some(vertex_points, _vertices).meets(body))
         return _found;
     const Extent near = keep_within(body, vertex_points, _vertices, _active);
-    std::size_t filled = _cells.mean_size().size(); // class that the hash is for now
-    for (const Blocks::Block &block : _cells.blocks()) {
-        const Extent box = _cells.extent(block, cell_points);
-        if (!box.meets(near))
-            continue;
-        if (filled != block.size_class) {
-            filled = block.size_class; // blocks of a class follow one another
-            _hash.fill(_active, near, voxel_per_block * _cells.mean_size()[filled],
-                       [&](Index v) -> const Position & { return vertex_points[at(v)]; });
-            _work.hashed += _active.size();
-        }
-        if (const auto places = _hash.near(box); !places.empty())
-            look_into(block, places, cell_points);
+    if (_active.empty())
+        return _found;
+    for (std::size_t k = 0; k < _cells.num_classes(); ++k) {
+        _hash.fill(_active, near, voxel_per_block * _cells.mean_size()[k],
+                   [&](Index v) -> const Position & { return vertex_points[at(v)]; });
+        _work.hashed += _active.size();
+        const auto blocks = _cells.blocks(k);
+        _workers.share_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
+            look_into(blocks[b], near, cell_points, _searches[worker]);
+        });
+    }
+    for (Search &search : _searches) {
+        _found.insert(_found.end(), search.found.begin(), search.found.end());
+        _work.cells_near += std::exchange(search.cells_near, 0);
+        _work.pairs_tested += std::exchange(search.pairs_tested, 0);
+        search.found.clear();
     }
     _order.sort(
         _found, [](const VertexInCell &pair) { return pair.vertex; },
@@ -86,27 +89,29 @@ std::span<const VertexInCell> VerticesInCells::find(std::span<const Position> ve
     return _found;
 }
 
-void VerticesInCells::look_into(const Blocks::Block &block, std::span<const std::uint32_t> places,
-                                std::span<const Position> cell_points) {
-    _work.cells_near += block.last - block.first;
-    _cells.fit(block, cell_points, 0.0, _boxes);
-    _boxes.find_meeting(_hash.table(), places, _bits.data());
+void VerticesInCells::look_into(const Blocks::Block &block, const Extent &near,
+                                std::span<const Position> cell_points, Search &search) const {
+    const Extent box = _cells.extent(block, cell_points);
+    if (!box.meets(near))
+        return;
+    const auto places = search.look_up(_hash, box, [](std::uint32_t) { return true; });
+    if (places.empty())
+        return;
+    search.cells_near += block.last - block.first;
     if (_is_same_body)
-        _cells.mark(block);
-    for (std::size_t j = 0; j < places.size(); ++j) {
-        const auto &[p, v, row] = _hash.entries()[places[j]];
-        std::uint64_t bits = _bits[j];
-        if (_is_same_body)
-            bits &= ~_cells.with_corner(block, v);
-        for (; bits != 0; bits &= bits - 1) {
-            const auto bit = static_cast<std::size_t>(std::countr_zero(bits));
-            const Index c = _cells.number(block.first + bit);
-            ++_work.pairs_tested;
+        search.mark(_cells, block);
+    search.test(
+        _cells, block, cell_points, 0.0, _hash.table(), places,
+        [&](std::uint32_t k) {
+            return _is_same_body ? search.with_corner(_cells, block, _hash.entries()[k].id) : 0;
+        },
+        [&](std::uint32_t k, Index c) {
+            const auto &[p, v, row] = _hash.entries()[k];
+            ++search.pairs_tested;
             VertexInCell pair{v, c, {}};
             if (is_in_cell(p, cell_points, _cells.elements()[at(c)], pair.weights))
-                _found.push_back(pair);
-        }
-    }
+                search.found.push_back(pair);
+        });
 }
 
 std::vector<double> VerticesInCells::voxel_sizes() const {

@@ -1,9 +1,9 @@
 #pragma once
 // Which vertices lie in which tetrahedra: of another body, or of the same one.
 
-#include "collision/element_blocks.hpp"
+#include "collision/block_search.hpp"
 #include "collision/pair_order.hpp"
-#include "collision/voxel_hash.hpp"
+#include "collision/workers.hpp"
 
 namespace fastsim {
 
@@ -28,7 +28,8 @@ class VerticesInCells {
     // Sizes are taken from the points as they are now; pre-condition: at least one cell.
     // `is_same_body`: vertices number the cells' own points, and a cell's corners do not count.
     VerticesInCells(std::span<const Position> cell_points, std::span<const Cell> cells,
-                    std::span<const Index> vertices, bool is_same_body);
+                    std::span<const Index> vertices, bool is_same_body, std::size_t num_threads,
+                    InstructionSet at_most);
 
     // All pairs, ascending; the result is valid until the next call. Throws
     // std::invalid_argument when a vertex or a point of the cells is not finite.
@@ -45,15 +46,18 @@ class VerticesInCells {
 
   private:
     using Blocks = ElementBlocks<4>;
-    // Tests the hashed vertices of these places against the block's cells.
-    void look_into(const Blocks::Block &block, std::span<const std::uint32_t> places,
-                   std::span<const Position> cell_points);
+    struct Search : BlockSearch<4, VertexInCell> {
+        using BlockSearch::BlockSearch;
+        std::size_t cells_near = 0, pairs_tested = 0;
+    };
+    void look_into(const Blocks::Block &block, const Extent &near,
+                   std::span<const Position> cell_points, Search &search) const;
 
     Blocks _cells;
     std::vector<Index> _vertices, _active;
     VoxelHash _hash;
-    BlockBoxes _boxes;
-    std::vector<std::uint64_t> _bits; // cells of a block for each vertex near it
+    std::vector<Search> _searches; // one for each thread
+    Workers _workers;
     std::vector<VertexInCell> _found;
     PairOrder<VertexInCell> _order;
     Work _work;

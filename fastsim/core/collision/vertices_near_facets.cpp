@@ -2,8 +2,6 @@
 
 #include "collision/narrow_phase.hpp"
 
-#include <bit>
-
 namespace fastsim {
 
 namespace {
@@ -25,10 +23,11 @@ bool is_corner(Index vertex, const Facet &facet) {
 
 VerticesNearFacets::VerticesNearFacets(std::span<const Position> facet_points,
                                        std::span<const Facet> facets,
-                                       std::span<const Index> vertices, bool is_same_body)
+                                       std::span<const Index> vertices, bool is_same_body,
+                                       std::size_t num_threads, InstructionSet at_most)
     : _facets(facet_points, facets, facets_in_block), _vertices(vertices.begin(), vertices.end()),
-      _hash(vertices.size()), _bits(vertices.size()), _order(facets.size()),
-      _is_same_body(is_same_body) {
+      _hash(vertices.size()), _searches(num_threads, Search(_facets, vertices.size(), at_most)),
+      _workers(num_threads), _order(facets.size()), _is_same_body(is_same_body) {
     _active.reserve(vertices.size());
     _candidates.reserve(facets.size() + 64); // grows, once, where more are found
     _found.reserve(facets.size() + 64);
@@ -44,38 +43,45 @@ VerticesNearFacets::find_candidates(std::span<const Position> vertex_points,
     if (!extent_of_some(vertex_points, _vertices).meets(all.grown(reach)))
         return _candidates;
     const Extent near = keep_within(all.grown(reach), vertex_points, _vertices, _active);
-    std::size_t filled = _facets.mean_size().size(); // class that the hash is for now
-    for (const auto &block : _facets.blocks()) {
-        const Extent box = _facets.extent(block, facet_points).grown(reach);
-        if (!box.meets(near))
-            continue;
-        if (filled != block.size_class) {
-            filled = block.size_class; // blocks of a class follow one another
-            _hash.fill(_active, near, voxel_per_block * _facets.mean_size()[filled] + reach,
-                       [&](Index v) -> const Position & { return vertex_points[at(v)]; });
-        }
-        const std::span<const std::uint32_t> places = _hash.near(box);
-        if (places.empty())
-            continue;
-        _facets.fit(block, facet_points, reach, _boxes);
-        _boxes.find_meeting(_hash.table(), places, _bits.data());
-        if (_is_same_body)
-            _facets.mark(block);
-        for (std::size_t j = 0; j < places.size(); ++j) {
-            const Index vertex = _hash.entries()[places[j]].id;
-            std::uint64_t bits = _bits[j];
-            if (_is_same_body)
-                bits &= ~_facets.with_corner(block, vertex);
-            for (; bits != 0; bits &= bits - 1) {
-                const auto bit = static_cast<std::size_t>(std::countr_zero(bits));
-                _candidates.push_back({vertex, _facets.number(block.first + bit)});
-            }
-        }
+    if (_active.empty())
+        return _candidates;
+    for (std::size_t k = 0; k < _facets.num_classes(); ++k) {
+        _hash.fill(_active, near, voxel_per_block * _facets.mean_size()[k] + reach,
+                   [&](Index v) -> const Position & { return vertex_points[at(v)]; });
+        const auto blocks = _facets.blocks(k);
+        _workers.share_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
+            look_into(blocks[b], near, facet_points, reach, _searches[worker]);
+        });
+    }
+    for (Search &search : _searches) {
+        _candidates.insert(_candidates.end(), search.found.begin(), search.found.end());
+        search.found.clear();
     }
     _order.sort(
         _candidates, [](const Pair &pair) { return pair[1]; },
         [](const Pair &pair) { return pair[0]; });
     return _candidates;
+}
+
+void VerticesNearFacets::look_into(const Blocks::Block &block, const Extent &near,
+                                   std::span<const Position> facet_points, double reach,
+                                   Search &search) const {
+    const Extent box = _facets.extent(block, facet_points).grown(reach);
+    if (!box.meets(near))
+        return;
+    const auto places = search.look_up(_hash, box, [](std::uint32_t) { return true; });
+    if (places.empty())
+        return;
+    if (_is_same_body)
+        search.mark(_facets, block);
+    search.test(
+        _facets, block, facet_points, reach, _hash.table(), places,
+        [&](std::uint32_t k) {
+            return _is_same_body ? search.with_corner(_facets, block, _hash.entries()[k].id) : 0;
+        },
+        [&](std::uint32_t k, Index facet) {
+            search.found.push_back({_hash.entries()[k].id, facet});
+        });
 }
 
 std::span<const VertexNearFacet> VerticesNearFacets::find(std::span<const Position> vertex_points,

@@ -1,9 +1,9 @@
 #pragma once
 // Which vertices come within a distance of which triangles: of another body, or of the same one.
 
-#include "collision/element_blocks.hpp"
+#include "collision/block_search.hpp"
 #include "collision/pair_order.hpp"
-#include "collision/voxel_hash.hpp"
+#include "collision/workers.hpp"
 
 namespace fastsim {
 
@@ -22,7 +22,8 @@ class VerticesNearFacets {
     // Sizes are taken from the points as they are now. `is_same_body`: vertices number the facets'
     // own points, and a facet's corners do not count.
     VerticesNearFacets(std::span<const Position> facet_points, std::span<const Facet> facets,
-                       std::span<const Index> vertices, bool is_same_body);
+                       std::span<const Index> vertices, bool is_same_body, std::size_t num_threads,
+                       InstructionSet at_most);
 
     // Candidates: pairs with the vertex in the facet's closed box, grown by `reach_of`. By facet,
     // then by vertex; valid until the next call. Throws std::invalid_argument when a point
@@ -38,11 +39,16 @@ class VerticesNearFacets {
     [[nodiscard]] std::vector<double> voxel_sizes() const;
 
   private:
-    ElementBlocks<3> _facets;
+    using Blocks = ElementBlocks<3>;
+    using Search = BlockSearch<3, Pair>;
+    void look_into(const Blocks::Block &block, const Extent &near,
+                   std::span<const Position> facet_points, double reach, Search &search) const;
+
+    Blocks _facets;
     std::vector<Index> _vertices, _active;
     VoxelHash _hash;
-    BlockBoxes _boxes;
-    std::vector<std::uint64_t> _bits; // facets of a block for each vertex near it
+    std::vector<Search> _searches; // one for each thread
+    Workers _workers;
     std::vector<Pair> _candidates;
     PairOrder<Pair> _order;
     std::vector<VertexNearFacet> _found;

@@ -16,16 +16,17 @@ std::size_t num_buckets(std::size_t size) {
 } // namespace
 
 VoxelHash::VoxelHash(std::size_t most)
-    : _end(num_buckets(most) + 1), _bucket(most), _entries(most), _near(most + 1) {}
+    : _end(num_buckets(most) + 1), _bucket(most), _entries(most) {}
 
-std::span<std::uint32_t> VoxelHash::near(const Extent &box) {
+std::span<const std::uint32_t> VoxelHash::near(const Extent &box,
+                                               std::span<std::uint32_t> room) const {
     // Written everywhere, kept where the point is in the box: no branch to be guessed.
     std::size_t count = 0;
     Voxel low, high;
     if (reach(box, low, high)) {
         if (is_wide(low, high)) {
             for (std::size_t k = 0; k < _size; ++k) {
-                _near[count] = static_cast<std::uint32_t>(k);
+                room[count] = static_cast<std::uint32_t>(k);
                 count += box.contains(_entries[k].at) ? 1 : 0;
             }
         } else {
@@ -38,7 +39,7 @@ std::span<std::uint32_t> VoxelHash::near(const Extent &box) {
                     const std::uint32_t row = row_of(v);
                     const auto look = [&](std::size_t first, std::size_t last) {
                         for (std::size_t k = first; k < last; ++k) {
-                            _near[count] = static_cast<std::uint32_t>(k);
+                            room[count] = static_cast<std::uint32_t>(k);
                             count += _entries[k].row == row && box.contains(_entries[k].at) ? 1 : 0;
                         }
                     };
@@ -48,7 +49,7 @@ std::span<std::uint32_t> VoxelHash::near(const Extent &box) {
                 }
         }
     }
-    return {_near.data(), count};
+    return room.first(count);
 }
 
 void VoxelHash::open(std::size_t size, const Extent &extent, double voxel_size) {

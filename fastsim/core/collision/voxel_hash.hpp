@@ -50,8 +50,9 @@ class VoxelHash {
         return {first, first, sizeof(Entry) / sizeof(double)};
     }
 
-    // Places in entries() of the points in the closed box, each once; valid until the next call.
-    std::span<std::uint32_t> near(const Extent &box);
+    // Places in entries() of the points in the closed box, each once, at the front of `room`, which
+    // is longer than all there are.
+    std::span<const std::uint32_t> near(const Extent &box, std::span<std::uint32_t> room) const;
 
   private:
     using Voxel = std::array<std::int32_t, 3>;
@@ -101,7 +102,6 @@ class VoxelHash {
     std::vector<std::uint32_t> _end; // of bucket b: at b + 1
     std::vector<std::uint32_t> _bucket;
     std::vector<Entry> _entries;
-    std::vector<std::uint32_t> _near; // one longer than the entries
 };
 
 } // namespace fastsim

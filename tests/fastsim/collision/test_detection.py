@@ -168,3 +168,15 @@ def test_refusals() -> None:
             with pytest.raises(NonFiniteError) as caught:
                 detector.find(bad, BALL.points)
             assert caught.value.points == [point]
+    with pytest.raises(InputError, match="num_threads"):
+        VertexCellDetector(BOX, num_threads=0)
+
+
+@pytest.mark.parametrize("num_threads", [2, 5])
+def test_threads_change_nothing(num_threads: int) -> None:
+    detector = VertexCellDetector(GRADED, BALL, num_threads=num_threads)
+    alone = VertexCellDetector(GRADED, BALL)
+    for shift in (0.0, 0.3, 0.6, 3.0):
+        found = detector.find(GRADED.points, BALL.points + shift)
+        require_equal(found, alone.find(GRADED.points, BALL.points + shift))
+        assert detector.work == alone.work

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.fastsim import _core
 from palpate.fastsim.collision.surface_detection import (
     EdgeEdgeDetector,
     EdgesNearEdges,
@@ -16,6 +17,7 @@ from palpate.fastsim.collision.surface_detection import (
     VerticesNearFacets,
     edges_of,
 )
+from palpate.fastsim.instruction_sets import VARIABLE
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError, NonFiniteError
 from palpate.meshes.shapes import shape_box, shape_sphere
@@ -38,7 +40,7 @@ def soup(rng: np.random.Generator, kind: str) -> TriSurface:
         "points": lambda: np.repeat(rng.uniform(-0.1, 0.1, (14, 3)), 5, axis=0),
         "far": lambda: rng.uniform(-1.0, 1.0, (70, 3)) + 1e8,
     }[kind]()
-    return TriSurface(points, rng.integers(0, 70, (80, 3)).astype(np.int32))
+    return TriSurface(points, rng.integers(0, 70, (45, 3)).astype(np.int32))
 
 
 KINDS = ("random", "coplanar", "lattice", "needles", "sizes", "points", "far")
@@ -66,7 +68,7 @@ def _pairs(found: VerticesNearFacets | EdgesNearEdges) -> np.ndarray:
 
 
 @pytest.mark.parametrize("make", [VertexFacetDetector, EdgeEdgeDetector])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS, st.sampled_from(KINDS), st.sampled_from(KINDS))
 def test_triangles_of_every_kind(
     make: Callable[..., Detector], seed: int, kind: str, other: str
@@ -75,7 +77,7 @@ def test_triangles_of_every_kind(
     surface, intruder = soup(rng, kind), soup(rng, other)
     detector = make(surface, intruder)
     alone = make(surface)
-    for _ in range(3):
+    for _ in range(2):
         distance = float(rng.choice([0.0, 0.25, 10.0 ** rng.uniform(-9, 1)]))
         require_all(detector, distance, surface.points, intruder.points)
         require_all(alone, distance, surface.points)
@@ -197,3 +199,29 @@ def test_refusals(make: Callable[..., Detector]) -> None:
             bad[-1, 0] = value
             with pytest.raises(NonFiniteError):
                 find(0.1, bad, BALL.points)
+
+
+SETS = list(_core.InstructionSet)
+AVAILABLE = SETS[: SETS.index(_core.widest_instruction_set()) + 1]
+
+
+@pytest.mark.parametrize("num_threads", [1, 2, 5])
+@pytest.mark.parametrize("name", [known.name for known in AVAILABLE])
+def test_threads_and_instruction_sets_change_nothing(
+    name: str, num_threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, name)
+    fine = shape_sphere(0.6, edge_length=0.15)
+    there = fine.points + np.array([1.4, 0.5, 0.5])
+    for make in (VertexFacetDetector, EdgeEdgeDetector):
+        apart = make(fine, num_threads=num_threads)
+        between = make(BOX, fine, num_threads=num_threads)
+        for step in range(3):
+            assert require_all(apart, 0.18, fine.points * (1.0 + 0.1 * step)) > 0
+            assert require_all(between, 0.1, BOX.points, there - 0.02 * step) > 0
+
+
+def test_no_threads_are_refused() -> None:
+    for make in (VertexFacetDetector, EdgeEdgeDetector):
+        with pytest.raises(InputError, match="num_threads"):
+            make(BOX, num_threads=0)
