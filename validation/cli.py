@@ -16,6 +16,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation import reference_cli
+from palpate.validation.audit_cli import audit
 from palpate.validation.bench_cli import bench
 from palpate.validation.exchange_cli import compare, export
 from palpate.validation.mesh_cli import mesh
@@ -66,6 +67,7 @@ def cases() -> None:
 app.command()(mesh)
 app.command()(export)
 app.command()(compare)
+app.command()(audit)
 
 
 @app.command()
