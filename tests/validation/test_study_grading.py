@@ -9,23 +9,26 @@ import pytest
 
 from palpate.validation.report.study_page import write_study_page
 from palpate.validation.results import Verdict
-from palpate.validation.studies import grading
-from palpate.validation.studies import grading_push as push
+from palpate.validation.studies import grading, grading_curves
 from palpate.validation.studies.grading_growth import Growth, count_cells
 
 
-def family(order: float, cells: tuple[int, ...], constant: float) -> list[push.Point]:
-    return [push.Point(n, constant * n**-order, -constant * n**-order, 1e-5) for n in cells]
+def family(order: float, cells: tuple[int, ...], constant: float) -> list[grading_curves.Point]:
+    return [
+        grading_curves.Point(n, constant * n**-order, -constant * n**-order, 1e-5) for n in cells
+    ]
 
 
-def curves(graded_constant: float, bar: float) -> push.PushCurves:
+def curves(graded_constant: float, bar: float) -> grading_curves.Curves:
     cells = (1000, 10_000, 20_000, 100_000)
     uniform, graded = family(0.25, cells, 1.0), family(0.25, cells, graded_constant)
     # Both too stiff, so the answers are as far apart as their errors.
     gap = abs(uniform[-1].displacement_error - graded[2].displacement_error)
-    return push.PushCurves(
+    return grading_curves.Curves(
+        "a body",
+        "contact force",
         {"uniform": uniform, "graded": graded},
-        push.Pair(uniform[-1], graded[2], gap, gap),
+        grading_curves.Pair(uniform[-1], graded[2], gap, gap),
         bar,
         bar,
         (1, 2, 3),
@@ -34,12 +37,12 @@ def curves(graded_constant: float, bar: float) -> push.PushCurves:
 
 def test_verdicts_go_green_red_and_undecided() -> None:
     # With order 1/4 the graded mesh needs constant^4 of the uniform one's cells.
-    good = grading.judge_push(curves(0.1**0.25, 0.0))
+    good = grading.judge_curves(curves(0.1**0.25, 0.0))
     assert [f.verdict for f in good] == [Verdict.PASSED] * 2
     assert "10000 cells, 10.0 times fewer" in good[0].found
-    poor = grading.judge_push(curves(0.5**0.25, 0.0))
+    poor = grading.judge_curves(curves(0.5**0.25, 0.0))
     assert [f.verdict for f in poor] == [Verdict.FAILED] * 2
-    unsure = grading.judge_push(curves(0.15**0.25, 0.06))
+    unsure = grading.judge_curves(curves(0.15**0.25, 0.06))
     assert [f.verdict for f in unsure] == [Verdict.INCONCLUSIVE] * 2
 
 
@@ -58,15 +61,15 @@ def test_uniform_cells_are_counted_and_continued_exactly() -> None:
 
 def test_cells_for_an_error_that_is_never_reached_are_infinite() -> None:
     some = family(0.5, (100, 1000), 1.0)
-    assert push.cells_for_error(some, lambda p: p.displacement_error, 1e-3) == math.inf
-    found = push.cells_for_error(some, lambda p: p.displacement_error, 300**-0.5)
+    assert grading_curves.cells_for_error(some, lambda p: p.displacement_error, 1e-3) == math.inf
+    found = grading_curves.cells_for_error(some, lambda p: p.displacement_error, 300**-0.5)
     assert found == pytest.approx(300.0, rel=1e-9)
 
 
 def test_the_remainder_of_a_geometric_series() -> None:
     # 1 + 1/2 + 1/4 + ...: after changes of 1/2 and 1/4, 1/4 is left; times 1.25.
-    assert push.remainder(0.5, 0.25) == pytest.approx(1.25 * 0.25)
-    assert push.remainder(0.25, 0.5) == math.inf
+    assert grading_curves.remainder(0.5, 0.25) == pytest.approx(1.25 * 0.25)
+    assert grading_curves.remainder(0.25, 0.5) == math.inf
 
 
 def test_the_page_stands_alone(tmp_path: Path) -> None:
@@ -76,9 +79,9 @@ def test_the_page_stands_alone(tmp_path: Path) -> None:
         tmp_path / "report.html",
         title="A <study>",
         about=["Why."],
-        findings=grading.judge_push(found),
-        figures=grading.draw(growths, found),
-        tables=[grading.growth_table(growths), grading.push_table(found)],
+        findings=grading.judge_curves(found),
+        figures=[grading.draw_growth(growths), grading.draw_curves(found)],
+        tables=[grading.growth_table(growths), grading.curves_table(found)],
     )
     page = (tmp_path / "report.html").read_text()
     assert "A &lt;study&gt;" in page

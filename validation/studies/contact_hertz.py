@@ -47,7 +47,7 @@ class Zone:
 
 def quarter_block(side: float, zone: Zone) -> TetMesh:
     """The block 0 <= x, y <= side, -side <= z <= 0, graded towards the origin."""
-    graded = GradedMesh(_kuhn_cube(side))
+    graded = GradedMesh(kuhn_cube(side))
 
     def size(places: Points) -> Points:
         distance = np.linalg.norm(places, axis=1)
@@ -84,7 +84,7 @@ def sphere_into_block(mesh: TetMesh, depths: Points, material: Material = MATERI
     return Problem(mesh, material, tuple(supports), (), tools=(tool,))
 
 
-def _kuhn_cube(side: float) -> TetMesh:
+def kuhn_cube(side: float) -> TetMesh:
     """Six cells around the diagonal of a cube."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
     cells = []

@@ -25,7 +25,7 @@ from palpate.validation.report.study_page import (
 )
 from palpate.validation.results import Verdict
 from palpate.validation.run_folder import MARK
-from palpate.validation.studies import grading_push as push
+from palpate.validation.studies.grading_curves import Curves, Point, cells_for_error, follow
 from palpate.validation.studies.grading_growth import (
     EXPONENT_TOLERANCE,
     EXPONENTS,
@@ -33,30 +33,32 @@ from palpate.validation.studies.grading_growth import (
     Growth,
     count_cells,
 )
+from palpate.validation.studies.grading_hertz import hertz_scene
+from palpate.validation.studies.grading_push import push_scene
 
 _CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}
-_ERRORS: dict[str, Callable[[push.Point], float]] = {
-    "displacement": lambda p: p.displacement_error,
-    "change of volume": lambda p: abs(p.volume_error),
-}
 
 
 def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Count, solve, judge; leave report.html, two figures, two tables and results.json."""
+    """Count, solve, judge; leave report.html, figures, tables and results.json."""
     if not is_available():
         raise InputError("study grading needs FEniCSx for its truth; see the set-up in README")
     growths = []
     for target in TARGETS:
         progress(f"cells graded towards {target}")
         growths.append(count_cells(target))
-    curves = push.follow(progress)
-    findings = [*judge_growth(growths), *judge_push(curves)]
-    tables = [growth_table(growths), push_table(curves)]
-    for name, table in zip(("growth", "errors"), tables, strict=True):
+    scenes = {"push": push_scene(), "hertz": hertz_scene()}
+    curves = {name: follow(scene, progress) for name, scene in scenes.items()}
+    findings = judge_growth(growths)
+    for found in curves.values():
+        findings += judge_curves(found)
+    tables = [growth_table(growths), *map(curves_table, curves.values())]
+    names = ("growth", *curves)
+    for name, table in zip(names, tables, strict=True):
         lines = [",".join(row) for row in (table.columns, *table.rows)]
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    figures = draw(growths, curves)
-    for name, figure in zip(("growth", "errors"), figures, strict=True):
+    figures = [draw_growth(growths), *map(draw_curves, curves.values())]
+    for name, figure in zip(names, figures, strict=True):
         (folder / f"{name}.svg").write_text(figure.svg, encoding="utf-8")
     write_study_page(
         folder / "report.html",
@@ -70,12 +72,20 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         "study": "grading",
         "findings": [asdict(f) for f in findings],
         "growth": [{**asdict(g), "exponent": g.exponent} for g in growths],
-        "push": asdict(curves),
+        **{name: asdict(found) for name, found in curves.items()},
     }
     (folder / MARK).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     for f in findings:
         console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
     return _CODES[gravest(findings)]
+
+
+def errors_of(curves: Curves) -> dict[str, Callable[[Point], float]]:
+    """The two errors by name, absolute."""
+    return {
+        "displacement": lambda p: p.displacement_error,
+        curves.quantity: lambda p: abs(p.quantity_error),
+    }
 
 
 def judge_growth(growths: Sequence[Growth]) -> list[Finding]:
@@ -96,7 +106,7 @@ def judge_growth(growths: Sequence[Growth]) -> list[Finding]:
     return findings
 
 
-def judge_push(curves: push.PushCurves) -> list[Finding]:
+def judge_curves(curves: Curves) -> list[Finding]:
     """Is the graded mesh, with a fifth of the cells, at least as near the truth?
 
     With u and g the two answers, t the truth as computed and t + d the truth:
@@ -106,10 +116,10 @@ def judge_push(curves: push.PushCurves) -> list[Finding]:
     pair = curves.pair
     gaps = {
         "displacement": (pair.displacement_gap, curves.displacement_bar),
-        "change of volume": (pair.volume_gap, curves.volume_bar),
+        curves.quantity: (pair.quantity_gap, curves.quantity_bar),
     }
     findings = []
-    for name, error in _ERRORS.items():
+    for name, error in errors_of(curves).items():
         gap, bar = gaps[name]
         uniform, graded = error(pair.uniform), error(pair.graded)
         lead, doubt = uniform**2 - graded**2, 2.0 * gap * bar
@@ -117,11 +127,11 @@ def judge_push(curves: push.PushCurves) -> list[Finding]:
             verdict = Verdict.PASSED
         else:
             verdict = Verdict.FAILED if lead < -doubt else Verdict.INCONCLUSIVE
-        needed = push.cells_for_error(curves.families["graded"], error, uniform)
+        needed = cells_for_error(curves.families["graded"], error, uniform)
         findings.append(
             Finding(
-                f"{name}: {pair.graded.cells} graded cells are as near the truth as "
-                f"{pair.uniform.cells} uniform ones",
+                f"{curves.title}, {name}: {pair.graded.cells} graded cells are as near the truth "
+                f"as {pair.uniform.cells} uniform ones",
                 f"error {100 * graded:.2f} % against {100 * uniform:.2f} % (truth +- "
                 f"{100 * bar:.2f} %, answers {100 * gap:.2f} % apart); {needed:.0f} cells, "
                 f"{pair.uniform.cells / needed:.1f} times fewer, would do",
@@ -140,27 +150,27 @@ def growth_table(growths: Sequence[Growth]) -> StudyTable:
     )
 
 
-def push_table(curves: push.PushCurves) -> StudyTable:
+def curves_table(curves: Curves) -> StudyTable:
     """Every mesh with its errors, critical time step and cost."""
     rows = [
         [
             kind,
             str(p.cells),
             f"{100 * p.displacement_error:.2f}",
-            f"{100 * p.volume_error:+.2f}",
+            f"{100 * p.quantity_error:+.2f}",
             f"{1e6 * p.critical_time_step:.2f}",
             f"{p.cost:.2e}",
         ]
         for kind, family in curves.families.items()
         for p in family
     ]
-    columns = ["mesh", "cells", "displacement error [%]", "error of the volume change [%]",
+    columns = ["mesh", "cells", "displacement error [%]", f"error of the {curves.quantity} [%]",
                "critical step [us]", "cells x steps of a second"]  # fmt: skip
-    return StudyTable("The kidney pushed on a patch", columns, rows)
+    return StudyTable(curves.title[0].upper() + curves.title[1:], columns, rows)
 
 
-def draw(growths: Sequence[Growth], curves: push.PushCurves) -> list[StudyFigure]:
-    """Cells over resolution; errors over cells and over cost."""
+def draw_growth(growths: Sequence[Growth]) -> StudyFigure:
+    """Cells over resolution."""
     from matplotlib import pyplot
 
     from palpate.validation.report.plots import figure_svg
@@ -174,14 +184,22 @@ def draw(growths: Sequence[Growth], curves: push.PushCurves) -> list[StudyFigure
     axes.legend(frameon=False, fontsize=8)
     axes.grid(color="#dddddd", lw=0.6)
     figure.tight_layout()
-    growth = StudyFigure(
+    return StudyFigure(
         figure_svg(figure),
         "Cells of the unit cube against resolution; exponents of the last three.",
     )
+
+
+def draw_curves(curves: Curves) -> StudyFigure:
+    """Errors over cells and over cost."""
+    from matplotlib import pyplot
+
+    from palpate.validation.report.plots import figure_svg
+
     figure, panels = pyplot.subplots(2, 2, figsize=(9.6, 7.4))
     colours = {"uniform": "#2f6f8f", "graded": "#b5332e"}
-    bars = (curves.displacement_bar, curves.volume_bar)
-    for row, ((name, error), bar) in enumerate(zip(_ERRORS.items(), bars, strict=True)):
+    bars = (curves.displacement_bar, curves.quantity_bar)
+    for row, ((name, error), bar) in enumerate(zip(errors_of(curves).items(), bars, strict=True)):
         for column, label in enumerate(("cells", "cells x steps of a simulated second")):
             panel = panels[row][column]
             for kind, family in curves.families.items():
@@ -206,12 +224,9 @@ def draw(growths: Sequence[Growth], curves: push.PushCurves) -> list[StudyFigure
     panels[0][0].legend(frameon=False)
     figure.tight_layout()
     cells = ", ".join(map(str, curves.truth_cells))
-    return [
-        growth,
-        StudyFigure(
-            figure_svg(figure),
-            "Error against the truth (P2 on graded meshes of "
-            f"{cells} cells; grey: its error bar). Dotted: the two meshes compared. "
-            "Right: smaller cells also mean shorter steps, so an explicit run gains less.",
-        ),
-    ]
+    return StudyFigure(
+        figure_svg(figure),
+        f"{curves.title[0].upper()}{curves.title[1:]}: error against the truth (P2 on graded "
+        f"meshes of {cells} cells; grey: its error bar). Dotted: the two meshes compared. "
+        "Right: smaller cells also mean shorter steps, so an explicit run gains less.",
+    )
