@@ -57,8 +57,8 @@ class SurfaceContact:
 
     Note:
         Distances have no sign: a vertex that gets through is pushed out on the far side (see
-        `largest_step`, and bear no more than k d). Edges that cross far from all vertices are not seen: facets must not be
-        much larger than the features that touch.
+        `largest_step`, and bear no more than k d). Edges that cross far from all vertices are not
+        seen: facets must not be much larger than the features that touch.
     """
 
     def __init__(
