@@ -199,7 +199,7 @@ def report(
 @app.command()
 def study(
     name: Annotated[
-        str, typer.Argument(help="meshing, beam, kidney, contact, grading or iterations")
+        str, typer.Argument(help="meshing, beam, kidney, contact, grading, iterations, validity")
     ],
     output: Folder,
 ) -> None:

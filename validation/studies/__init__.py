@@ -1,4 +1,4 @@
-"""Studies of the paper, remade: one module each."""
+"""Studies: of the paper, remade, and of what the answers depend on; one module each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 
-STUDIES = ("beam", "contact", "frontier", "grading", "iterations", "kidney", "meshing")
+STUDIES = ("beam", "contact", "frontier", "grading", "iterations", "kidney", "meshing", "validity")
 
 
 def run_study(name: str, folder: Path, progress: Callable[[str], None], console: Console) -> int:
