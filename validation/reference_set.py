@@ -12,15 +12,25 @@ from numpy.linalg import norm
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.metrics import COMPARISONS
+from palpate.validation.reference_sequences import (
+    SIGNED,
+    as_data,
+    assess_metrics,
+    at_points_of,
+    bar_of,
+    widen,
+)
 from palpate.validation.results import State
 
 SAME_MESH = "reference P1"
 QUADRATIC = "reference P2"
-# P2 on the case's mesh cut in eight: only stored references have it.
+# P2 on the case's mesh cut in eight, once or twice: only stored references have it.
 TRUTH = "reference P2, refined"
 # Two grids only: Roache's factor of safety (ASME J. Fluids Eng. 116, 1994), with first order
 # assumed, since clamped edges are singular; then GCI = 3 |f2 - f1| / (2^1 - 1).
 SAFETY_FACTOR = 3.0
+# Cells of the finest of three meshes for P2; more of them take hours.
+LARGEST_QUADRATIC = 40_000
 
 Bars = dict[tuple[str, Strain], float]
 
@@ -163,39 +173,59 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
 
 
 def solve_for_storing(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
-    """P1 on the mesh, P2 on the mesh cut in eight; bars by the two-grid rule of Roache.
+    """P1 on the case's mesh, P2 on finer ones for the truth, and what their sequences tell.
 
-    The refined mesh keeps the case's points first, so no interpolation is needed.
+    Small bodies: P2 on three meshes, each cut in eight from the last; the finest is the truth, its
+    bars are grid convergence indices. Others: P2 on two, bars by Roache's rule for two grids, held
+    against P1 on three: where that sequence oscillates or has no believable order the bar is
+    infinite, and where the two do not meet it is wide enough that they do. Refined meshes keep the
+    case's points first, so nothing is interpolated.
 
     Raises:
         ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
     """
-    from dataclasses import replace
-
     if problem.time is not None:
         return solve_motion_set(problem, progress)
-    fine_problem = refine_problem(problem)
+    mesh = problem.mesh
+    finer = refine_problem(problem)
+    finest = refine_problem(finer)
+    is_small = finest.mesh.num_cells <= LARGEST_QUADRATIC
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
+    convergence: dict[str, Any] = {}
+
+    def solve(given: Problem, strain: Strain, degree: int, label: str) -> State:
+        return at_points_of(mesh, solve_state(given, strain, degree, progress), label)
+
     for strain in Strain:
-        states[SAME_MESH, strain] = solve_state(problem, strain, 1, progress)
-        coarse = solve_state(problem, strain, 2, progress)
-        states[QUADRATIC, strain] = coarse
-        fine = solve_state(fine_problem, strain, 2, progress)
-        at_points = fine.displacement[: problem.mesh.num_points]
-        truth = replace(
-            fine,
-            label=TRUTH,
-            displacement=at_points,
-            max_displacement=float(norm(at_points, axis=1).max()),
-        )
-        states[TRUTH, strain] = truth
-        for metric, compare in COMPARISONS.items():
-            bars[metric, strain] = SAFETY_FACTOR * compare(problem.mesh, coarse, truth).value
-    versions = states[TRUTH, Strain.GREEN].details["versions"]
+        linear = solve(problem, strain, 1, SAME_MESH)
+        coarse = solve(problem, strain, 2, QUADRATIC)
+        middle = solve(finer, strain, 2, TRUTH)
+        if is_small:
+            truth = solve(finest, strain, 2, TRUTH)
+            found = assess_metrics(mesh, (truth, middle, coarse))
+            for metric in COMPARISONS:
+                bars[metric, strain] = bar_of(found[metric])
+        else:
+            truth = middle
+            series = [solve(p, strain, 1, SAME_MESH) for p in (finest, finer)]
+            found = assess_metrics(mesh, (*series, linear))
+            for metric, compare in COMPARISONS.items():
+                bar = SAFETY_FACTOR * compare(mesh, coarse, truth).value
+                scale = compare(mesh, series[1], series[0]).scale
+                value = getattr(truth, metric) / scale if metric in SIGNED and scale else 0.0
+                bars[metric, strain] = widen(bar, value, found[metric], metric)
+        convergence[strain.value] = as_data(found)
+        states |= {(s.label, strain): s for s in (linear, coarse, truth)}
+    cut = "twice" if is_small else "once"
     return ReferenceSet(
         states,
         bars,
-        "stored: P1 and P2 on the case's mesh, and P2 on that mesh cut in eight as the truth",
-        provenance={"versions": versions},
+        "stored: P1 and P2 on the case's mesh, and P2 on that mesh cut in eight "
+        f"{cut} as the truth",
+        provenance={
+            "versions": states[TRUTH, Strain.GREEN].details["versions"],
+            "sequence": f"degree {2 if is_small else 1}, three meshes, each cut in eight",
+            "grid_convergence": convergence,
+        },
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import zlib
 from pathlib import Path
@@ -76,7 +77,11 @@ def store(
         "case": name,
         "origin": references.origin,
         "provenance": provenance,
-        "bars": {f"{m}|{s}": bar for (m, s), bar in references.bars.items()},
+        # JSON knows no infinity, which is a bar that allows no verdict.
+        "bars": {
+            f"{m}|{s}": bar if math.isfinite(bar) else None
+            for (m, s), bar in references.bars.items()
+        },
         "states": [],
     }
     arrays: dict[str, Any] = {}
@@ -207,5 +212,5 @@ def _unpacked(
     bars = {}
     for place, bar in header["bars"].items():
         metric, strain_name = place.split("|")
-        bars[metric, Strain(strain_name)] = float(bar)
+        bars[metric, Strain(strain_name)] = math.inf if bar is None else float(bar)
     return ReferenceSet(states, bars, header["origin"], provenance=header["provenance"])
