@@ -201,6 +201,23 @@ def test_refusals(make: Callable[..., Detector]) -> None:
                 find(0.1, bad, BALL.points)
 
 
+@pytest.mark.parametrize("make", [VertexFacetDetector, EdgeEdgeDetector])
+@pytest.mark.parametrize("shift", [1e9, 1e15, -1e300])
+def test_far_from_the_origin(make: Callable[..., Detector], shift: float) -> None:
+    # At 1e15 m coordinates are eighths, and at 1e300 m each body is a point.
+    box, ball = shape_box(edge_length=0.5), shape_sphere(0.6, edge_length=0.4)
+    detector = make(box, ball)
+    there = ball.points + np.array([1.5, 0.5, 0.5])
+    count = require_all(detector, 0.1, box.points + shift, there + shift)
+    assert (count > 0) or abs(shift) > 1e15
+    # One of them far away, and a body torn to where voxels cannot be counted.
+    assert require_all(detector, 0.1, box.points, there + shift) == 0
+    torn = np.array(box.points)
+    torn[::3] *= shift
+    require_all(detector, 0.1, torn, there)
+    require_all(make(box), 0.1, torn)
+
+
 SETS = list(_core.InstructionSet)
 AVAILABLE = SETS[: SETS.index(_core.widest_instruction_set()) + 1]
 
