@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import Amplitudes, Histories
+from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools, ToolTrack
 from palpate.fastsim.errors import UnstableStepError
@@ -92,6 +93,7 @@ def simulate(
     num_threads: int = 1,
     tracks_energy: bool = False,
     contact: ContactLaw | None = None,
+    body_contact: ContactLaw | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> DynamicResult:
     """Run the explicit scheme over the problem's time span.
@@ -112,6 +114,8 @@ def simulate(
         num_threads: At least 1. A run repeats bit for bit for a given number.
         tracks_energy: Sum up work and losses at every step (slower).
         contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
+        body_contact: A penalty for bodies that touch each other or themselves (the parts of the
+            mesh); None lets them pass through each other.
         progress: Called with one line per stored state.
 
     Returns:
@@ -141,6 +145,16 @@ def simulate(
             time_step=span.time_step,
         )
         critical = tools.critical_time_step
+    bodies = None
+    if body_contact is not None:
+        bodies = BodyContact(
+            problem,
+            body_contact,
+            lumped_mass(mesh, problem.material.density),
+            critical_time_step=critical,
+            time_step=span.time_step,
+        )
+        critical = bodies.critical_time_step
     if span.time_step is not None and span.time_step > critical:
         raise UnstableStepError(span.time_step, critical)
     wanted = span.time_step if span.time_step is not None else SAFETY * critical
@@ -155,6 +169,7 @@ def simulate(
         num_threads=num_threads,
         tracks_energy=tracks_energy,
         tools=tools,
+        body_contact=bodies,
     )
     zero = np.zeros_like(mesh.points)
     body.start(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Histories
+from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError
 from palpate.fastsim.forces import (
@@ -56,6 +57,7 @@ class ExplicitBody:
         num_threads: At least 1.
         tracks_energy: Whether `advance` returns energies.
         tools: Rigid tools; None is none.
+        body_contact: Of bodies with each other and themselves; None is none.
 
     Attributes:
         displacement: At the last good step [m], shape (num_points, 3).
@@ -75,6 +77,7 @@ class ExplicitBody:
         num_threads: int = 1,
         tracks_energy: bool = False,
         tools: ExplicitTools | None = None,
+        body_contact: BodyContact | None = None,
     ) -> None:
         mesh = problem.mesh
         self.problem = problem
@@ -114,6 +117,9 @@ class ExplicitBody:
         self._contact_force = np.zeros_like(mesh.points)
         if tools is not None:
             tools.attach(self._run, time_step, is_timed=mass is None)
+        self._touches_bodies = body_contact is not None
+        if body_contact is not None:
+            body_contact.attach(self._run)
 
     @property
     def instruction_set(self) -> str:
@@ -166,8 +172,9 @@ class ExplicitBody:
         done, reason, point = self._run.advance(factors, every, states, energies, poses, reactions)
         self.steps += done
         self._run.get_state(self.displacement, self._increment)
-        if tools is not None:
+        if tools is not None or self._touches_bodies:
             self._run.get_contact_force(self._contact_force)
+        if tools is not None:
             tools.collect(reactions, is_output=is_output)
         # The step looks at the state it starts from: the last one has not been looked at.
         looks = reason is _core.StopReason.none and self._strain is Strain.GREEN
@@ -178,6 +185,10 @@ class ExplicitBody:
         if reason is not _core.StopReason.none:
             raise self._diagnose(reason, point)
         return states, energies
+
+    def body_touches(self) -> tuple[int, float]:
+        """Vertices inside cells at the last step, and the deepest [m]."""
+        return self._run.body_touches()
 
     def velocity(self) -> Points:
         """Central velocity at the present time [m/s]: the mean of the two increments."""

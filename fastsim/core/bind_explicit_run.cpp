@@ -4,9 +4,11 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/tuple.h>
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <tuple>
 
@@ -128,6 +130,25 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
             nb::arg("deepest"), nb::arg("direction"), nb::arg("mass"),
             nb::arg("points").noconvert(), nb::arg("vertices").noconvert(),
             nb::arg("stiffnesses").noconvert())
+        .def(
+            "set_body_touch",
+            [](Run &run, Table3<const double> points, Cells cells, Vector<const Index> vertices,
+               Vector<const double> depths, Vector<const double> stiffnesses,
+               InstructionSet at_most) {
+                nb::gil_scoped_release release;
+                const std::span rest{reinterpret_cast<const Position *>(points.data()),
+                                     points.shape(0)};
+                const std::span rows{reinterpret_cast<const BodyTouch::Cell *>(cells.data()),
+                                     cells.shape(0)};
+                run.set_body_touch(std::make_unique<BodyTouch>(rest, rows, as_span(vertices),
+                                                               as_span(depths),
+                                                               as_span(stiffnesses), at_most),
+                                   as_span(points));
+            },
+            nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
+            nb::arg("vertices").noconvert(), nb::arg("depths").noconvert(),
+            nb::arg("stiffnesses").noconvert(), nb::arg("at_most"))
+        .def("body_touches", &Run::body_touches)
         .def(
             "get_contact_force",
             [](const Run &run, Table3<double> force) {

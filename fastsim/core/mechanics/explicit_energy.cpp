@@ -39,6 +39,8 @@ void ExplicitRun<Real>::track(Share &share, bool completes_half, bool begins_hal
                 double load = static_cast<double>(_external[i]);
                 if (!_pressure_force.empty())
                     load += static_cast<double>(_pressure_force[i]);
+                if (!_body_force.empty())
+                    load += static_cast<double>(_body_force[i]);
                 if (!_contact_force.empty())
                     load += static_cast<double>(_contact_force[i]);
                 add(i, load, static_cast<double>(next));

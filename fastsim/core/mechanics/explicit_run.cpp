@@ -122,6 +122,8 @@ template <typename Real> void ExplicitRun<Real>::pull_supports(Share &share, con
         double inner = static_cast<double>(total[i]);
         if (!_pressure_force.empty())
             inner += static_cast<double>(_pressure_force[i]);
+        if (!_body_force.empty())
+            inner += static_cast<double>(_body_force[i]);
         support.pull = inner + support.mass * inertia;
         // The watch looks at the free points alone: what moves the support's own mass is not
         // theirs.
@@ -228,7 +230,8 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
         };
         // With energies, once more at the end: forces there complete the sums.
         const bool has_tools = !_tools.empty();
-        const std::size_t num_looks = num_steps + (_settings.tracks_energy || has_tools ? 1 : 0);
+        const std::size_t num_looks =
+            num_steps + (_settings.tracks_energy || has_tools || _body_touch ? 1 : 0);
         for (std::size_t step = 0; step < num_looks; ++step) {
             const std::size_t slot = step % 2;
             const Step now = step_of(step);
@@ -237,6 +240,8 @@ template <typename Real> ExplicitOutcome ExplicitRun<Real>::advance(const Explic
                 smallest > Real(0) ? StopReason::none : StopReason::inverted_cell;
             if (thread == 0 && !_pressures.empty())
                 add_pressure(now.now);
+            if (thread == 0 && _body_touch)
+                touch_body();
             barrier.wait();
             if (const StopReason reason = any(flags, slot); reason != StopReason::none)
                 return stop(reason, step);

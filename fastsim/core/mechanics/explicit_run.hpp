@@ -15,6 +15,7 @@
 // explicit_setup.cpp: what a run is made of; explicit_run.cpp: the steps; explicit_energy.cpp: 4,
 // and the sums for the balance of energy; explicit_tools.cpp: rigid tools.
 
+#include "contact/body_touch.hpp"
 #include "contact/tool_touch.hpp"
 #include "mechanics/step_kernel.hpp"
 #include "mechanics/tet4.hpp"
@@ -107,7 +108,14 @@ template <typename Real> class ExplicitRun {
     void add_tool(const TouchSettings &settings, std::span<const double> points,
                   std::span<const Index> vertices, std::span<const double> stiffnesses);
 
-    /// What the tools push with at the last state looked at.
+    /// Contact of the body with itself, or of its parts with each other.
+    /// Pre-condition: `touch` was made of the body's own points and cells.
+    void set_body_touch(std::unique_ptr<BodyTouch> touch, std::span<const double> points);
+
+    /// Of the last step looked at: vertices inside a cell, and the deepest [m].
+    std::pair<std::size_t, double> body_touches() const;
+
+    /// What tools and the body itself push with at the last state looked at.
     void get_contact_force(std::span<double> force) const;
 
     /// Changes D = mass_damping M from here on.
@@ -180,6 +188,7 @@ template <typename Real> class ExplicitRun {
     std::pair<bool, bool> load_change(std::span<const double> before,
                                       std::span<const double> now) const;
     void combine_dead_loads(Share &share, std::span<const double> factors);
+    void touch_body();
     void rest_tools();
     Pose pose_of(const Tool &tool, std::span<const double> row) const;
     bool touch_tools(Share &share, const Step &step);
@@ -216,6 +225,10 @@ template <typename Real> class ExplicitRun {
     std::vector<std::size_t> _pressed_entries; // those of it that can differ from zero
     std::vector<Tool> _tools;
     AlignedVector<Real> _contact_force; // records of 4; empty without tools
+    std::unique_ptr<BodyTouch> _body_touch;
+    std::vector<Position> _rest_places, _places; // in the caller's numbering
+    AlignedVector<Real> _body_force;             // records of 4; empty without such contact
+    std::vector<std::size_t> _body_entries;      // first ones of the records it pushes
     std::size_t _num_batches = 0;
     std::vector<Share> _shares;
     Real _keep, _limit;

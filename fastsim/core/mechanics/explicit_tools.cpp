@@ -1,4 +1,5 @@
-// Rigid tools in an explicit run: whom they touch, their own motion, and what they feel.
+// Contact in an explicit run: whom rigid tools touch, their own motion, and what they feel; and the
+// body with itself.
 #include "mechanics/explicit_run.hpp"
 
 #include "predicates/vector_algebra.hpp"
@@ -6,6 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <memory>
+#include <utility>
 
 namespace fastsim {
 
@@ -29,6 +32,8 @@ void ExplicitRun<Real>::add_tool(const TouchSettings &settings, std::span<const 
 
 template <typename Real> void ExplicitRun<Real>::rest_tools() {
     std::fill(_contact_force.begin(), _contact_force.end(), Real(0));
+    std::fill(_body_force.begin(), _body_force.end(), Real(0));
+    _body_entries.clear();
     for (Tool &tool : _tools) {
         tool.offset = tool.increment = 0.0;
         tool.impulse = {};
@@ -89,9 +94,58 @@ template <typename Real> bool ExplicitRun<Real>::touch_tools(Share &share, const
 
 template <typename Real> void ExplicitRun<Real>::get_contact_force(std::span<double> force) const {
     for (std::size_t i = 0; i < _num_points; ++i)
+        for (std::size_t j = 0; j < 3; ++j) {
+            double sum = 0.0;
+            for (const auto *pushed : {&_contact_force, &_body_force})
+                if (!pushed->empty())
+                    sum += static_cast<double>((*pushed)[4 * _record_of[i] + j]);
+            force[3 * i + j] = sum;
+        }
+}
+
+template <typename Real>
+void ExplicitRun<Real>::set_body_touch(std::unique_ptr<BodyTouch> touch,
+                                       std::span<const double> points) {
+    _body_touch = std::move(touch);
+    _body_force.assign(4 * _num_points, Real(0));
+    _rest_places.resize(_num_points);
+    for (std::size_t i = 0; i < _num_points; ++i)
+        _rest_places[i] = {points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+    _places = _rest_places;
+}
+
+template <typename Real> std::pair<std::size_t, double> ExplicitRun<Real>::body_touches() const {
+    if (!_body_touch)
+        return {0, 0.0};
+    return {_body_touch->num_touching(), _body_touch->deepest()};
+}
+
+/// Contact within the body; one thread does it while the others add the forces of their cells.
+template <typename Real> void ExplicitRun<Real>::touch_body() {
+    double work = 0.0;
+    for (const std::size_t first : _body_entries)
+        for (std::size_t i = first; i < first + 3; ++i) {
+            if (_is_free[i] != 0)
+                work += static_cast<double>(_body_force[i]) * static_cast<double>(_increment[i]);
+            _body_force[i] = Real(0);
+        }
+    _body_entries.clear();
+    for (std::size_t i = 0; i < _num_points; ++i)
         for (std::size_t j = 0; j < 3; ++j)
-            force[3 * i + j] =
-                _tools.empty() ? 0.0 : static_cast<double>(_contact_force[4 * _record_of[i] + j]);
+            _places[i][j] =
+                _rest_places[i][j] + static_cast<double>(_displacement[4 * _record_of[i] + j]);
+    Real *const total = _shares[0].force.data();
+    for (const PointForce &push : _body_touch->find_forces(_places)) {
+        const std::size_t first = 4 * _record_of[static_cast<std::size_t>(push.point)];
+        for (std::size_t j = 0; j < 3; ++j) {
+            const Real force = static_cast<Real>(push.force[j]);
+            _body_force[first + j] += force;
+            total[first + j] -= force;
+        }
+        _body_entries.push_back(first);
+    }
+    // Not into what was given: the other threads may still be reading that.
+    _shares[0].pressure_work += std::abs(work);
 }
 
 /// Once all threads have touched: what each tool feels.
