@@ -199,7 +199,8 @@ def report(
 @app.command()
 def study(
     name: Annotated[
-        str, typer.Argument(help="meshing, beam, kidney, contact, grading, iterations, validity")
+        str,
+        typer.Argument(help="meshing, beam, kidney, contact, csm3, grading, iterations, validity"),
     ],
     output: Folder,
 ) -> None:

@@ -10,7 +10,17 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 
-STUDIES = ("beam", "contact", "frontier", "grading", "iterations", "kidney", "meshing", "validity")
+STUDIES = (
+    "beam",
+    "contact",
+    "csm3",
+    "frontier",
+    "grading",
+    "iterations",
+    "kidney",
+    "meshing",
+    "validity",
+)
 
 
 def run_study(name: str, folder: Path, progress: Callable[[str], None], console: Console) -> int:
