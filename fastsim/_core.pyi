@@ -1,6 +1,8 @@
 """Compiled core of palpate.fastsim."""
 
+from collections.abc import Sequence
 from enum import Enum
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,10 +233,24 @@ def rate_star(
 def find_self_intersections(
     points: NDArray[np.float64], facets: NDArray[np.int32], most: int
 ) -> NDArray[np.int32]: ...
+class SizeGrid:
+    @overload
+    def __init__(self, edge_length: float) -> None: ...
+    @overload
+    def __init__(
+        self,
+        low: Sequence[float],
+        edge: float,
+        count: Sequence[int],
+        leaves: NDArray[np.int32],
+        sizes: NDArray[np.float64],
+    ) -> None: ...
+    def at(self, places: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
 def remesh_surface(
     points: NDArray[np.float64],
     facets: NDArray[np.int32],
-    edge_length: float,
+    sizes: SizeGrid,
     distance: float,
     passes: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], float, int, int, int, int]: ...
@@ -248,6 +264,7 @@ def mesh_surface(
     seed: int,
     sliver_target: float,
     sliver_passes: int,
+    sizes: SizeGrid,
 ) -> tuple[
     NDArray[np.float64],
     NDArray[np.int32],

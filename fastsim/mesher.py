@@ -14,6 +14,8 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.grading.sampled_sizes import grid_of_sizes
+from palpate.fastsim.grading.size_fields import SizeField
 from palpate.fastsim.surface_arrays import (
     compact_facets,
     mean_edge_length,
@@ -134,6 +136,7 @@ def mesh_surface(
     surface: TriSurface,
     *,
     edge_length: float | None = None,
+    size_field: SizeField | None = None,
     lattice: Lattice = Lattice.BODY_CENTRED,
     improve: bool = True,
     boundary: Boundary = Boundary.KEPT,
@@ -145,7 +148,11 @@ def mesh_surface(
 
     Args:
         surface: Closed, outward, without self-intersection [m].
-        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean.
+        edge_length: Wanted edge length inside [m], > 0; None takes the surface's mean. With a
+            size field, the largest.
+        size_field: Smaller edge lengths here and there, from places [m], shape (n, 3), to lengths
+            [m], shape (n,); see `grading.size_fields`. Facets that are kept bound it near the
+            surface; a free boundary follows it.
         lattice: The paper's cubes, or body-centred ones, whose cells are better shaped.
         improve: Re-mesh slivers with their neighbours (the paper's last step).
         boundary: Whether the surface's facets are kept, or may be replaced by better ones.
@@ -162,6 +169,7 @@ def mesh_surface(
         `mesh_surface_with_report`.
 
     Raises:
+        InputError: A size field that gives no size, or asks for too many cells.
         SurfaceError: The surface does not bound a solid, or intersects itself.
         MeshingError: This mesher does not manage it; the message says what is in the way.
         RemeshError: No free boundary within the distance.
@@ -169,6 +177,7 @@ def mesh_surface(
     return mesh_surface_with_report(
         surface,
         edge_length=edge_length,
+        size_field=size_field,
         lattice=lattice,
         improve=improve,
         boundary=boundary,
@@ -182,6 +191,7 @@ def mesh_surface_with_report(
     surface: TriSurface,
     *,
     edge_length: float | None = None,
+    size_field: SizeField | None = None,
     lattice: Lattice = Lattice.BODY_CENTRED,
     improve: bool = True,
     boundary: Boundary = Boundary.KEPT,
@@ -194,11 +204,12 @@ def mesh_surface_with_report(
         if boundary_distance is None:
             raise InputError("a free boundary needs boundary_distance: how far it may move [m]")
         surface, remesh = remesh_surface(
-            surface, distance=boundary_distance, edge_length=edge_length
+            surface, distance=boundary_distance, edge_length=edge_length, size_field=size_field
         )
         mesh, report = mesh_surface_with_report(
             surface,
             edge_length=edge_length,
+            size_field=size_field,
             lattice=lattice,
             improve=improve,
             seed=seed,
@@ -211,6 +222,9 @@ def mesh_surface_with_report(
     size = mean_edge_length(points, facets) if edge_length is None else edge_length
     require_positive(edge_length=size)
     require_no_self_intersection(points, facets, most=_MOST_PAIRS)
+    if size_field is not None and lattice is Lattice.PAPER:
+        raise InputError("the paper's cubes are all alike; a size field needs body-centred ones")
+    sizes = grid_of_sizes(points, size, size_field)
     kind = _core.Lattice.cubic if lattice is Lattice.PAPER else _core.Lattice.body_centred
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
@@ -229,6 +243,7 @@ def mesh_surface_with_report(
             seed + shift,
             _SLIVER_TARGET,
             20 if improve else 0,
+            sizes,
         )
         if twins[0] >= 0:
             raise DuplicatePointError(int(used[twins[0]]), int(used[twins[1]]))

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.grading.sampled_sizes import grid_of_sizes
+from palpate.fastsim.grading.size_fields import SizeField
 from palpate.fastsim.surface_arrays import (
     compact_facets,
     mean_edge_length,
@@ -70,7 +72,11 @@ class RemeshReport:
 
 
 def remesh_surface(
-    surface: TriSurface, *, distance: float, edge_length: float | None = None
+    surface: TriSurface,
+    *,
+    distance: float,
+    edge_length: float | None = None,
+    size_field: SizeField | None = None,
 ) -> tuple[TriSurface, RemeshReport]:
     """Give a closed surface better triangles.
 
@@ -78,7 +84,8 @@ def remesh_surface(
         surface: Closed, outward, without self-intersection [m].
         distance: How far the two surfaces may be apart, > 0 [m].
         edge_length: Wanted edge length [m]; None takes the surface's mean. Details that need
-            shorter edges to stay within the distance keep them.
+            shorter edges to stay within the distance keep them. With a size field, the largest.
+        size_field: Shorter edges here and there; see `grading.size_fields`.
 
     Returns:
         The new surface, closed and without self-intersection, and what was done.
@@ -95,10 +102,12 @@ def remesh_surface(
     size = mean_edge_length(points, facets) if edge_length is None else edge_length
     require_positive(edge_length=size, distance=distance)
     require_no_self_intersection(points, facets, most=_MOST_PAIRS)
+    local = None if size_field is None else lambda places: size_field(places + origin)
+    sizes = grid_of_sizes(points, size, local)
     best: float | None = None
     for share in _SHARES:
         new_points, new_facets, apart, splits, collapses, flips, moves = _core.remesh_surface(
-            points, facets, size, share * distance, _PASSES
+            points, facets, sizes, share * distance, _PASSES
         )
         best = apart if best is None else min(best, apart)
         if apart > distance or len(_core.find_self_intersections(new_points, new_facets, 1)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case_schema import GradeSpec, MeshSpec
 from palpate.validation.units import Units
+
+if TYPE_CHECKING:
+    from palpate.fastsim.grading.size_fields import SizeField
 
 MOST_CELLS = 2_000_000
 
@@ -26,7 +30,10 @@ class BuiltMesh:
 
 
 def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
-    """Fill a surface: better facets first and grading afterwards, where asked for.
+    """Fill a surface: better facets first, where asked for.
+
+    A mesh that keeps its facets is graded by bisection afterwards; with a free boundary fastsim's
+    mesher makes it graded from the start.
 
     Raises:
         InputError: A surface that bounds no solid, no mesher that manages, or too many cells.
@@ -36,6 +43,8 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
     if spec.boundary_distance is not None:
         from palpate.fastsim.surface_remesher import remesh_surface
 
+        if spec.grade and spec.mesher != "gmsh":
+            return _fill_graded(surface, spec, units, size)
         surface, report = remesh_surface(
             surface, distance=units.metres(spec.boundary_distance), edge_length=size
         )
@@ -48,16 +57,43 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
     return BuiltMesh(mesh, "; ".join([built.origin, *told]))
 
 
+def _fill_graded(
+    surface: TriSurface, spec: MeshSpec, units: Units, size: float | None
+) -> BuiltMesh:
+    """Facets and cells as small as the grades ask, made at once."""
+    from palpate.fastsim.mesher import Boundary, mesh_surface_with_report
+
+    assert spec.boundary_distance is not None
+    mesh, report = mesh_surface_with_report(
+        surface,
+        edge_length=size,
+        size_field=_size_field(surface, spec.grade, units),
+        boundary=Boundary.FREE,
+        boundary_distance=units.metres(spec.boundary_distance),
+    )
+    assert report.remesh is not None
+    return BuiltMesh(
+        mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {report.remesh.line()}"
+    )
+
+
 def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
     """Refine by bisection until every grade's sizes are met."""
     from palpate.fastsim.grading.graded_mesh import GradedMesh
+    from palpate.fastsim.grading.size_fields import refine_to_size
+
+    graded = GradedMesh(mesh)
+    refine_to_size(graded, _size_field(mesh.surface(), grades, units), max_cells=MOST_CELLS)
+    return graded.mesh
+
+
+def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) -> SizeField:
+    """The smallest of what the grades ask."""
     from palpate.fastsim.grading.size_fields import (
-        SizeField,
         distance_to_ball,
         distance_to_facets,
         distance_to_points,
         grow_with_distance,
-        refine_to_size,
     )
 
     fields: list[SizeField] = []
@@ -69,7 +105,7 @@ def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
         elif one.point is not None:
             distance = distance_to_points([units.metres(x) for x in one.point])
         else:
-            distance = distance_to_facets(mesh.surface())
+            distance = distance_to_facets(surface)
         smallest = units.metres(one.smallest)
         fields.append(grow_with_distance(distance, smallest=smallest, growth=one.growth))
 
@@ -77,9 +113,7 @@ def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
         sizes: Points = np.min([field(places) for field in fields], axis=0)
         return sizes
 
-    graded = GradedMesh(mesh)
-    refine_to_size(graded, size, max_cells=MOST_CELLS)
-    return graded.mesh
+    return size
 
 
 def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> BuiltMesh:

@@ -89,16 +89,17 @@ void bind_mesher(nb::module_ &module) {
     module.def(
         "mesh_surface",
         [](Points points, Facets facets, Lattice lattice, double edge_length, double jitter,
-           double clearance, std::uint64_t seed, double sliver_target, int sliver_passes) {
+           double clearance, std::uint64_t seed, double sliver_target, int sliver_passes,
+           const SizeGrid &sizes) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<Triple>(facets);
             SurfaceMesh mesh;
             {
                 nb::gil_scoped_release release;
-                mesh = mesh_surface(point_rows, facet_rows,
-                                    {{lattice, edge_length, jitter, clearance, seed},
-                                     sliver_target,
-                                     sliver_passes});
+                mesh = mesh_surface(
+                    point_rows, facet_rows,
+                    {{lattice, edge_length, jitter, clearance, seed}, sliver_target, sliver_passes},
+                    sizes);
             }
             const std::vector<std::size_t> counts{mesh.recovery.recovered_edges,
                                                   mesh.recovery.recovered_facets,
@@ -113,5 +114,5 @@ void bind_mesher(nb::module_ &module) {
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),
-        nb::arg("sliver_target"), nb::arg("sliver_passes"));
+        nb::arg("sliver_target"), nb::arg("sliver_passes"), nb::arg("sizes"));
 }

@@ -3,6 +3,7 @@
 #include "surface/closest_point.hpp"
 #include "surface/remesh.hpp"
 
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 
 #include <cmath>
@@ -48,19 +49,40 @@ void bind_surface(nb::module_ &module) {
             },
             nb::arg("places").noconvert());
 
+    nb::class_<SizeGrid>(module, "SizeGrid")
+        .def(nb::init<double>(), nb::arg("edge_length"))
+        .def(
+            "__init__",
+            [](SizeGrid *self, const Point &low, double edge, const std::array<Index, 3> &count,
+               GivenCells leaves, GivenColumn<double> sizes) {
+                new (self) SizeGrid(low, edge, count, as_rows<SizeGrid::Leaf>(leaves),
+                                    {sizes.data(), sizes.shape(0)});
+            },
+            nb::arg("low"), nb::arg("edge"), nb::arg("count"), nb::arg("leaves").noconvert(),
+            nb::arg("sizes").noconvert())
+        .def(
+            "at",
+            [](const SizeGrid &self, Points places) {
+                std::vector<double> found;
+                for (const Point &place : as_rows<Point>(places))
+                    found.push_back(self.at(place));
+                return as_column<double>(found);
+            },
+            nb::arg("places").noconvert());
+
     module.def(
         "remesh_surface",
-        [](Points points, Facets facets, double edge_length, double distance, int passes) {
+        [](Points points, Facets facets, const SizeGrid &sizes, double distance, int passes) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<EditableSurface::Facet>(facets);
             RemeshedSurface made;
             {
                 nb::gil_scoped_release release;
-                made = remesh_surface(point_rows, facet_rows, {edge_length, distance, passes});
+                made = remesh_surface(point_rows, facet_rows, {sizes, distance, passes});
             }
             return std::make_tuple(as_table(made.points), as_table(made.facets), made.distance,
                                    made.splits, made.collapses, made.flips, made.moves);
         },
-        nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("edge_length"),
+        nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("sizes"),
         nb::arg("distance"), nb::arg("passes"));
 }

@@ -16,9 +16,9 @@ from palpate.validation.studies.contact_hertz import (
 from palpate.validation.studies.grading_curves import Scene, Solved
 
 DEPTH = 0.05 * RADIUS
-# A quarter block of eight contact radii: a uniform mesh can still see the contact, and linear
-# tetrahedra of the coarsest (each edge cut in four) do not.
-SIDE = 8.0 * contact_radius(DEPTH)
+# A quarter block of twenty contact radii: the finest uniform mesh has about one edge to a contact
+# radius, of the coarsest (each side cut in four) a single point touches.
+SIDE = 20.0 * contact_radius(DEPTH)
 _FIRST_BISECTIONS = 6
 
 

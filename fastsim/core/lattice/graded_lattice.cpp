@@ -11,7 +11,7 @@ namespace {
 // A cube may be larger than wanted by as much; sizes of cubes go by octaves anyway. Less would
 // halve cubes all along a surface whose edges only scatter.
 constexpr double tolerance = 2.0;
-// Cubes are halved within this many wanted edges of a place.
+// Cubes are halved within this many wanted edges of a wide place.
 constexpr double reach = 1.5;
 
 // Three coordinates of 21 bits, kept positive by the offset.
@@ -47,7 +47,7 @@ Point GradedLattice::corner(const Cube &cube, double edge, double shift) const {
 }
 
 GradedLattice::GradedLattice(const CubeGrid &grid, std::span<const Point> places,
-                             std::span<const double> wanted_edges)
+                             std::span<const double> wanted_edges, std::size_t num_wide)
     : _grid(grid) {
     std::size_t deepest = 0;
     const Index longest = *std::max_element(grid.count.begin(), grid.count.end()) + 2;
@@ -66,7 +66,8 @@ GradedLattice::GradedLattice(const CubeGrid &grid, std::span<const Point> places
         // Cubes that reach within its distance of the place.
         Cube first, last;
         for (std::size_t i = 0; i < 3; ++i) {
-            const double x = places[p][i] - grid.low[i], radius = reach * wanted_edges[p];
+            const double x = places[p][i] - grid.low[i],
+                         radius = p < num_wide ? reach * wanted_edges[p] : 0.0;
             first[i] = static_cast<Index>(std::floor((x - radius) / (2.0 * edge)));
             last[i] = static_cast<Index>(std::floor((x + radius) / (2.0 * edge)));
         }

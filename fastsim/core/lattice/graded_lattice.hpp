@@ -20,9 +20,10 @@ struct CubeGrid {
 
 class GradedLattice {
   public:
-    /// Halves cubes until they are about as large as wanted at each of some places.
+    /// Halves cubes until they are about as large as wanted at each of some places; around the
+    /// first `num_wide` of them within a reach, at the others only where they lie.
     GradedLattice(const CubeGrid &grid, std::span<const Point> places,
-                  std::span<const double> wanted_edges);
+                  std::span<const double> wanted_edges, std::size_t num_wide);
 
     /// Calls with every corner of a cube, and with every centre where `has_centres`, and the edge
     /// of a cube there; in an order that depends on nothing else.

@@ -203,7 +203,8 @@ Guards guard_surface(std::span<const Point> points, std::span<const Triple> face
 } // namespace
 
 std::vector<Point> interior_points(std::span<const Point> surface_points,
-                                   std::span<const Triple> facets, LatticeSettings settings) {
+                                   std::span<const Triple> facets, LatticeSettings settings,
+                                   const SizeGrid &asked) {
     const double h = settings.edge_length;
     const bool is_graded = settings.lattice == Lattice::body_centred;
     const double cube = is_graded ? h / body_centred_edge : h;
@@ -226,7 +227,12 @@ std::vector<Point> interior_points(std::span<const Point> surface_points,
     std::vector<double> wanted(sizes);
     for (double &edge : wanted)
         edge /= is_graded ? body_centred_edge : 1.0;
-    const GradedLattice lattice(grid, surface_points, wanted);
+    std::vector<Point> places(surface_points.begin(), surface_points.end());
+    asked.visit([&](const Point &place, double size) {
+        places.push_back(place);
+        wanted.push_back(size / body_centred_edge);
+    });
+    const GradedLattice lattice(grid, places, wanted, surface_points.size());
     const Guards guards = guard_surface(surface_points, facets, sizes, settings.clearance);
     const Columns columns(surface_points, facets, h);
     Random random(settings.seed);

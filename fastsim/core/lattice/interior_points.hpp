@@ -2,7 +2,7 @@
 // Candidate points inside the body: steps 2 to 4 of the paper's section II. A lattice over the
 // bounding box, disarranged a little, of which the points well inside are kept.
 
-#include "mesher/tet_complex.hpp"
+#include "lattice/size_grid.hpp"
 
 #include <span>
 #include <vector>
@@ -22,7 +22,9 @@ struct LatticeSettings {
     std::uint64_t seed;
 };
 
+/// `sizes` may ask for less than the lattice's edge length here and there (body-centred only).
 std::vector<Point> interior_points(std::span<const Point> surface_points,
-                                   std::span<const Triple> facets, LatticeSettings settings);
+                                   std::span<const Triple> facets, LatticeSettings settings,
+                                   const SizeGrid &sizes);
 
 } // namespace fastsim

@@ -91,7 +91,7 @@ void collect(const TetComplex &inside, Index num_fixed, SurfaceMesh &result) {
 } // namespace
 
 SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
-                         const MeshSettings &settings) {
+                         const MeshSettings &settings, const SizeGrid &sizes) {
     SurfaceMesh result;
     const auto num_surface = static_cast<Index>(points.size());
 
@@ -103,7 +103,7 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
 
     // 2 to 4. Lattice, disarranged, those well inside.
     std::vector<Point> all(points.begin(), points.end());
-    const std::vector<Point> inner = interior_points(points, facets, settings.lattice);
+    const std::vector<Point> inner = interior_points(points, facets, settings.lattice, sizes);
     all.insert(all.end(), inner.begin(), inner.end());
 
     // 5. Insert by Delaunay's criterion, the cube's corners among the points.

@@ -26,6 +26,6 @@ struct SurfaceMesh {
 /// Meshes the inside of a closed, outward surface. When `recovery` lists missing edges or facets,
 /// or `twins` is set, there are no cells.
 SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
-                         const MeshSettings &settings);
+                         const MeshSettings &settings, const SizeGrid &sizes);
 
 } // namespace fastsim

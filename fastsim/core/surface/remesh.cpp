@@ -98,6 +98,10 @@ class Remesher {
         return norm(minus(_surface.point(a), _surface.point(b)));
     }
 
+    double wanted(Index a, Index b) const {
+        return _settings.sizes.at(middle(_surface.point(a), _surface.point(b)));
+    }
+
     /// A bend is sharp where both facets reach further than the distance allowed: smaller ones
     /// are noise by the user's own measure.
     void find_sharp_edges() {
@@ -116,7 +120,7 @@ class Remesher {
     void split_long_edges() {
         std::vector<std::pair<double, std::pair<Index, Index>>> chosen;
         for (const auto &e : _surface.edges())
-            if (const double l = length(e.first, e.second); l > longest * _settings.edge_length)
+            if (const double l = length(e.first, e.second); l > longest * wanted(e.first, e.second))
                 chosen.push_back({-l, e});
         std::sort(chosen.begin(), chosen.end());
         for (const auto &[unused, e] : chosen) {
@@ -130,14 +134,15 @@ class Remesher {
     void collapse_short_edges() {
         std::vector<std::pair<double, std::pair<Index, Index>>> chosen;
         for (const auto &e : _surface.edges())
-            if (const double l = length(e.first, e.second); l < shortest * _settings.edge_length)
+            if (const double l = length(e.first, e.second);
+                l < shortest * wanted(e.first, e.second))
                 chosen.push_back({l, e});
         std::sort(chosen.begin(), chosen.end());
         for (const auto &[unused, e] : chosen) {
             const auto [a, b] = e;
             if (!_surface.is_alive(a) || !_surface.is_alive(b) || !_surface.has_edge(a, b))
                 continue;
-            if (length(a, b) < shortest * _settings.edge_length)
+            if (length(a, b) < shortest * wanted(a, b))
                 try_collapses(a, b);
         }
     }
@@ -178,7 +183,8 @@ class Remesher {
                 if (after < before || (!is_needle && has_turned(old, now)))
                     return false;
                 for (std::size_t k = 0; k < 3; ++k)
-                    if (norm(minus(now[k], now[(k + 1) % 3])) > longest * _settings.edge_length)
+                    if (norm(minus(now[k], now[(k + 1) % 3])) >
+                        longest * _settings.sizes.at(middle(now[k], now[(k + 1) % 3])))
                         return false;
                 changed.push_back(now);
             }

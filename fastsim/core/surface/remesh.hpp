@@ -3,13 +3,14 @@
 // (after Botsch, Kobbelt 2004, "A remeshing approach to multiresolution modeling"), each refused
 // where the new facets leave the distance or turn.
 
+#include "lattice/size_grid.hpp"
 #include "surface/editable_surface.hpp"
 
 namespace fastsim {
 
 struct RemeshSettings {
-    double edge_length; // wanted, [m]
-    double distance;    // from the given surface at most, [m]
+    const SizeGrid &sizes; // wanted edge lengths, [m]
+    double distance;       // from the given surface at most, [m]
     int passes;
 };
 
