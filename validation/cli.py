@@ -200,7 +200,9 @@ def report(
 def study(
     name: Annotated[
         str,
-        typer.Argument(help="meshing, beam, kidney, contact, csm3, grading, iterations, validity"),
+        typer.Argument(
+            help="meshing, beam, kidney, contact, csm3, grading, iterations, validity, convergence"
+        ),
     ],
     output: Folder,
 ) -> None:

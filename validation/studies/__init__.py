@@ -13,6 +13,7 @@ from palpate.meshes.errors import InputError
 STUDIES = (
     "beam",
     "contact",
+    "convergence",
     "csm3",
     "frontier",
     "grading",
