@@ -14,6 +14,7 @@ from palpate.validation.report.study_page import write_study_page
 from palpate.validation.results import Verdict
 from palpate.validation.studies import contact, contact_page
 from palpate.validation.studies import contact_scenes as scenes
+from palpate.validation.studies.contact_bodies import Collision, Fold
 from palpate.validation.studies.contact_hertz import (
     RADIUS,
     Zone,
@@ -35,8 +36,13 @@ def good() -> Outcome:
         for strain in Strain
     ]
     penalties = [Penalty(n, 10.0 * n, 0.1 / n, 1e-6) for n in (3.0, 10.0, 30.0)]
-    speeds = (Speed(20_000, 3e-4, (1e-4, 1.1e-4, 1.1e-4)), Speed(35_000, 2.5e-4, (2e-4,) * 3))
-    return Outcome(levels, pairs, (0.2, 0.5, "a limit point"), penalties, speeds)
+    speeds = (
+        Speed(20_000, 3e-4, (1e-4, 1.1e-4, 1.1e-4, 2e-4)),
+        Speed(35_000, 2.5e-4, (2e-4, 2e-4, 2e-4, 4e-4)),
+    )
+    collision = Collision(1e-15, 1e-15, 1e-3, (0.95, 0.05))
+    fold = Fold(-2.0, (1e6, 4e6), (-0.2, -0.05))
+    return Outcome(levels, pairs, (0.2, 0.5, "a limit point"), penalties, speeds, collision, fold)
 
 
 def verdicts(outcome: Outcome) -> list[Verdict]:
@@ -45,6 +51,10 @@ def verdicts(outcome: Outcome) -> list[Verdict]:
 
 def farther(level: Level) -> Level:
     return replace(level, linear=1.03 * level.linear, green=1.03 * level.green)
+
+
+def slow(speed: Speed) -> Speed:
+    return replace(speed, seconds=(1e-4, 1.3e-4, 1e-4, 2e-4))
 
 
 def test_a_right_simulator_passes() -> None:
@@ -61,9 +71,11 @@ def test_a_right_simulator_passes() -> None:
         (3, lambda o: replace(o, pairs=[o.pairs[0], replace(o.pairs[1], volume_error=np.nan)])),
         (4, lambda o: replace(o, last_depth=(0.12, 0.5, "a limit point"))),
         (5, lambda o: replace(o, penalties=[replace(p, lack=0.01) for p in o.penalties])),
-        (6, lambda o: replace(o, speeds=(replace(o.speeds[0], seconds=(1, 1.3, 1)), o.speeds[1]))),
-        (7, lambda o: replace(o, speeds=(o.speeds[0], replace(o.speeds[1], time_step=1e-4)))),
-        (7, lambda o: replace(o, speeds=(o.speeds[0], replace(o.speeds[1], cells=20_000)))),
+        (6, lambda o: replace(o, collision=replace(o.collision, momentum_error=1e-6))),
+        (7, lambda o: replace(o, fold=replace(o.fold, gaps=(-0.2, -0.3)))),
+        (8, lambda o: replace(o, speeds=(slow(o.speeds[0]), o.speeds[1]))),
+        (9, lambda o: replace(o, speeds=(o.speeds[0], replace(o.speeds[1], time_step=1e-4)))),
+        (9, lambda o: replace(o, speeds=(o.speeds[0], replace(o.speeds[1], cells=20_000)))),
     ],
 )
 def test_each_spoiled_answer_fails_its_own_claim(place: int, spoil) -> None:  # type: ignore[no-untyped-def]
@@ -120,6 +132,7 @@ def test_the_page_stands_alone(tmp_path: Path) -> None:
             contact_page.pair_table(outcome),
             contact_page.penalty_table(outcome),
             contact_page.speed_table(outcome),
+            contact_page.bodies_table(outcome),
         ],
     )
     page = (tmp_path / "report.html").read_text("utf-8")

@@ -24,6 +24,7 @@ from palpate.validation.results import Verdict
 from palpate.validation.run_folder import MARK
 from palpate.validation.studies import contact_page as page
 from palpate.validation.studies import contact_scenes as scenes
+from palpate.validation.studies.contact_bodies import collide, fold
 from palpate.validation.studies.contact_runs import (
     DEPTH,
     LEVELS,
@@ -50,9 +51,9 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     every = [indentation, scenes.flat_punch(), *scenes.kidney_scenes()]
     pairs = [scenes.compare(scene, strain, progress) for scene in every for strain in Strain]
     progress("the last depth with an equilibrium")
-    outcome = Outcome(
-        levels, pairs, scenes.last_depth(indentation, 0.35), vary_penalty(progress), speeds
-    )
+    last_depth, penalties = scenes.last_depth(indentation, 0.35), vary_penalty(progress)
+    progress("two cubes that collide, a folded bar")
+    outcome = Outcome(levels, pairs, last_depth, penalties, speeds, collide(), fold())
     findings = judge(outcome)
     tables = [
         page.level_table(outcome),
@@ -60,8 +61,9 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         page.pair_table(outcome),
         page.penalty_table(outcome),
         page.speed_table(outcome),
+        page.bodies_table(outcome),
     ]
-    names = ("hertz", "force_depth", "same_mesh", "penalty", "speed")
+    names = ("hertz", "force_depth", "same_mesh", "penalty", "speed", "folded_bar")
     for name, table in zip(names, tables, strict=True):
         lines = [",".join(row) for row in (table.columns, *table.rows)]
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -98,6 +100,7 @@ def judge(found: Outcome) -> list[Finding]:
     depth, det, why = found.last_depth
     rates = penalty_rates(found.penalties)
     first, second = found.speeds
+    hit, bar = found.collision, found.fold
     findings = [
         finding(
             f"linear strain is within {HERTZ_LIMIT:.0%} of Hertz at d = {DEPTH:g} R, and nearer "
@@ -136,16 +139,30 @@ def judge(found: Outcome) -> list[Finding]:
             all(abs(rate - 1.0) <= 0.1 for rate in rates[1:]),
         ),
         finding(
+            "two cubes that collide keep momentum and its moment to 1e-12, energy to 0.5 %",
+            f"{hit.momentum_error:.1e}, {hit.moment_error:.1e}, {hit.energy_error:.2%}; speeds "
+            f"{hit.speeds[0]:.2f} and {hit.speeds[1]:.2f} of the first after it",
+            max(hit.momentum_error, hit.moment_error) <= 1e-12 and hit.energy_error <= 0.005,
+        ),
+        finding(
+            "a folded bar rests on itself, less deep the stiffer the penalty, at last within a "
+            "tenth of an edge",
+            f"gap {bar.free:+.2f} edges without contact, with it "
+            + ", ".join(f"{gap:+.3f}" for gap in bar.gaps),
+            bar.free < -1.0 and all(np.diff(bar.gaps) > 0.0) and abs(bar.gaps[-1]) <= 0.1,
+        ),
+        finding(
             f"a capsule adds at most {SHARE_LIMIT:.0%} to a step of {first.cells} cells",
-            ", ".join(f"{share:+.1%}" for share in first.shares) + " (constraint, penalty)",
-            max(first.shares) <= SHARE_LIMIT,
+            ", ".join(f"{share:+.1%}" for share in first.shares[:2])
+            + f" (constraint, penalty); self-collision {first.shares[2]:+.1%}",
+            max(first.shares[:2]) <= SHARE_LIMIT,
         ),
         finding(
             f"with a moving capsule {SHARE:.0%} of the cells that would run in real time still do, "
             "on one core",
-            f"{second.cells} cells at {min(second.real_time_factors[1:]):.2f} times real time "
+            f"{second.cells} cells at {min(second.real_time_factors[1:3]):.2f} times real time "
             f"({first.real_time_cells} without a tool)",
-            min(second.real_time_factors[1:]) >= 1.0
+            min(second.real_time_factors[1:3]) >= 1.0
             and second.cells >= 0.95 * SHARE * first.real_time_cells,
         ),
     ]

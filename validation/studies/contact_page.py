@@ -66,7 +66,7 @@ def speed_table(found: Outcome) -> StudyTable:
     rows = []
     for speed in found.speeds:
         factors = speed.real_time_factors
-        for k, kind in enumerate(("no tool", "constraint", "penalty")):
+        for k, kind in enumerate(("no tool", "constraint", "penalty", "self-collision")):
             added = "-" if k == 0 else f"{speed.shares[k - 1]:+.1%}"
             rows.append([f"{kind}, {speed.cells} cells", f"{1e6 * speed.seconds[k]:.1f}", added,
                          f"{factors[k]:.2f}"])  # fmt: skip
@@ -114,3 +114,12 @@ def _forces(found: Outcome, strain: Strain) -> NDArray[np.float64]:
     """Whole forces of the indentation along z [N]."""
     pair = next(p for p in found.pairs if p.scene == "sphere into block" and p.strain is strain)
     return np.array(pair.forces)[:, 2]
+
+
+def bodies_table(found: Outcome) -> StudyTable:
+    """The bar's gap by penalty."""
+    bar = found.fold
+    rows = [["none", f"{bar.free:+.3f}"]]
+    rows += [[f"{k:.3g}", f"{g:+.3f}"] for k, g in zip(bar.stiffnesses, bar.gaps, strict=True)]
+    columns = ["penalty [Pa/m]", "gap at the tip [edges]"]
+    return StudyTable("A folded bar on itself", columns, rows)

@@ -12,6 +12,7 @@ from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.meshes.problem import Strain
 from palpate.validation.studies import contact_scenes as scenes
+from palpate.validation.studies.contact_bodies import Collision, Fold
 from palpate.validation.studies.contact_hertz import (
     RADIUS,
     Zone,
@@ -59,6 +60,8 @@ class Outcome:
     last_depth: tuple[float, float, str]
     penalties: list[Penalty]
     speeds: tuple[Speed, Speed]
+    collision: Collision
+    fold: Fold
 
 
 def hertz_level(edges_per_radius: float, growth: float, progress: Callable[[str], None]) -> Level:
