@@ -371,7 +371,8 @@ class ExplicitRun32:
         points: NDArray[np.float64],
         cells: NDArray[np.int32],
         vertices: NDArray[np.int32],
-        depths: NDArray[np.float64],
+        facets: NDArray[np.int32],
+        parts: NDArray[np.int32],
         stiffnesses: NDArray[np.float64],
         at_most: InstructionSet,
     ) -> None: ...
@@ -445,7 +446,8 @@ class ExplicitRun64:
         points: NDArray[np.float64],
         cells: NDArray[np.int32],
         vertices: NDArray[np.int32],
-        depths: NDArray[np.float64],
+        facets: NDArray[np.int32],
+        parts: NDArray[np.int32],
         stiffnesses: NDArray[np.float64],
         at_most: InstructionSet,
     ) -> None: ...

@@ -1,8 +1,9 @@
 """Bodies that touch each other, or themselves, in explicit motion: a penalty on material depth.
 
-Boundary vertices inside cells, found by the spatial hash, are pushed out along the gradient of the
-depth that the cell's points have at rest (see core/contact/body_touch.hpp). Bodies are the parts of
-one mesh that share no point. The penalty k A of a vertex acts on it and on the cell's corners:
+Boundary vertices inside cells, found by the spatial hash, are pushed out by the depth that the
+place has at rest (see core/contact/body_touch.hpp); a vertex past the middle of a body goes out
+behind. Bodies are the parts of one mesh that share no point. The penalty k A of a vertex acts on
+it and on the cell's corners:
 
     omega^2 <= omega_body^2 + 4 max k A / m
 
@@ -15,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
+from palpate.fastsim.collision.detection import VertexCellDetector
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.forces import lame_parameters
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
@@ -35,7 +37,7 @@ class BodyContact:
     """Contact of all parts of a problem's mesh with each other and themselves.
 
     Args:
-        problem: Its mesh needs points inside: a body of one layer of cells has no depth.
+        problem: Mesh and material.
         law: A penalty; its stiffness None is the smaller of ten layers of cells and what the time
             step bears.
         mass: Lumped [kg], shape (num_points,).
@@ -47,7 +49,7 @@ class BodyContact:
         critical_time_step: With the penalty [s].
 
     Raises:
-        InputError: The constraint form, or a mesh without a point inside.
+        InputError: The constraint form.
         UnstableStepError: The step leaves no room for any penalty.
     """
 
@@ -64,11 +66,6 @@ class BodyContact:
             raise InputError("contact between bodies needs the penalty form")
         mesh = problem.mesh
         self._mesh = mesh
-        self._depths = material_depths(mesh)
-        if not self._depths.any():
-            raise InputError(
-                "contact between bodies needs points inside them; the mesh has none: refine it"
-            )
         corners = mesh.points[mesh.boundary_facets]
         area = 0.5 * np.linalg.norm(
             np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -100,29 +97,32 @@ class BodyContact:
     def attach(self, run: _core.ExplicitRun32 | _core.ExplicitRun64) -> None:
         """Give the contact to a run."""
         mesh = self._mesh
+        # From 0, as many as there are.
+        number = np.unique(parts(mesh), return_inverse=True)[1].astype(np.int32)
         run.set_body_touch(
             np.ascontiguousarray(mesh.points),
             np.ascontiguousarray(mesh.cells),
             self._vertices,
-            self._depths,
+            np.ascontiguousarray(mesh.boundary_facets),
+            number,
             self.stiffness * self._areas,
             chosen_instruction_set(),
         )
 
 
-def material_depths(mesh: TetMesh) -> NDArray[np.float64]:
-    """Distance of each point at rest to the boundary of its own body [m], shape (num_points,)."""
-    part = parts(mesh)
-    depths = np.zeros(mesh.num_points)
-    facets = mesh.boundary_facets
-    inside = np.setdiff1d(np.arange(mesh.num_points), facets)
-    for number in np.unique(part):
-        own = np.ascontiguousarray(facets[part[facets[:, 0]] == number])
-        here = inside[part[inside] == number]
-        if len(here):
-            searched = _core.SurfaceDistance(np.array(mesh.points), own)
-            depths[here] = searched.closest(np.ascontiguousarray(mesh.points[here]))[1]
-    return depths
+def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points]:
+    """Boundary vertices inside a cell, and how deep: ascending, shape (n,), and [m], shape (n,)."""
+    found = VertexCellDetector(mesh).find(mesh.points + displacement)
+    vertices, first = np.unique(found.vertices, return_index=True)
+    cells = mesh.cells[found.cells[first]]
+    places = (found.weights[first][:, :, None] * mesh.points[cells]).sum(axis=1)
+    part, depths = parts(mesh), np.zeros(len(vertices))
+    for number in np.unique(part[cells[:, 0]]):
+        facets = mesh.boundary_facets[part[mesh.boundary_facets[:, 0]] == number]
+        surface = _core.SurfaceDistance(np.array(mesh.points), np.ascontiguousarray(facets))
+        here = part[cells[:, 0]] == number
+        depths[here] = surface.closest(np.ascontiguousarray(places[here]))[1]
+    return vertices.astype(np.int32), depths
 
 
 def parts(mesh: TetMesh) -> NDArray[np.int64]:

@@ -133,21 +133,23 @@ template <typename Real> void bind_run(nb::module_ &module, const char *name) {
         .def(
             "set_body_touch",
             [](Run &run, Table3<const double> points, Cells cells, Vector<const Index> vertices,
-               Vector<const double> depths, Vector<const double> stiffnesses,
+               Facets facets, Vector<const Index> parts, Vector<const double> stiffnesses,
                InstructionSet at_most) {
                 nb::gil_scoped_release release;
                 const std::span rest{reinterpret_cast<const Position *>(points.data()),
                                      points.shape(0)};
                 const std::span rows{reinterpret_cast<const BodyTouch::Cell *>(cells.data()),
                                      cells.shape(0)};
-                run.set_body_touch(std::make_unique<BodyTouch>(rest, rows, as_span(vertices),
-                                                               as_span(depths),
-                                                               as_span(stiffnesses), at_most),
+                const std::span sides{reinterpret_cast<const BodyTouch::Facet *>(facets.data()),
+                                      facets.shape(0)};
+                run.set_body_touch(std::make_unique<BodyTouch>(rest, rows, as_span(vertices), sides,
+                                                               as_span(parts), as_span(stiffnesses),
+                                                               at_most),
                                    as_span(points));
             },
             nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
-            nb::arg("vertices").noconvert(), nb::arg("depths").noconvert(),
-            nb::arg("stiffnesses").noconvert(), nb::arg("at_most"))
+            nb::arg("vertices").noconvert(), nb::arg("facets").noconvert(),
+            nb::arg("parts").noconvert(), nb::arg("stiffnesses").noconvert(), nb::arg("at_most"))
         .def("body_touches", &Run::body_touches)
         .def(
             "get_contact_force",

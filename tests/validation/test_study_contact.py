@@ -41,7 +41,7 @@ def good() -> Outcome:
         Speed(35_000, 2.5e-4, (2e-4, 2e-4, 2e-4, 4e-4)),
     )
     collision = Collision(1e-15, 1e-15, 1e-3, (0.95, 0.05))
-    fold = Fold(-2.0, (1e6, 4e6), (-0.2, -0.05))
+    fold = Fold(2.0, (1e6, 4e6), (0.2, 0.05))
     return Outcome(levels, pairs, (0.2, 0.5, "a limit point"), penalties, speeds, collision, fold)
 
 
@@ -72,7 +72,7 @@ def test_a_right_simulator_passes() -> None:
         (4, lambda o: replace(o, last_depth=(0.12, 0.5, "a limit point"))),
         (5, lambda o: replace(o, penalties=[replace(p, lack=0.01) for p in o.penalties])),
         (6, lambda o: replace(o, collision=replace(o.collision, momentum_error=1e-6))),
-        (7, lambda o: replace(o, fold=replace(o.fold, gaps=(-0.2, -0.3)))),
+        (7, lambda o: replace(o, fold=replace(o.fold, depths=(0.2, 0.3)))),
         (8, lambda o: replace(o, speeds=(slow(o.speeds[0]), o.speeds[1]))),
         (9, lambda o: replace(o, speeds=(o.speeds[0], replace(o.speeds[1], time_step=1e-4)))),
         (9, lambda o: replace(o, speeds=(o.speeds[0], replace(o.speeds[1], cells=20_000)))),

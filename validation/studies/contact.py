@@ -147,9 +147,9 @@ def judge(found: Outcome) -> list[Finding]:
         finding(
             "a folded bar rests on itself, less deep the stiffer the penalty, at last within a "
             "tenth of an edge",
-            f"gap {bar.free:+.2f} edges without contact, with it "
-            + ", ".join(f"{gap:+.3f}" for gap in bar.gaps),
-            bar.free < -1.0 and all(np.diff(bar.gaps) > 0.0) and abs(bar.gaps[-1]) <= 0.1,
+            f"{bar.free:.2f} edges deep without contact, with it "
+            + ", ".join(f"{depth:.3f}" for depth in bar.depths),
+            bar.free > 1.0 and all(np.diff(bar.depths) < 0.0) and bar.depths[-1] <= 0.1,
         ),
         finding(
             f"a capsule adds at most {SHARE_LIMIT:.0%} to a step of {first.cells} cells",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import smooth_ramp
-from palpate.fastsim.contact.body_contact import parts
+from palpate.fastsim.contact.body_contact import overlap_depths, parts
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.forces import lumped_mass
@@ -40,17 +40,17 @@ class Collision:
 
 @dataclass(frozen=True)
 class Fold:
-    """Gap at the tip of a folded bar under its weight [edges of its cells].
+    """Deepest vertex of a folded bar in itself under its weight [edges of its cells].
 
     Attributes:
         free: Without contact: the arms pass through each other.
         stiffnesses: Penalties [Pa/m].
-        gaps: With each.
+        depths: With each.
     """
 
     free: float
     stiffnesses: tuple[float, ...]
-    gaps: tuple[float, ...]
+    depths: tuple[float, ...]
 
 
 def collide() -> Collision:
@@ -91,16 +91,13 @@ def fold() -> Fold:
     held = Support(np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32))
     span = TimeSpan(1.5, num_outputs=2, mass_damping=8.0)
     problem = Problem(mesh, MATERIAL, (held,), (BodyForce((0.0, 0.0, -1000.0)),), span)
-    tip = mesh.points[:, 0] > 0.59
-    upper, lower = (tip & (np.abs(mesh.points[:, 2] - z) < 1e-9) for z in (0.25, 0.2))
 
-    def gap(law: ContactLaw | None) -> float:
+    def deepest(law: ContactLaw | None) -> float:
         run = simulate(problem, body_contact=law, amplitude=smooth_ramp(0.8))
-        heights = (mesh.points + run.displacements[-1])[:, 2]
-        return float(heights[upper].mean() - heights[lower].mean()) / 0.05
+        return float(overlap_depths(mesh, run.displacements[-1])[1].max()) / 0.05
 
     laws = [ContactLaw(ContactForm.PENALTY, k) for k in STIFFER]
-    return Fold(gap(None), STIFFER, tuple(gap(law) for law in laws))
+    return Fold(deepest(None), STIFFER, tuple(deepest(law) for law in laws))
 
 
 def folded_bar() -> TetMesh:

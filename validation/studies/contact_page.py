@@ -117,9 +117,9 @@ def _forces(found: Outcome, strain: Strain) -> NDArray[np.float64]:
 
 
 def bodies_table(found: Outcome) -> StudyTable:
-    """The bar's gap by penalty."""
+    """How deep the bar is in itself, by penalty."""
     bar = found.fold
-    rows = [["none", f"{bar.free:+.3f}"]]
-    rows += [[f"{k:.3g}", f"{g:+.3f}"] for k, g in zip(bar.stiffnesses, bar.gaps, strict=True)]
-    columns = ["penalty [Pa/m]", "gap at the tip [edges]"]
+    rows = [["none", f"{bar.free:.3f}"]]
+    rows += [[f"{k:.3g}", f"{g:.3f}"] for k, g in zip(bar.stiffnesses, bar.depths, strict=True)]
+    columns = ["penalty [Pa/m]", "deepest vertex [edges]"]
     return StudyTable("A folded bar on itself", columns, rows)

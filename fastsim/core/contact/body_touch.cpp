@@ -3,17 +3,28 @@
 #include "predicates/vector_algebra.hpp"
 
 #include <algorithm>
-#include <cmath>
+#include <utility>
 
 namespace fastsim {
 
 BodyTouch::BodyTouch(std::span<const Position> rest, std::span<const Cell> cells,
-                     std::span<const std::int32_t> vertices, std::span<const double> depths,
-                     std::span<const double> stiffnesses, InstructionSet at_most)
+                     std::span<const std::int32_t> vertices, std::span<const Facet> facets,
+                     std::span<const std::int32_t> parts, std::span<const double> stiffnesses,
+                     InstructionSet at_most)
     : _cells(cells.begin(), cells.end()), _detection(rest, cells, vertices, true, 1, at_most),
-      _depths(depths.begin(), depths.end()), _stiffness_of(rest.size(), 0.0) {
+      _rest(rest.begin(), rest.end()), _part_of(parts.begin(), parts.end()),
+      _stiffness_of(rest.size(), 0.0) {
     for (std::size_t k = 0; k < vertices.size(); ++k)
         _stiffness_of[static_cast<std::size_t>(vertices[k])] = stiffnesses[k];
+    std::vector<std::vector<Facet>> own;
+    for (const Facet &facet : facets) {
+        const auto part = static_cast<std::size_t>(_part_of[static_cast<std::size_t>(facet[0])]);
+        if (part >= own.size())
+            own.resize(part + 1);
+        own[part].push_back(facet);
+    }
+    for (std::vector<Facet> &part : own)
+        _surfaces.emplace_back(_rest, std::move(part));
 }
 
 std::span<const PointForce> BodyTouch::find_forces(std::span<const Position> points) {
@@ -28,9 +39,12 @@ std::span<const PointForce> BodyTouch::find_forces(std::span<const Position> poi
         last = found.vertex;
         const Cell &cell = _cells[static_cast<std::size_t>(found.cell)];
         const auto corner = [&](std::size_t a) { return static_cast<std::size_t>(cell[a]); };
-        double depth = 0.0;
+        Point place{};
         for (std::size_t a = 0; a < 4; ++a)
-            depth += found.weights[a] * _depths[corner(a)];
+            place = along(place, _rest[corner(a)], found.weights[a]);
+        const auto part = static_cast<std::size_t>(_part_of[corner(0)]);
+        const Point inward = minus(place, _surfaces[part].closest(place).point);
+        const double depth = norm(inward);
         ++_num_touching;
         if (!(depth > 0.0))
             continue;
@@ -43,8 +57,9 @@ std::span<const PointForce> BodyTouch::find_forces(std::span<const Position> poi
         const double volume = dot(edge[0], across[0]);
         Point gradient{};
         for (std::size_t a = 0; a < 3; ++a)
-            gradient =
-                along(gradient, across[a], (_depths[corner(a + 1)] - _depths[corner(0)]) / volume);
+            gradient = along(gradient, across[a],
+                             dot(inward, minus(_rest[corner(a + 1)], _rest[corner(0)])) /
+                                 (depth * volume));
         const double push = _stiffness_of[static_cast<std::size_t>(found.vertex)] * depth;
         const Point force = along({}, gradient, -push);
         _forces.push_back({found.vertex, force});
