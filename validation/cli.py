@@ -116,17 +116,23 @@ def gate(
     self_test: Annotated[bool, typer.Option(help="seed faults; the gate must go red")] = False,
     quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
     every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
+    since: Annotated[
+        Path | None, typer.Option(help="an accepted results.json: tell what changed")
+    ] = None,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation import outputs
+    from palpate.validation.annotations import github_annotations
     from palpate.validation.case import QUICK, builtin_cases, load_case
     from palpate.validation.judge import exit_code, judge_case
     from palpate.validation.metamorphic import judge_relations
+    from palpate.validation.result_changes import read_accepted, with_changes
     from palpate.validation.self_test import run_self_test
     from palpate.validation.simulators.candidate import candidate_for
 
     candidate = candidate_for(simulator, time_limit, fault)
+    accepted = read_accepted(since) if since else None
     if self_test + quick + every + bool(names) != 1:
         raise InputError("name the cases, or say one of --quick, --all and --self-test")
     chosen = QUICK if quick else builtin_cases() if every else names or ()
@@ -138,6 +144,8 @@ def gate(
         results = [judge_relations(case, candidate, progress) for case in loaded]
     else:
         results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
+    if accepted is not None:
+        results = with_changes(results, accepted)
     texts = {
         json: outputs.results_json(results, _version()),
         junit: outputs.junit_xml(results),
@@ -147,6 +155,8 @@ def gate(
         if path is not None:
             write_text_atomically(path, text)
     outputs.print_results(results, Console(highlight=False))
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        print("\n".join(github_annotations(results)))
     raise typer.Exit(exit_code(results))
 
 

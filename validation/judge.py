@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import os
 import platform
 import sys
 from collections.abc import Callable
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,7 @@ from palpate.validation.stored_references import (
     StaleReferenceError,
     load_stored,
     problem_key,
+    references_folder,
 )
 
 
@@ -140,7 +143,7 @@ def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) 
     stored: ReferenceSet | None = None
     trouble: InputError | None = None
     try:
-        stored = load_stored(case.name, problem) if case.is_builtin else None
+        stored = _load_stored(case)
     except (MissingReferenceError, StaleReferenceError) as error:
         trouble = error
     if live:
@@ -159,6 +162,18 @@ def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) 
         else "solve it here with --live, which needs FEniCSx (see README)"
     )
     raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
+
+
+def _load_stored(case: Case) -> ReferenceSet | None:
+    """A built-in case's reference; of one's own case, what lies in `references` beside it."""
+    if case.is_builtin:
+        return load_stored(case.name, case.problem)
+    folder = case.folder / "references"
+    if os.environ.get("PALPATE_REFERENCES"):
+        folder = references_folder()
+    if not (folder / f"{case.name}.npz").is_file():
+        return None
+    return load_stored(case.name, case.problem, folder=folder)
 
 
 def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:
@@ -224,6 +239,7 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
         "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "command": " ".join(["palpate", *sys.argv[1:]]),
         "case_key": problem_key(case.problem),
+        "case_file": case_file(case),
         "mesh": {
             "origin": case.mesh.origin,
             "num_points": mesh.num_points,
@@ -233,6 +249,12 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
         },
         "reference": {"origin": references.origin, **references.provenance},
     }
+
+
+def case_file(case: Case) -> str:
+    """The case's file as seen from the working folder, where it lies below it."""
+    path = case.path.absolute()
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path.name)
 
 
 def _version(package: str) -> str:

@@ -93,9 +93,22 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
         f"| {check.verdict} | {_cell(check.reason)} |"
         for result, check in rows[:_MOST_ROWS]
     ]
+    lines += _changes(results)
     if len(rows) > _MOST_ROWS:
         lines.append(f"\nand {len(rows) - _MOST_ROWS} more")
     return "\n".join(lines) + "\n"
+
+
+def _changes(results: Sequence[CaseResult]) -> list[str]:
+    """Notes on what changed since the accepted result, as a list."""
+    mark = "Since the accepted result: "
+    lines = [
+        f"- **{_cell(result.name)}**: {_cell(note.removeprefix(mark))}"
+        for result in results
+        for note in result.notes
+        if note.startswith(mark)
+    ]
+    return ["", "Since the accepted result:", "", *lines] if lines else []
 
 
 def print_results(results: Sequence[CaseResult], console: Console) -> None:

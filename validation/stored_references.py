@@ -106,14 +106,14 @@ def store(
     return path
 
 
-def load_stored(name: str, problem: Problem) -> ReferenceSet:
-    """Read a case's stored references and check that they belong to it.
+def load_stored(name: str, problem: Problem, *, folder: Path | None = None) -> ReferenceSet:
+    """Read a case's stored references, from `folder` if given, and check that they belong to it.
 
     Raises:
         MissingReferenceError: There are none, or the file is damaged.
         StaleReferenceError: They were made for something else.
     """
-    path = accepted_path(name)
+    path = (folder or references_folder()) / f"{name}.npz"
     remedy = (
         f"make it with `palpate reference build {name}` where FEniCSx is installed, then "
         f"`palpate reference accept {name} --reason TEXT`"

@@ -9,6 +9,7 @@ held where they are, one material; no follower pressure, tools or time here.
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -47,7 +48,8 @@ def compile_model(rest: dict[str, Any], material: dict[str, float], step: float)
 
 def main() -> None:
     """Answer the case folder given first in the file given second."""
-    case, result = Path(sys.argv[1]), Path(sys.argv[2])
+    case, result = Path(sys.argv[1]).absolute(), Path(sys.argv[2]).absolute()
+    os.chdir(result.parent)  # it writes a log into the working folder
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
     with np.load(case / "rest.npz") as stored:
         rest = {name: stored[name] for name in stored.files}

@@ -1,0 +1,58 @@
+"""Judge cases from pytest: the fixture `palpate_case`.
+
+    def test_my_simulator(palpate_case):
+        palpate_case("block", simulator="python mysim.py {case} {result}")
+
+Installed with palpate; nothing is imported before the fixture is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import pytest
+
+if TYPE_CHECKING:
+    from palpate.validation.results import CaseResult
+
+JudgeCase: TypeAlias = "Callable[..., CaseResult]"
+
+
+@pytest.fixture
+def palpate_case() -> JudgeCase:
+    """Judge one case; fails the test with the checks that did not pass.
+
+    The function takes a built-in name or a path to a .toml file and, as keywords, `simulator`
+    (a command line with {case} and {result}; fastsim where None), `result` (a file that is
+    already there), `time_limit` [s] and `live`. It gives the judged case.
+    """
+
+    def judge(
+        case: str | Path,
+        *,
+        simulator: str | None = None,
+        result: str | Path | None = None,
+        time_limit: float = 600.0,
+        live: bool = False,
+    ) -> CaseResult:
+        from palpate.validation.case import load_case
+        from palpate.validation.judge import judge_case
+        from palpate.validation.outputs import check_name
+        from palpate.validation.results import Verdict
+        from palpate.validation.simulators.candidate import candidate_for, result_candidate
+
+        if simulator is not None and result is not None:
+            raise ValueError("palpate_case takes a simulator or a result, not both")
+        candidate = (
+            candidate_for(simulator, time_limit) if result is None else result_candidate(result)
+        )
+        judged = judge_case(load_case(case), live=live, candidate=candidate)
+        bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
+        if bad:
+            lines = [f"  {c.verdict}: {check_name(c)}: {c.message} ({c.reason})" for c in bad]
+            pytest.fail("\n".join([f"{judged.name}: {judged.verdict}", *lines]), pytrace=False)
+        return judged
+
+    return judge
