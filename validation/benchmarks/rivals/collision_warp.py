@@ -122,10 +122,11 @@ class Rival:
             [wp.zeros(self._num_elements, dtype=wp.vec3, device=self._device) for _ in range(2)]
             for _ in range(2)
         ]
+        # The quickest leaves of 1, 2, 4 and 8 elements, refit and query together.
         self._trees: list[Any] = []
         for k in range(2):
             self._fit(k, 0)
-            self._trees.append(wp.Bvh(*self._boxes[k]))
+            self._trees.append(wp.Bvh(*self._boxes[k], leaf_size=8 if self._uses_cells else 4))
         self._turns = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(body["with_self"]) else [])
         self._count = wp.zeros(1, dtype=wp.int32, device=self._device)
         # Room for all that any frame gives.
