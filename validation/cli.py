@@ -211,7 +211,8 @@ def study(
     name: Annotated[
         str,
         typer.Argument(
-            help="meshing, beam, kidney, contact, csm3, grading, iterations, validity, convergence"
+            help="meshing, beam, kidney, contact, csm3, grading, iterations, "
+            "validity, convergence, sensitivity"
         ),
     ],
     output: Folder,

@@ -20,6 +20,7 @@ STUDIES = (
     "iterations",
     "kidney",
     "meshing",
+    "sensitivity",
     "validity",
 )
 

@@ -1,0 +1,158 @@
+"""The inputs of a case moved one at a time, and what each number owes to them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fastsim.statics import StaticResult, solve_static
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.grid_convergence import GridConvergence
+from palpate.validation.studies.beam import scaled
+from palpate.validation.studies.kidney_convergence import (
+    QUANTITIES,
+    Response,
+    StoredTruth,
+    measure_response,
+    probe_of,
+)
+
+Solve = Callable[..., StaticResult]
+INPUTS = ("Young's modulus", "Poisson's ratio", "load")
+STEP = 0.1
+# V&V 20-2009, section 2: from an expanded to a standard uncertainty, where the error has one sign.
+COVERAGE = 1.15
+
+
+@dataclass(frozen=True)
+class InputResponses:
+    """Responses to each input, down and up by STEP, alone.
+
+    Attributes:
+        base: With the inputs as given.
+        moved: By input: (down, up).
+        linear: With linear strain, inputs as given.
+        scaling_error: Largest change of displacement over the largest displacement when modulus
+            and load are both raised by a half [-].
+    """
+
+    base: Response
+    moved: Mapping[str, tuple[Response, Response]]
+    linear: Response
+    scaling_error: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What is known of one number, all relative to its value on the case's mesh [-].
+
+    Attributes:
+        quantity: Which number.
+        value: On the case's mesh, in its unit.
+        sensitivities: d ln Q / d ln X by input.
+        curvature: Largest departure of two steps from a straight line, over the largest change.
+        input_parts: |dQ/dX| u_X by input.
+        input_uncertainty: u_input.
+        finest_uncertainty: u_num on the finest mesh; None without an error bar.
+        mesh_error: Signed error on the case's own mesh, against the stored reference.
+        model_error: Signed change by linear strain, on the case's mesh.
+    """
+
+    quantity: str
+    value: float
+    sensitivities: Mapping[str, float]
+    curvature: float
+    input_parts: Mapping[str, float]
+    input_uncertainty: float
+    finest_uncertainty: float | None
+    mesh_error: float
+    model_error: float
+
+    @property
+    def validation_uncertainty(self) -> float | None:
+        """u_val = sqrt(u_num^2 + u_input^2) on the finest mesh; None without u_num."""
+        if self.finest_uncertainty is None:
+            return None
+        return math.hypot(self.finest_uncertainty, self.input_uncertainty)
+
+
+def changed(problem: Problem, name: str, factor: float) -> Problem:
+    """The problem with one input multiplied.
+
+    Args:
+        problem: As given.
+        name: One of INPUTS.
+        factor: [-], > 0.
+    """
+    material = problem.material
+    if name == "load":
+        return scaled(problem, factor)
+    if name == "Young's modulus":
+        material = dataclasses.replace(material, youngs_modulus=factor * material.youngs_modulus)
+    else:
+        material = dataclasses.replace(material, poissons_ratio=factor * material.poissons_ratio)
+    return dataclasses.replace(problem, material=material)
+
+
+def follow_inputs(
+    problem: Problem, progress: Callable[[str], None], *, solve: Solve = solve_static
+) -> InputResponses:
+    """Solve with each input down and up, with linear strain, and with modulus and load raised.
+
+    Args:
+        problem: The case.
+        progress: Called with one line for each input.
+        solve: fastsim's statics, or what is put to the test in its place.
+    """
+    probe = probe_of(problem)
+
+    def respond(given: Problem, strain: Strain = Strain.GREEN) -> Response:
+        return measure_response(given, solve(given, strain=strain).displacement, probe)
+
+    moved = {}
+    for name in INPUTS:
+        progress(f"{name} down and up by {100 * STEP:g} %")
+        down, up = (respond(changed(problem, name, 1.0 + s * STEP)) for s in (-1.0, 1.0))
+        moved[name] = (down, up)
+    progress("modulus and load together; linear strain")
+    rest = solve(problem).displacement
+    both = changed(changed(problem, "load", 1.5), "Young's modulus", 1.5)
+    gap = np.linalg.norm(solve(both).displacement - rest, axis=1).max()
+    return InputResponses(
+        base=measure_response(problem, rest, probe),
+        moved=moved,
+        linear=respond(problem, Strain.LINEAR),
+        scaling_error=float(gap / np.linalg.norm(rest, axis=1).max()),
+    )
+
+
+def make_budget(
+    quantity: str, responses: InputResponses, grids: GridConvergence, truth: StoredTruth
+) -> Budget:
+    """Put the parts of one number beside each other."""
+    name, _, factor = QUANTITIES[quantity]
+    value = factor * getattr(responses.base, name)
+    sensitivities, parts = {}, {}
+    departures, changes = [], []
+    for what, pair in responses.moved.items():
+        down, up = (factor * getattr(r, name) for r in pair)
+        sensitivities[what] = (up - down) / (2.0 * STEP * value)
+        parts[what] = abs(sensitivities[what]) * STEP / math.sqrt(3.0)
+        departures.append(abs(up + down - 2.0 * value))
+        changes.append(abs(up - down))
+    bar = grids.error_bar
+    return Budget(
+        quantity=quantity,
+        value=value,
+        sensitivities=sensitivities,
+        curvature=max(departures) / max(changes),
+        input_parts=parts,
+        input_uncertainty=math.hypot(*parts.values()),
+        finest_uncertainty=None if bar is None else bar / COVERAGE / abs(value),
+        mesh_error=(value - truth.value) / abs(value),
+        model_error=factor * getattr(responses.linear, name) / value - 1.0,
+    )
