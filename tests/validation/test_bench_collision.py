@@ -57,7 +57,9 @@ def test_rows_are_whole():
         assert row["phase"] == "candidates" or row["candidates"] == row["pairs"]
         assert (row["pairs"] > 0) == (row["place"] == "overlapping")
     assert len(lines) >= len(rows)
-    assert len(collision.summarise(rows)) == 6
+    said = collision.summarise(rows)
+    assert len(said) == 6
+    assert sum("within the bodies" in line for line in said) == 2
 
 
 def test_a_pair_left_out_or_made_up_is_seen():

@@ -212,6 +212,14 @@ def summarise(rows: Sequence[Row]) -> list[str]:
         ours = [row for row in here if row["tool"] == "palpate"]
         rivals = sorted((r for r in here if r["tool"] != "palpate"), key=lambda r: r["seconds"])
         told = [f"{1e3 * ours[0]['seconds']:.3g} ms a step"]
+        if against != "other":
+            alone = next(
+                row["seconds"]
+                for row in rows
+                if (row["size"], row["place"], row["query"], row["against"], row["tool"])
+                == (size, place, query, "other", "palpate")
+            )
+            told.append(f"{1e3 * (ours[0]['seconds'] - alone):.3g} ms of it within the bodies")
         if len(ours) > 1:
             told.append(f"{1e3 * ours[1]['seconds']:.3g} ms with distances")
         if rivals:
