@@ -12,7 +12,7 @@ from palpate.validation.regions_schema import BallRegion, RegionSpec, Table, Vec
 from palpate.validation.units import Units
 
 # The candidate's own, without a reference.
-OWN_METRICS = ("smallest_det_f", "inverted_cells")
+OWN_METRICS = ("smallest_det_f", "inverted_cells", "published_displacement")
 # Only against the reference on the same mesh.
 SAME_MESH_METRICS = (
     "displacement_h1",
@@ -208,11 +208,17 @@ class CheckSpec(Table):
         "oscillation_mean",
         "smallest_det_f",
         "inverted_cells",
+        "published_displacement",
     ]
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
     strain: Strain | None = None
     limit: float
     reason: str = Field(min_length=1)
+    # Of published_displacement: a point of the mesh, which component, and the number there, in
+    # the case's length unit; the reason names the source.
+    at: Vector | None = None
+    component: Literal["x", "y", "z"] | None = None
+    expected: float | None = None
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
@@ -221,7 +227,13 @@ class CheckSpec(Table):
             raise ValueError(f'{own} go with against = "candidate", and nothing else does')
         if self.metric in SAME_MESH_METRICS and self.against != "same_mesh":
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
-        if self.metric not in OWN_METRICS and self.limit <= 0.0:
+        is_published = self.metric == "published_displacement"
+        given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
+        if (is_published and len(given) < 3) or (given and not is_published):
+            raise ValueError("at, component and expected go with published_displacement, all three")
+        if is_published and not self.expected:
+            raise ValueError("expected = 0 gives no scale; choose another component or point")
+        if (self.metric not in OWN_METRICS or is_published) and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
 

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case_schema import CheckSpec
 from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
 from palpate.validation.results import CheckResult, State, Verdict
+from palpate.validation.units import Units
+
+# A point is there within this part of the body's size.
+_SAME_PLACE = 1e-6
 
 
 def decide(error: float, bar: float, limit: float) -> Verdict:
@@ -33,6 +40,7 @@ def judge_check(
     reference: State | None,
     bar: float,
     failure: str,
+    units: Units | None = None,
 ) -> CheckResult:
     """Judge one check.
 
@@ -44,6 +52,7 @@ def judge_check(
         reference: The reference's, or None if there is none.
         bar: The reference's error bar, relative to the check's scale.
         failure: Why a state is missing.
+        units: The case's, of published numbers; SI where None.
     """
     value: float | None = None
     scale, unit = "-", CATALOGUE[spec.metric].unit
@@ -59,6 +68,10 @@ def judge_check(
         value, scale, bar = float(count), "none", 0.0
         verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
         message = f"{count} inverted cell(s), at most {spec.limit:g}"
+    elif spec.metric == "published_displacement":
+        error, message = _published(spec, problem, candidate, units)
+        value, scale, bar = error, "the number expected", 0.0
+        verdict = decide(error, 0.0, spec.limit)
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
@@ -82,3 +95,26 @@ def judge_check(
         reason=spec.reason,
         message=message,
     )
+
+
+def _published(
+    spec: CheckSpec, problem: Problem, candidate: State, units: Units | None
+) -> tuple[float, str]:
+    """Relative error of one component at one point, and a line on it.
+
+    Raises:
+        InputError: No point of the mesh lies there.
+    """
+    used = units or Units()
+    assert spec.at is not None
+    assert spec.component is not None
+    assert spec.expected is not None
+    place = np.array([used.metres(x) for x in spec.at])
+    apart = np.linalg.norm(problem.mesh.points - place, axis=1)
+    point = int(apart.argmin())
+    if apart[point] > _SAME_PLACE * float(np.ptp(problem.mesh.points, axis=0).max()):
+        raise InputError(f"check at {list(spec.at)}: no point of the mesh lies there; mesh it in")
+    found = float(candidate.displacement[point, "xyz".index(spec.component)]) / used.metres(1.0)
+    error = abs(found - spec.expected) / abs(spec.expected)
+    shown = f"{found:.8g} {used.length}, expected {spec.expected:.8g}: {error:.2g}"
+    return error, f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"

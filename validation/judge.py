@@ -94,6 +94,7 @@ def judge_case(
                 reference,
                 bar if is_truth else 0.0,
                 failures.get(strain) or references.failure(spec.against, strain),
+                case.spec.units,
             )
         )
     states = (*candidates.values(), *references.states.values())

@@ -149,6 +149,12 @@ CATALOGUE = {
             for name in motion.OSCILLATION
         ),
         Metric("smallest_det_f", "smallest volume ratio of a cell", "none", None),
+        Metric(
+            "published_displacement",
+            "error of a point's displacement against a closed form or a published number",
+            "the number expected",
+            None,
+        ),
         Metric("inverted_cells", "cells turned inside out", "none", None, unit="cells"),
     )
 }
