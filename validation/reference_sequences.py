@@ -56,8 +56,10 @@ def assess_metrics(mesh: TetMesh, states: Sequence[State]) -> dict[str, GridConv
             # A change that is nothing has no scale, and nothing to converge to.
             values = [getattr(s, metric) / scale if scale else 0.0 for s in states]
         else:
-            last = compare(mesh, middle, fine).value
-            values = [0.0, last, last + compare(mesh, coarse, middle).value]
+            last, before = compare(mesh, middle, fine), compare(mesh, coarse, middle)
+            # Both in units of the finest, which is not what the coarser two are divided by.
+            first = before.value * before.scale / scale if scale else 0.0
+            values = [0.0, last.value, last.value + first]
         size = max(1.0, *(abs(v) for v in values))
         found[metric] = assess_grid_convergence(
             values, (1.0, 2.0, 4.0), expected_order=EXPECTED_ORDER, noise=NOISE * size

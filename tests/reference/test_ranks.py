@@ -150,3 +150,32 @@ def test_both_mpis_tell_a_process_its_place(monkeypatch):
             patch.setenv(rank, "3")
             assert ranks.num_ranks() == 4
             assert ranks.is_follower()
+
+
+# One rank alone is in trouble while the other waits for it.
+LONELY = """
+import sys
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem_files import load_problem
+from palpate.reference import ranks
+
+ranks._PATIENCE = 1.0
+
+def task(problem, say):
+    from palpate.reference.fenicsx import COMM
+    if COMM.rank == 1:
+        raise InputError("this rank's own trouble")
+    COMM.Barrier()
+
+if ranks.is_follower():
+    sys.exit(ranks.follow())
+ranks.solve_on_ranks(task, load_problem(sys.argv[1]), time_limit=60.0, progress=print)
+"""
+
+
+def test_trouble_of_one_rank_alone_ends_them_all(tmp_path, box):
+    mesh = box((1, 1, 1), (1.0, 1.0, 1.0))
+    save_problem(tmp_path / "problem.npz", Problem(mesh, Material(1e3, 0.3), (), ()))
+    done = run(2, "-c", LONELY, str(tmp_path / "problem.npz"))
+    assert done.returncode == 2
+    assert "rank 1: this rank's own trouble" in done.stderr
