@@ -73,8 +73,8 @@ def test_parts_add_up_as_they_should() -> None:
     assert budget.input_uncertainty**2 == pytest.approx(
         sum(part**2 for part in budget.input_parts.values()), rel=1e-12
     )
-    # 1.25 * 0.02 / (2 - 1) over 1.15 and 2.
-    assert budget.finest_uncertainty == pytest.approx(1.25 * 0.02 / COVERAGE / 2.0, rel=1e-9)
+    # 1.25 * 0.02 / (2 - 1) over 1.15 and 1.98.
+    assert budget.finest_uncertainty == pytest.approx(1.25 * 0.02 / COVERAGE / 1.98, rel=1e-9)
     assert budget.validation_uncertainty == pytest.approx(
         math.hypot(budget.finest_uncertainty or 0.0, budget.input_uncertainty), rel=1e-12
     )

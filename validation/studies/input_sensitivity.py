@@ -57,7 +57,7 @@ class Budget:
         curvature: Largest departure of two steps from a straight line, over the largest change.
         input_parts: |dQ/dX| u_X by input.
         input_uncertainty: u_input.
-        finest_uncertainty: u_num on the finest mesh; None without an error bar.
+        finest_uncertainty: u_num on the finest mesh, over its value; None without an error bar.
         mesh_error: Signed error on the case's own mesh, against the stored reference.
         model_error: Signed change by linear strain, on the case's mesh.
     """
@@ -152,7 +152,7 @@ def make_budget(
         curvature=max(departures) / max(changes),
         input_parts=parts,
         input_uncertainty=math.hypot(*parts.values()),
-        finest_uncertainty=None if bar is None else bar / COVERAGE / abs(value),
+        finest_uncertainty=None if bar is None else bar / COVERAGE / abs(grids.value),
         mesh_error=(value - truth.value) / abs(value),
         model_error=factor * getattr(responses.linear, name) / value - 1.0,
     )

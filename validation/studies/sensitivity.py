@@ -8,13 +8,13 @@ Beside it stands the numerical error of the same numbers, from three meshes (gri
 and against the stored quadratic reference, and the model's: linear instead of Green strain.
 
 After ASME V&V 20-2009, sections 1 to 3: u_val = sqrt(u_num^2 + u_input^2), standard uncertainties
-all. u_input^2 is the sum of (dQ/dX u_X)^2 with u_X = 10 % / sqrt 3, the standard deviation of a
-value that lies anywhere within +-10 %, independent of the others; u_num is the error bar of the
-grid convergence index on the finest mesh over 1.15, V&V 20's factor where the side of the error is
-known. What it means: if an experiment of negligible error gave D and the simulation S, then the
-error of the model lies within S - D +- u_val (one standard uncertainty). A difference below u_val
-says nothing against the model, and nothing for it beyond u_val. There is no experiment here, so no
-u_D, and no claim of validation.
+all. u_input^2 is the sum of (dQ/dX u_X)^2, on the case's mesh, with u_X = 10 % / sqrt 3, the
+standard deviation of a value that lies anywhere within +-10 %, each on its own. u_num is the error
+bar of the grid convergence index on the finest mesh over 1.15, the factor for an error whose side
+is known. What u_val means: if an experiment of negligible error gave D and the simulation S, then
+the error of the model lies within S - D +- u_val (one standard uncertainty). A difference below
+u_val says nothing against the model, and nothing for it beyond u_val. There is no experiment here,
+so no u_D, and no claim of validation.
 
 Under dead loads only force over modulus counts: E and load by the same factor change no
 displacement, and more modulus is less load. Both are tested: a simulator with a stiffness of its

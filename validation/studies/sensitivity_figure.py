@@ -21,19 +21,22 @@ def draw_uncertainty(budgets: Sequence[Budget]) -> StudyFigure:
             1, len(budgets), figsize=(10.4, 3.8), sharey=True, sharex=True, squeeze=False
         )
         for panel, budget in zip(axes[0], budgets, strict=True):
-            bars = _bars(budget)
-            for place, (_, value, colour) in enumerate(reversed(bars)):
-                panel.barh(place, 100.0 * value, color=colour, height=0.62)
-                panel.text(112.0 * value, place, f"{100 * value:.2g} %", va="center", fontsize=8.5)
-            panel.set_yticks(range(len(bars)), [name for name, _, _ in reversed(bars)])
+            parts = _parts(budget)
+            for place, (_, value, colour) in enumerate(reversed(parts)):
+                # On a logarithmic scale a length means nothing: marks, not bars.
+                panel.axhline(place, color="#e4e4e4", lw=0.7, zorder=0)
+                panel.plot(100.0 * value, place, "o", color=colour, ms=7)
+                text = f"{100 * value:.2g} %"
+                panel.text(135.0 * value, place, text, va="center", fontsize=8.5)
+            panel.set_yticks(range(len(parts)), [name for name, _, _ in reversed(parts)])
             panel.set_xscale("log")
             panel.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
             panel.set_title(budget.quantity, fontsize=10)
             panel.set_xlabel("% of the value")
             for side in ("top", "right"):
                 panel.spines[side].set_visible(False)
-        largest = max(value for b in budgets for _, value, _ in _bars(b))
-        axes[0][0].set_xlim(0.3, 400.0 * largest)
+        largest = max(value for b in budgets for _, value, _ in _parts(b))
+        axes[0][0].set_xlim(0.3, 600.0 * largest)
         figure.tight_layout()
         return StudyFigure(
             figure_svg(figure),
@@ -44,7 +47,7 @@ def draw_uncertainty(budgets: Sequence[Budget]) -> StudyFigure:
         )
 
 
-def _bars(budget: Budget) -> list[tuple[str, float, str]]:
+def _parts(budget: Budget) -> list[tuple[str, float, str]]:
     parts = [(f"{name}, +-10 %", value, _INPUT) for name, value in budget.input_parts.items()]
     parts.append(("u_input", budget.input_uncertainty, _INPUT))
     if budget.finest_uncertainty is not None:

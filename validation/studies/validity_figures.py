@@ -33,11 +33,13 @@ def draw_map(
 
     by_nu = [p for p in points if p.poissons_ratio == poissons_ratio]
     by_length = [p for p in points if p.slenderness == slenderness]
+    loads = sorted({p.deflection for p in points})
     with paper_style():
         figure, axes = pyplot.subplots(1, 2, figsize=(10.0, 4.6), sharey=True)
         _cut(
             axes[0],
             by_nu,
+            loads,
             lambda p: p.slenderness,
             [(m.slenderness, m.deflection) for m in limits if m.poissons_ratio == poissons_ratio],
         )
@@ -48,21 +50,20 @@ def draw_map(
         _cut(
             axes[1],
             by_length,
+            loads,
             lambda p: p.poissons_ratio,
             [(m.poissons_ratio, m.deflection) for m in limits if m.slenderness == slenderness],
         )
         axes[1].set_xlabel(f"Poisson's ratio (L/h = {slenderness:g})")
         filled = axes[0].collections[0]
-        loads = sorted({p.deflection for p in points})
-        tallest = max([m.deflection for m in limits if m.deflection is not None] + loads)
-        axes[0].set_ylim(loads[0], 1.3 * min(tallest, 8.0))
+        axes[0].set_ylim(loads[0], loads[-1])
         handles = [
             mpl.lines.Line2D([], [], color=_ERROR, lw=1.8, label="displacement 1, 5, 10 %"),
             mpl.lines.Line2D(
                 [], [], color=_VOLUME, lw=1.8, ls="--", label="volume 1, 5, 10 % of the rest volume"
             ),
             mpl.lines.Line2D(
-                [], [], color=_LOST, lw=2.2, marker="s", ms=4, label="no equilibrium above (StVK)"
+                [], [], color=_LOST, lw=2.2, marker="s", ms=4, label="equilibrium ends (StVK)"
             ),
         ]
         figure.legend(handles=handles, loc="upper center", ncols=3, frameon=False)
@@ -74,7 +75,7 @@ def draw_map(
         return StudyFigure(
             figure_svg(figure),
             "A bar bent by a load at its tip. Below a line the error of linear strain against "
-            "Green strain is smaller than its label. The dark line is where fastsim loses "
+            "Green strain is smaller than its label. Hatched: fastsim finds no "
             "equilibrium on this mesh; on finer ones the corner of the clamp gives way earlier.",
         )
 
@@ -82,11 +83,11 @@ def draw_map(
 def _cut(
     axes: Axes,
     points: Sequence[BendingPoint],
+    y: Sequence[float],
     place: Callable[[BendingPoint], float],
     lost: Sequence[tuple[float, float | None]],
 ) -> None:
     x = sorted({place(p) for p in points})
-    y = sorted({p.deflection for p in points})
     table = {(place(p), p.deflection): p for p in points}
 
     def grid(error: Callable[[BendingPoint], float]) -> Points:
@@ -96,8 +97,8 @@ def _cut(
 
     displacement = grid(lambda p: p.displacement_error)
     axes.contourf(
-        x, y, 10.0**displacement, np.geomspace(0.005, 0.5, 9), cmap="Blues", extend="both",
-        norm=mpl.colors.LogNorm(0.003, 1.2),
+        x, y, 10.0 ** _continued(displacement, np.log10(y)), np.geomspace(0.005, 0.5, 9),
+        cmap="Blues", extend="both", norm=mpl.colors.LogNorm(0.003, 1.2),
     )  # fmt: skip
     for values, colour, style in (
         (displacement, _ERROR, "solid"),
@@ -119,10 +120,26 @@ def _cut(
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85},
             )  # fmt: skip
     there = [(a, b) for a, b in lost if b is not None]
-    axes.plot(*zip(*there, strict=True), "-s", color=_LOST, lw=2.2, ms=4)
+    ends = [end for _, end in there]
+    # What is coloured above the last equilibrium is nothing: hidden.
+    axes.fill_between(
+        [a for a, _ in there], ends, 1e3, facecolor="white", edgecolor="#bbbbbb", hatch="///", lw=0
+    )
+    axes.plot([a for a, _ in there], ends, "-s", color=_LOST, lw=2.2, ms=4)
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
     axes.set_xlim(x[0], x[-1])
+
+
+def _continued(values: Points, heights: Points) -> Points:
+    """Rows of log error that were not reached, by the slope of the last two reached."""
+    filled = values.copy()
+    for column in filled.T:
+        for k in range(2, len(column)):
+            if math.isnan(column[k]):
+                slope = (column[k - 1] - column[k - 2]) / (heights[k - 1] - heights[k - 2])
+                column[k] = column[k - 1] + slope * (heights[k] - heights[k - 1])
+    return filled
 
 
 def draw_rotation(points: Sequence[BendingPoint], poissons_ratio: float) -> StudyFigure:
