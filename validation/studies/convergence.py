@@ -133,7 +133,7 @@ def judge_kidney(meshes: MeshFamily, truth: Mapping[str, StoredTruth]) -> list[F
                 "and the finest value agrees with the stored P2 within both error bars",
                 f"order {_order(found)}, {found.value:.5g} +- {_bar(found)} {unit} (GCI "
                 f"{_percent(found.index_fine)}), extrapolated {_extrapolated(found)}; "
-                f"stored {known.value:.5g} +- {known.bar:.2g}",
+                f"stored {known.value:.5g} +- {known.bar:.3g}",
                 is_singular and agrees,
             )
         )
@@ -178,7 +178,7 @@ def kidney_table(meshes: MeshFamily, truth: Mapping[str, StoredTruth]) -> StudyT
         rows.append(
             [f"{quantity} [{unit}]", *values, _order(found), _extrapolated(found), _bar(found),
              _percent(found.index_fine), _percent(found.index_coarse), f"{known.value:.6g}",
-             f"{known.bar:.2g}"]
+             f"{known.bar:.3g}"]
         )  # fmt: skip
     return StudyTable(
         "Kidney, linear tetrahedra on its mesh and on that mesh cut in eight, twice (fastsim)",
@@ -193,7 +193,7 @@ def _order(found: GridConvergence) -> str:
 
 
 def _bar(found: GridConvergence) -> str:
-    return "no bar" if found.error_bar is None else f"{found.error_bar:.2g}"
+    return "no bar" if found.error_bar is None else f"{found.error_bar:.3g}"
 
 
 def _extrapolated(found: GridConvergence) -> str:
