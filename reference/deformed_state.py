@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from palpate.reference import fenicsx
 from palpate.reference.equilibrium import ElasticBody
 from palpate.reference.fenicsx import ufl
 from palpate.reference.kinematics import cofactor, deformation_gradient
+from palpate.reference.mixed_form import MixedEquilibrium
+
+Body: TypeAlias = ElasticBody | MixedEquilibrium
 
 
 def lattice(order: int) -> Points:
@@ -30,7 +34,7 @@ class DetFSampler:
     that determines it, with the vertices among its points.
     """
 
-    def __init__(self, body: ElasticBody) -> None:
+    def __init__(self, body: Body) -> None:
         self._body = body
         mesh = body.space.transferred.mesh
         points = lattice(3 * (body.space.degree - 1))
@@ -50,7 +54,7 @@ class DetFSampler:
         return fenicsx.largest(float(np.sqrt(np.max(self._gradient()))))
 
 
-def find_smallest_stretch(body: ElasticBody, displacement: Points) -> tuple[float, Points]:
+def find_smallest_stretch(body: Body, displacement: Points) -> tuple[float, Points]:
     """Smallest principal stretch at the sample points [-], and its place at rest [m], shape (3,).
 
     The root of the smallest eigenvalue of F^T F.
@@ -80,7 +84,7 @@ class DeformedState:
     strain_energy: float
 
 
-def measure_state(body: ElasticBody, displacement: Points) -> DeformedState:
+def measure_state(body: Body, displacement: Points) -> DeformedState:
     """Integrate over the rest body: volume of det F, area of |cof(F) N|, energy of psi.
 
     det F and psi are polynomials and integrated exactly. |cof(F) N| is constant on a facet for

@@ -13,7 +13,7 @@ from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.loads import apply_loads
-from palpate.reference.materials import by_cell, lame_parameters
+from palpate.reference.materials import lame_by_cell
 from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
 from palpate.reference.supports import hold
 
@@ -43,11 +43,7 @@ class ElasticBody:
         self.space = space
         self.strain = strain
         mesh = space.transferred.mesh
-        lmbda, mu = (
-            by_cell(space.transferred, material, inclusions, lambda m, k=k: lame_parameters(m)[k])  # type: ignore[misc]
-            for k in (0, 1)
-        )
-        self.lame = lmbda, mu
+        self.lame = lmbda, mu = lame_by_cell(space.transferred, material, inclusions)
         self.u = fem.Function(space.space)
         self.v = ufl.TestFunction(space.space)
         law = _LAWS[strain]
@@ -62,6 +58,10 @@ class ElasticBody:
     def num_dofs(self) -> int:
         """Degrees of freedom that this rank owns."""
         return 3 * self.space.num_blocks
+
+    def at_points(self, values: Points) -> Points:
+        """Values of a flat vector at the TetMesh's points, shape (num_points, 3)."""
+        return self.space.at_points(values)
 
     def set_displacement(self, displacement: Points) -> None:
         """Make `u` the given flat vector."""
@@ -87,6 +87,8 @@ class Equilibrium(ElasticBody):
         strain: Strain measure.
         degree: Polynomial degree of the displacement.
     """
+
+    num_pressures = 0
 
     def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
         space = create_space(transfer(problem.mesh), degree)

@@ -50,6 +50,7 @@ __all__ = [
     "cell_nodes",
     "create_matrix",
     "create_mesh",
+    "displacements_of",
     "evaluate_in_cells",
     "fem",
     "form",
@@ -58,6 +59,7 @@ __all__ = [
     "meshtags",
     "norm",
     "smallest",
+    "taylor_hood_space",
     "total",
     "ufl",
     "vector_space",
@@ -137,6 +139,36 @@ def vector_space(mesh: Any, degree: int) -> Any:
         if _IS_OLD:
             return fem.VectorFunctionSpace(mesh, ("Lagrange", degree))
         return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+
+
+def taylor_hood_space(mesh: Any, degree: int) -> Any:
+    """Return displacements of a degree with continuous scalars of one degree less."""
+    with _compiling():
+        if _IS_OLD:
+            cell = mesh.ufl_cell()
+            parts = [
+                ufl.VectorElement("Lagrange", cell, degree),
+                ufl.FiniteElement("Lagrange", cell, degree - 1),
+            ]
+            return fem.FunctionSpace(mesh, ufl.MixedElement(parts))
+        import basix.ufl
+
+        return fem.functionspace(
+            mesh,
+            basix.ufl.mixed_element(
+                [
+                    basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,)),
+                    basix.ufl.element("Lagrange", "tetrahedron", degree - 1),
+                ]
+            ),
+        )
+
+
+def displacements_of(mixed: Any) -> tuple[Any, np.ndarray[Any, Any]]:
+    """Return the first part of a mixed space as one of its own, and where its dofs are."""
+    space, dofs = mixed.sub(0).collapse()
+    # 0.11 gives one array for each kind of cell.
+    return space, np.asarray(dofs, dtype=np.int32).ravel()
 
 
 def cell_function(mesh: Any, values: Points) -> Any:

@@ -36,6 +36,8 @@ class LinearSolver:
             looks at one degree of freedom at a time then needs a wider bound.
         is_always_direct: Also where multigrid would be cheaper: for tangents that need not be
             positive definite.
+        num_multipliers: Unknowns besides displacements (pressures), each a negative pivot of a
+            stable body; with any, always direct.
     """
 
     def __init__(
@@ -45,13 +47,16 @@ class LinearSolver:
         is_symmetric: bool,
         has_contact: bool = False,
         is_always_direct: bool = False,
+        num_multipliers: int = 0,
     ) -> None:
         num_nodes = fenicsx.total(len(coordinates))
         centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
         self._centred = coordinates - centre
         self._is_symmetric = is_symmetric
         self._has_contact = has_contact
-        self._is_direct = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
+        self._num_multipliers = num_multipliers
+        is_small = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
+        self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()
 
@@ -122,13 +127,18 @@ class LinearSolver:
                 self._run(b, x)
             except PreconditionerError:
                 return self._factor_instead(matrix, b, x)
-            return has_positive_pivots(self._ksp) if self._is_direct else True
+            return self._has_good_pivots(self._ksp) if self._is_direct else True
         except LinearSolveError:
             return False
         finally:
             self._ksp.getPC().setReusePreconditioner(False)
             x.destroy()
             b.destroy()
+
+    def _has_good_pivots(self, ksp: Any) -> bool:
+        """Whether the factors L D L^T have as many negative pivots as there are multipliers."""
+        negative, zero, _ = ksp.getPC().getFactorMatrix().getInertia()
+        return int(negative) == self._num_multipliers and int(zero) == 0
 
     def _factor_instead(self, matrix: Any, b: Any, x: Any) -> bool:
         """Solve by factors where multigrid is none; return whether all pivots are positive."""
@@ -141,7 +151,7 @@ class LinearSolver:
         try:
             ksp.setOperators(matrix)
             ksp.solve(b, x)
-            return has_positive_pivots(ksp) if self._is_symmetric else True
+            return self._has_good_pivots(ksp) if self._is_symmetric else True
         except PETSc.Error as error:
             raise LinearSolveError(f"PETSc error {error.ierr} in MUMPS") from None
         finally:
@@ -228,9 +238,3 @@ class LinearSolver:
             vectors.append(vector)
         matrix.setBlockSizes(3, 3)
         matrix.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=fenicsx.COMM))
-
-
-def has_positive_pivots(ksp: Any) -> bool:
-    """Whether the factors L D L^T of a direct solve have positive pivots only."""
-    negative, zero, _ = ksp.getPC().getFactorMatrix().getInertia()
-    return int(negative) == 0 and int(zero) == 0

@@ -38,3 +38,13 @@ def by_cell(
     for inclusion in inclusions:
         values[np.asarray(inclusion.cells)] = value(inclusion.material)
     return fenicsx.cell_function(transferred.mesh, values[transferred.cell_of_cell])
+
+
+def lame_by_cell(
+    transferred: TransferredMesh, material: Material, inclusions: Sequence[Inclusion]
+) -> tuple[Any, Any]:
+    """Return lmbda and mu [Pa] as functions that are constant in each cell."""
+    return (
+        by_cell(transferred, material, inclusions, lambda m: lame_parameters(m)[0]),
+        by_cell(transferred, material, inclusions, lambda m: lame_parameters(m)[1]),
+    )

@@ -220,7 +220,11 @@ class TransferredSpace:
 
 def create_space(transferred: TransferredMesh, degree: int) -> TransferredSpace:
     """Return the continuous displacement space of a degree on a transferred mesh."""
-    space = fenicsx.vector_space(transferred.mesh, degree)
+    return map_points(transferred, degree, fenicsx.vector_space(transferred.mesh, degree))
+
+
+def map_points(transferred: TransferredMesh, degree: int, space: Any) -> TransferredSpace:
+    """Find the TetMesh's points in a dolfinx space of displacements."""
     dofs = fenicsx.cell_dofs(space)
     nodes = fenicsx.cell_nodes(transferred.mesh)
     # The first four dofs of a Lagrange cell sit at its vertices, in the order of its nodes.

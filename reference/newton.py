@@ -20,6 +20,7 @@ from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+from palpate.reference.mixed_form import MixedEquilibrium
 
 _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
@@ -63,7 +64,7 @@ class Newton:
 
     def __init__(
         self,
-        equilibrium: Equilibrium,
+        equilibrium: Equilibrium | MixedEquilibrium,
         sampler: DetFSampler,
         *,
         relative_tolerance: float,
@@ -78,6 +79,7 @@ class Newton:
             space.coordinates,
             is_symmetric=not equilibrium.has_followers,
             has_contact=bool(equilibrium.contacts),
+            num_multipliers=equilibrium.num_pressures,
         )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,6 +18,15 @@ from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 
 Values: TypeAlias = NDArray[np.float64]
+
+
+class Formulation(StrEnum):
+    """Unknowns of the equations: displacement alone, or pressure beside it (see `mixed_form`)."""
+
+    DISPLACEMENT = "displacement"
+    MIXED = "mixed"
+
+
 Vector: TypeAlias = tuple[float, float, float]
 
 
@@ -63,6 +73,7 @@ class ReferenceResult:
         load_steps: Load factors at which equilibrium was found, the last one 1.
         versions: Of Python and the parts of FEniCSx.
         tools: What each tool felt, in the problem's order.
+        formulation: Unknowns of the equations.
     """
 
     displacement: Points
@@ -81,6 +92,7 @@ class ReferenceResult:
     load_steps: tuple[float, ...] = (1.0,)
     versions: dict[str, str] = field(default_factory=dict)
     tools: tuple[ToolHistory, ...] = ()
+    formulation: Formulation = Formulation.DISPLACEMENT
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +213,8 @@ def load_result(path: str | Path, *kinds: type[Any]) -> Any:
             values |= {name: stored[name] for name in stored.files if name != "header"}
         if "strain" in values:
             values["strain"] = Strain(values["strain"])
+        if "formulation" in values:
+            values["formulation"] = Formulation(values["formulation"])
         if "tools" in values:
             values["tools"] = tuple(_history(rows) for rows in values["tools"])
         return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,9 +19,11 @@ from palpate.reference.equilibrium import Equilibrium
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.fenicsx import PETSc
 from palpate.reference.load_stepping import LoadPath, follow_load
+from palpate.reference.mixed_form import MixedEquilibrium
 from palpate.reference.newton import Newton
-from palpate.reference.result import ReferenceResult, ToolHistory
+from palpate.reference.result import Formulation, ReferenceResult, ToolHistory
 
+AnyEquilibrium: TypeAlias = Equilibrium | MixedEquilibrium
 Progress = Callable[[str], None]
 
 
@@ -30,6 +33,7 @@ def solve_static(
     strain: Strain = Strain.GREEN,
     degree: int = 1,
     relative_tolerance: float = 1e-10,
+    formulation: Formulation = Formulation.DISPLACEMENT,
     progress: Progress | None = None,
 ) -> ReferenceResult:
     """Solve internal(u) = external(u) on the problem's own mesh.
@@ -47,6 +51,8 @@ def solve_static(
             linear tetrahedra elsewhere; 2 is the truth they are judged by.
         relative_tolerance: Out-of-balance nodal forces over the external or internal ones [-],
             between 1e-14 and 1e-2.
+        formulation: MIXED for Poisson's ratios of 0.49 and more: degree 2 or 3, frictionless tools
+            and mpirun not among what it can.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -73,12 +79,15 @@ def solve_static(
     require_supported(problem)
     tell: Progress = progress or _say_nothing
     tell(f"compiling the forms of degree {degree} (once for this version)")
-    equilibrium = Equilibrium(problem, strain=Strain(strain), degree=degree)
+    is_mixed = Formulation(formulation) is Formulation.MIXED
+    kind: type[AnyEquilibrium] = MixedEquilibrium if is_mixed else Equilibrium
+    equilibrium = kind(problem, strain=Strain(strain), degree=degree)
     sampler = DetFSampler(equilibrium)
     newton = Newton(equilibrium, sampler, relative_tolerance=relative_tolerance)
-    tell(f"{3 * equilibrium.space.num_global_blocks} degrees of freedom, {newton.linear_solver}")
+    num_dofs = fenicsx.total(equilibrium.num_dofs)
+    tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
     path, tools = _follow(equilibrium, sampler, newton, tell)
-    nodal = equilibrium.space.at_points(path.displacement)
+    nodal = equilibrium.at_points(path.displacement)
     smallest_det_f = sampler.smallest(path.displacement)
     is_inverted = equilibrium.strain is Strain.GREEN and not smallest_det_f > 0.0
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
@@ -104,11 +113,12 @@ def solve_static(
         load_steps=path.load_factors,
         versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
         tools=tools,
+        formulation=Formulation(formulation),
     )
 
 
 def _follow(
-    equilibrium: Equilibrium, sampler: DetFSampler, newton: Newton, tell: Progress
+    equilibrium: AnyEquilibrium, sampler: DetFSampler, newton: Newton, tell: Progress
 ) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
     """Loads first, with the tools where they begin; then the tools along their paths."""
     given = fenicsx.norm(equilibrium.held.values) + fenicsx.norm(equilibrium.dead_force)

@@ -13,7 +13,13 @@ from typing import TypeAlias
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
-from palpate.reference.result import Audit, ImplicitResult, ReferenceResult, load_result
+from palpate.reference.result import (
+    Audit,
+    Formulation,
+    ImplicitResult,
+    ReferenceResult,
+    load_result,
+)
 
 Progress: TypeAlias = Callable[[str], None]
 
@@ -25,6 +31,7 @@ class StaticTask:
     strain: Strain = Strain.GREEN
     degree: int = 1
     relative_tolerance: float = 1e-10
+    formulation: Formulation = Formulation.DISPLACEMENT
 
     answer = ReferenceResult
 
@@ -37,6 +44,7 @@ class StaticTask:
             strain=self.strain,
             degree=self.degree,
             relative_tolerance=self.relative_tolerance,
+            formulation=self.formulation,
             progress=progress,
         )
 

@@ -17,6 +17,7 @@ STUDIES = (
     "csm3",
     "frontier",
     "grading",
+    "hard-loads",
     "iterations",
     "kidney",
     "meshing",
@@ -36,6 +37,6 @@ def run_study(name: str, folder: Path, progress: Callable[[str], None], console:
     """
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
-    module = importlib.import_module(f"palpate.validation.studies.{name}")
+    module = importlib.import_module(f"palpate.validation.studies.{name.replace('-', '_')}")
     code: int = module.run(folder, progress, console)
     return code

@@ -1,0 +1,162 @@
+"""Nearly incompressible Saint-Venant-Kirchhoff: displacement and pressure apart.
+
+The stiff part of the stress, lmbda tr(E) I, becomes an unknown of its own, one degree lower than
+the displacement (C. Taylor, P. Hood 1973: P2-P1). Stationary in both,
+
+    Pi(u, p) = integral of mu E : E + p tr(E) - p^2 / (2 lmbda)  -  work of the loads,
+
+so that S = p I + 2 mu E, and for every q of the pressure space
+integral of (tr(E) - p / lmbda) q = 0: p = lmbda tr(E) in the weak sense. The displacement no longer
+has to make tr(E) small in every cell by itself, which is what locks. As lmbda grows, tr(E) = 0 is
+what this material tends to; det F = 1 only for small strains.
+F. Brezzi, M. Fortin, Mixed and Hybrid Finite Element Methods, 1991, chapter VI.
+
+The unknown of the solver is p h / mu [m], with h a typical cell size, so that the rows of pressure
+are forces like those of displacement, and one tolerance serves both.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import Pressure
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference import fenicsx
+from palpate.reference.contact.tool_contact import require_no_tools
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.kinematics import (
+    deformation_gradient,
+    engineering_strain,
+    green_lagrange_strain,
+)
+from palpate.reference.loads import apply_loads
+from palpate.reference.materials import lame_by_cell, lame_parameters
+from palpate.reference.mesh_transfer import map_points, transfer
+from palpate.reference.supports import HeldDofs, hold
+
+
+class MixedEquilibrium:
+    """The balance of forces with pressure among the unknowns; used like `Equilibrium`.
+
+    Flat vectors hold displacements and pressures, in the order of the mixed space.
+
+    Args:
+        problem: Mesh, material, supports and loads.
+        strain: Strain measure.
+        degree: Of the displacement, 2 or 3; the pressure's is one less.
+
+    Raises:
+        InputError: Degree 1, a tool, Poisson's ratio not above 0, or more than one rank.
+    """
+
+    contacts: tuple[()] = ()
+
+    def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
+        if degree < 2:
+            raise InputError("the mixed form needs degree 2 or 3: linear displacements still lock")
+        if fenicsx.COMM.size > 1:
+            raise InputError("the mixed form runs on one rank; leave mpirun out")
+        require_no_tools(problem, "the mixed form")
+        materials = (problem.material, *(i.material for i in problem.inclusions))
+        if not all(m.poissons_ratio > 0.0 for m in materials):
+            raise InputError("the mixed form needs Poisson's ratios above 0; use the plain form")
+        self.strain = strain
+        transferred = transfer(problem.mesh)
+        mesh = transferred.mesh
+        self._mixed = fenicsx.taylor_hood_space(mesh, degree)
+        collapsed, self._dofs = fenicsx.displacements_of(self._mixed)
+        self.space = map_points(transferred, degree, collapsed)
+        self.num_dofs = int(self._mixed.dofmap.index_map.size_local)
+        self.num_pressures = self.num_dofs - len(self._dofs)
+
+        self.lame = lmbda, mu = lame_by_cell(transferred, problem.material, problem.inclusions)
+        self._state = fem.Function(self._mixed)
+        self.u, scaled = ufl.split(self._state)
+        both = ufl.TestFunction(self._mixed)
+        v, _ = ufl.split(both)
+        source = problem.mesh
+        cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
+        scale = fem.Constant(
+            mesh, PETSc.ScalarType(lame_parameters(problem.material)[1] / cell_size)
+        )
+        p = scale * scaled
+        E = (
+            green_lagrange_strain(deformation_gradient(self.u))
+            if strain is Strain.GREEN
+            else engineering_strain(self.u)
+        )
+        # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 are of no higher degree from p = 2 on.
+        order = (4 if strain is Strain.GREEN else 2) * (degree - 1)
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
+        potential = (mu * ufl.inner(E, E) + p * ufl.tr(E) - p**2 / (2 * lmbda)) * dx
+        self.energy = (mu * ufl.inner(E, E) + p**2 / (2 * lmbda)) * dx
+        work = ufl.derivative(potential, self._state, both)
+        self._force = fenicsx.form(work)
+        trial = ufl.TrialFunction(self._mixed)
+        self._tangent = fenicsx.form(ufl.derivative(work, self._state, trial))
+
+        held = hold(self.space, problem.supports)
+        where = self._dofs[held.dofs]
+        order_of = np.argsort(where)
+        self.held = HeldDofs(where[order_of], held.values[order_of])
+        self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
+
+        followers = [x for x in problem.loads if isinstance(x, Pressure) and strain is Strain.GREEN]
+        dead = [x for x in problem.loads if x not in followers]
+        plain = apply_loads(self.space, dead, None, ufl.TestFunction(collapsed), strain)
+        self.dead_force = np.zeros(self.num_dofs)
+        self.dead_force[self._dofs] = plain.dead
+        works = apply_loads(self.space, followers, self.u, v, strain).followers
+        self.has_followers = bool(works)
+        self._followers = [fenicsx.form(w) for w in works]
+        self._load_factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
+        self._follower_tangents = [
+            fenicsx.form(-self._load_factor * ufl.derivative(w, self._state, trial)) for w in works
+        ]
+        self._matrix = fenicsx.create_matrix(self._tangent)
+        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+
+    def at_points(self, values: Points) -> Points:
+        """Displacement of a flat vector at the TetMesh's points [m], shape (num_points, 3)."""
+        return self.space.at_points(values[self._dofs])
+
+    def set_displacement(self, displacement: Points) -> None:
+        """Make `u` and the pressure those of a flat vector."""
+        self._state.x.array[: self.num_dofs] = displacement
+
+    def internal_force(self, displacement: Points) -> Points:
+        """Nodal internal forces, and what is left of the pressure's equation [N], flat."""
+        self.set_displacement(displacement)
+        return fenicsx.assemble_vector(self._force)
+
+    def strain_energy(self, displacement: Points) -> float:
+        """Integral of mu E : E + p^2 / (2 lmbda) [J]."""
+        self.set_displacement(displacement)
+        return fenicsx.assemble_scalar(fenicsx.form(self.energy))
+
+    def external_force(self, displacement: Points) -> Points:
+        """Nodal forces of the full load at a displacement [N], flat."""
+        force: Points = self.dead_force.copy()
+        if self.has_followers:
+            self.set_displacement(displacement)
+            for compiled in self._followers:
+                force += fenicsx.assemble_vector(compiled)
+        return force
+
+    def contact_force(self, _displacement: Points) -> Points:
+        """No tool presses."""
+        return np.zeros(self.num_dofs)
+
+    def tangent(self, displacement: Points, load_factor: float) -> Any:
+        """dR/d(u, p) as a PETSc matrix without supports; the same object each time."""
+        self.set_displacement(displacement)
+        self._load_factor.value = load_factor
+        self._matrix.zeroEntries()
+        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        for compiled in self._follower_tangents:
+            fenicsx.assemble_into_matrix(self._matrix, compiled)
+        return self._matrix

@@ -1,0 +1,150 @@
+"""Displacement and pressure apart: the same states, and no locking."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import Pressure, Support, Traction
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Inclusion, Material, Problem, Strain
+from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
+from palpate.reference.availability import is_available
+from palpate.reference.errors import ReferenceNotConvergedError
+from palpate.reference.result import Formulation, load_result, save_result
+from palpate.reference.tasks import StaticTask
+
+if is_available():
+    from palpate.reference.statics import solve_static
+
+pytestmark = pytest.mark.dolfinx
+
+MIXED = Formulation.MIXED
+
+
+def support(mesh, face, components=(True, True, True)):
+    facets = mesh.facet_groups[face]
+    return Support(np.unique(facets).astype(np.int32), facets, components)
+
+
+def rollers(mesh):
+    axes = np.eye(3, dtype=bool)
+    return tuple(support(mesh, f, tuple(axes[k])) for k, f in enumerate(("x0", "y0", "z0")))
+
+
+@pytest.mark.parametrize("poissons_ratio", [0.3, 0.49, 0.4999])
+def test_free_uniaxial_stretch_is_the_closed_form(box, poissons_ratio):
+    mesh = box(jitter=0.2)
+    E, stretch = 3000.0, 1.2
+    side = np.sqrt(1 - poissons_ratio * (stretch**2 - 1))
+    load = Traction(mesh.facet_groups["x1"], (E * stretch * (stretch**2 - 1) / 2, 0.0, 0.0))
+    problem = Problem(mesh, Material(E, poissons_ratio), rollers(mesh), (load,))
+    result = solve_static(problem, degree=2, formulation=MIXED)
+    exact = mesh.points * (np.array([stretch, side, side]) - 1)
+    np.testing.assert_allclose(result.displacement, exact, rtol=0.0, atol=1e-9)
+    strains = (np.array([stretch, side, side]) ** 2 - 1) / 2
+    mu = E / (2 * (1 + poissons_ratio))
+    lmbda = 2 * mu * poissons_ratio / (1 - 2 * poissons_ratio)
+    psi = lmbda / 2 * strains.sum() ** 2 + mu * (strains**2).sum()
+    assert result.strain_energy == pytest.approx(psi, rel=1e-7)
+    assert result.formulation is MIXED
+
+
+def test_follower_pressure_and_layers_agree_with_the_plain_form(box):
+    # Homogeneous in each layer: both forms hold the exact state.
+    mesh = box((2, 1, 1))
+    beyond = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5)
+    axes = np.eye(3, dtype=bool)
+    walls = tuple(support(mesh, f, tuple(axes[k])) for k, f in ((1, "y1"), (2, "z1")))
+    problem = Problem(
+        mesh,
+        Material(1e4, 0.3),
+        (*rollers(mesh), *walls),
+        (Pressure(mesh.facet_groups["x1"], 1500.0),),
+        inclusions=(Inclusion(beyond.astype(np.int32), Material(4e4, 0.45)),),
+    )
+    plain = solve_static(problem, degree=2)
+    mixed = solve_static(problem, degree=2, formulation=MIXED)
+    assert np.ptp(plain.displacement[:, 0]) > 0.05
+    # The pressure jumps between the layers and is continuous here: no closed form, 5 %.
+    assert mixed.volume == pytest.approx(plain.volume, abs=0.05 * (1.0 - plain.volume))
+
+
+def bent(box, poissons_ratio, fineness, **options):
+    mesh = box((6 * fineness, 2 * fineness, 2 * fineness), (3.0, 1.0, 1.0))
+    load = Traction(mesh.facet_groups["x1"], (0.0, 0.0, -100.0))
+    material = Material(1e4, poissons_ratio)
+    problem = Problem(mesh, material, (support(mesh, "x0"),), (load,))
+    result = solve_static(problem, **options)
+    tip = int(np.argmin(np.abs(mesh.points - [3.0, 0.5, 0.5]).sum(axis=1)))
+    return result.displacement[tip, 2]
+
+
+@pytest.mark.slow
+def test_both_forms_converge_to_one_bending(box):
+    gaps = []
+    for fineness in (1, 2):
+        plain = bent(box, 0.4, fineness, degree=2)
+        mixed = bent(box, 0.4, fineness, degree=2, formulation=MIXED)
+        assert mixed < plain < -0.9  # the mixed form is the softer one
+        gaps.append(mixed / plain - 1.0)
+    assert gaps[1] < 0.5 * gaps[0]
+    assert gaps[1] < 0.003
+
+
+@pytest.mark.slow
+def test_tissue_locks_linear_cells_and_not_the_mixed_form(box):
+    truth = bent(box, 0.4999, 2, degree=2, formulation=MIXED)
+    coarse = bent(box, 0.4999, 1, degree=2, formulation=MIXED)
+    assert coarse == pytest.approx(truth, rel=0.03)
+    # Softer still at 0.3, by little: a beam bends by E, not by nu.
+    assert bent(box, 0.3, 1, degree=2) == pytest.approx(truth, rel=0.05)
+    linear = [bent(box, nu, 1, degree=1) / truth for nu in (0.3, 0.49, 0.4999)]
+    assert linear[0] > 0.5 > 0.25 > linear[1] > linear[2]
+    assert linear[2] < 0.15
+    # Quadratic displacements lock too, less.
+    assert 0.7 < bent(box, 0.4999, 1, degree=2) / truth < 0.85
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+def test_both_strains(box, strain):
+    small = bent(box, 0.3, 1, degree=2, strain=strain)
+    mixed = bent(box, 0.3, 1, degree=2, strain=strain, formulation=MIXED)
+    assert mixed == pytest.approx(small, rel=0.01)
+
+
+def test_equilibrium_ends_where_theory_says(box):
+    # Dead P/E = -0.25; the peak is 0.1924501: saddle points have their own sign of stability.
+    mesh = box((1, 1, 1))
+    load = Traction(mesh.facet_groups["x1"], (-250.0, 0.0, 0.0))
+    problem = Problem(mesh, Material(1000.0, 0.3), rollers(mesh), (load,))
+    with pytest.raises(ReferenceNotConvergedError) as caught:
+        solve_static(problem, degree=2, formulation=MIXED)
+    assert 0.6 < caught.value.load_factor <= 0.1924501 / 0.25
+    assert caught.value.smallest_det_f > 0.0
+
+
+def test_what_it_cannot_do_is_refused(box):
+    mesh = box((1, 1, 1))
+    held = (support(mesh, "z0"),)
+    tool = RigidTool(PlaneShape(), ToolPath(np.array([0.0]), np.array([[0.0, 0.0, 2.0]])))
+    for problem, degree, words in (
+        (Problem(mesh, Material(1e4, 0.3), held, ()), 1, "degree 2 or 3"),
+        (Problem(mesh, Material(1e4, 0.0), held, ()), 2, "above 0"),
+        (Problem(mesh, Material(1e4, 0.3), held, (), tools=(tool,)), 2, "knows no tools"),
+    ):
+        with pytest.raises(InputError, match=words):
+            solve_static(problem, degree=degree, formulation=MIXED)
+
+
+def test_the_form_is_part_of_a_task_and_of_its_answer(box, tmp_path):
+    mesh = box((1, 1, 1))
+    load = Traction(mesh.facet_groups["x1"], (10.0, 0.0, 0.0))
+    problem = Problem(mesh, Material(1e4, 0.499), rollers(mesh), (load,))
+    task = StaticTask(degree=2, formulation=MIXED)
+    save_result(tmp_path / "task.npz", task)
+    again = load_result(tmp_path / "task.npz", StaticTask)
+    result = again(problem, lambda _line: None)
+    save_result(tmp_path / "result.npz", result)
+    stored = load_result(tmp_path / "result.npz", type(result))
+    assert stored.formulation is result.formulation is MIXED
