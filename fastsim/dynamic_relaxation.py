@@ -24,7 +24,7 @@ from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
-from palpate.fastsim.forces import STRAIN_MEASURE, constraints, lame_parameters
+from palpate.fastsim.forces import STRAIN_MEASURE, constraints, lame_parameters, only_material
 from palpate.fastsim.newton import rounding_error
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
@@ -260,7 +260,7 @@ class _Relaxation:
         """Masses for which omega_max <= 2 at rest, the largest of each point's three."""
         rest = np.zeros_like(self.last_good)
         measure = STRAIN_MEASURE[self._strain]
-        self._solid.assemble_tangent(rest, *lame_parameters(self._problem.material), measure)
+        self._solid.assemble_tangent(rest, *lame_parameters(only_material(self._problem)), measure)
         sums = np.empty_like(rest)
         self._solid.absolute_row_sums(sums)
         bound: Points = 0.25 * sums.max(axis=1)

@@ -14,7 +14,7 @@ from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools, ToolTrack
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.fastsim.forces import checked_displacement, lumped_mass
+from palpate.fastsim.forces import checked_displacement, lumped_mass, only_material
 from palpate.fastsim.time_steps import critical_time_step, sharp_critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
@@ -134,7 +134,7 @@ def simulate(
         raise InputError("a dynamic run needs a time span; add [time] to the case")
     if num_threads < 1:
         raise InputError(f"num_threads = {num_threads}: needs at least 1")
-    critical = sharp_critical_time_step(mesh, problem.material, strain=strain)
+    critical = sharp_critical_time_step(mesh, only_material(problem), strain=strain)
     tools = None
     if problem.tools:
         tools = ExplicitTools(

@@ -18,6 +18,7 @@ from palpate.fastsim.forces import (
     external_force,
     lame_parameters,
     lumped_mass,
+    only_material,
 )
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.fastsim.time_steps import sharp_critical_time_step
@@ -88,7 +89,7 @@ class ExplicitBody:
         self._increment = np.zeros_like(mesh.points)
         self._strain = strain
         self._measure = STRAIN_MEASURE[strain]
-        self._lame = lame_parameters(problem.material)
+        self._lame = lame_parameters(only_material(problem))
         self._damping = mass_damping
         self._mass = (lumped_mass(mesh, problem.material.density) if mass is None else mass)[
             :, None

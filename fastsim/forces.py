@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
+from palpate.fastsim.errors import SeveralMaterialsError
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
@@ -26,6 +27,19 @@ def lame_parameters(material: Material) -> tuple[float, float]:
     """First Lamé parameter and shear modulus [Pa] of an isotropic solid."""
     E, nu = material.youngs_modulus, material.poissons_ratio
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+def only_material(problem: Problem) -> Material:
+    """The material of a body that has one.
+
+    Raises:
+        SeveralMaterialsError: It has inclusions: this simulator takes one material.
+    """
+    if problem.inclusions:
+        raise SeveralMaterialsError(
+            len(problem.inclusions), sum(len(one.cells) for one in problem.inclusions)
+        )
+    return problem.material
 
 
 def assemble_internal_force(

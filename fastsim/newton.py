@@ -9,7 +9,13 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.forces import STRAIN_MEASURE, constraints, external_force, lame_parameters
+from palpate.fastsim.forces import (
+    STRAIN_MEASURE,
+    constraints,
+    external_force,
+    lame_parameters,
+    only_material,
+)
 from palpate.fastsim.limit_point import smooth_direction
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
@@ -87,7 +93,7 @@ class Newton:
         self.iterations = 0
         self.linear_iterations = 0
         self._measure = STRAIN_MEASURE[strain]
-        self._lmbda, self._mu = lame_parameters(problem.material)
+        self._lmbda, self._mu = lame_parameters(only_material(problem))
         self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
         self._is_free, self._held = constraints(problem)
         self._uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
