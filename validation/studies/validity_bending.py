@@ -160,7 +160,7 @@ def find_limit(slenderness: float, poissons_ratio: float, cells_across: int) -> 
     """Raise the load until fastsim says that equilibrium is lost."""
     unit = bent_bar(slenderness, poissons_ratio, 1.0, cells_across)
     linear = solve_static(unit, strain=Strain.LINEAR).displacement
-    # From beam theory the section at the clamp bears about this; twice of it is tried.
+    # The limit grows with a power of L between 1 and 2; this is about twice of it (measured).
     most = 1.5 * slenderness + 0.5 * slenderness**2
     load, stretch = None, None
     try:
