@@ -32,8 +32,8 @@ def test_counts():
     assert counted["converged"] == 2
     assert counted["honest_ends"] == 1
     assert counted["false_successes"] == 1
-    assert counted["plain_in_1_loses"] == 1
-    assert counted["plain_in_10_loses"] == 0
+    assert counted["plain_in_1_misses"] == 1
+    assert counted["plain_in_10_misses"] == 0
     assert counted["plain_in_1_falsely_succeeds"] == 1
 
 

@@ -94,7 +94,7 @@ def summarise(trials: list[Trial]) -> dict[str, float]:
     }
     for k, steps in enumerate(PLAIN_STEPS):
         name = f"plain_in_{steps}"
-        counts[f"{name}_loses"] = sum(t.plain[k] == "lost" for t in converged)
+        counts[f"{name}_misses"] = sum(t.plain[k] != "converged" for t in converged)
         counts[f"{name}_falsely_succeeds"] = sum(t.plain[k] == "false success" for t in trials)
     return counts
 
