@@ -32,6 +32,7 @@ from palpate.validation.studies.validity_figures import draw_map, draw_modes, dr
 from palpate.validation.studies.validity_modes import (
     COMPRESSION_LIMIT,
     HOMOGENEOUS,
+    MOST,
     Mode,
     closed_form,
     find_mode_limit,
@@ -132,6 +133,17 @@ def test_modes_go_green_and_a_softer_simulator_red() -> None:
         (Mode.COMPRESSION, 0.3): None,
     }
     assert verdicts(judge_modes(points, never))[1] is Verdict.FAILED
+
+
+def test_a_limit_is_told_in_what_linear_strain_predicts(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Whatever is tried at most, the limit is the same, to the steps of the load.
+    first = find_mode_limit(Mode.CONFINED_COMPRESSION, 0.3)
+    monkeypatch.setitem(MOST, Mode.CONFINED_COMPRESSION, 0.5)
+    second = find_mode_limit(Mode.CONFINED_COMPRESSION, 0.3)
+    assert first is not None
+    assert second is not None
+    assert first[0] == pytest.approx(second[0], abs=2.0 * 0.5 / 8192.0)
+    assert find_mode_limit(Mode.STRETCH, 0.3) is None
 
 
 def test_a_small_map_shows_what_the_whole_one_claims(

@@ -49,6 +49,7 @@ from palpate.validation.studies.validity_figures import (
 from palpate.validation.studies.validity_modes import (
     COMPRESSION_LIMIT,
     HOMOGENEOUS,
+    MOST,
     Mode,
     ModePoint,
     find_mode_limit,
@@ -159,8 +160,8 @@ def judge_modes(points: Sequence[ModePoint], ends: ModeLimits) -> list[Finding]:
             + "; stretch "
             + ", ".join(f"{end[1]:.4f}" if end else "-" for end in free)
             + " (1/sqrt 3 = 0.5774)",
-            # find_mode_limit tries 0.25, in steps down to 1/8192 of it.
-            distance <= 1.5 * 0.25 / 8192.0,
+            # The load is raised in steps down to 1/8192 of the most.
+            distance <= 1.5 * MOST[Mode.COMPRESSION] / 8192.0,
         ),
     ]
 

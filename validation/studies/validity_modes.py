@@ -53,6 +53,14 @@ LARGEST = {
     Mode.TWIST: 1.0,
 }
 _POINTS = 13
+# Up to where a loss of equilibrium is looked for, likewise.
+MOST = {
+    Mode.STRETCH: 2.0,
+    Mode.COMPRESSION: 0.25,
+    Mode.CONFINED_COMPRESSION: 0.25,
+    Mode.SHEAR: 2.0,
+    Mode.TWIST: 2.0,
+}
 
 
 @dataclass(frozen=True)
@@ -136,10 +144,25 @@ def follow_mode(
 def find_mode_limit(
     mode: Mode, poissons_ratio: float, *, cells_across: int = 2, solve: Solve = solve_static
 ) -> tuple[float, float] | None:
-    """Largest nominal load borne and the smallest stretch there; None where not lost up to 2."""
-    most = 0.25 if mode in HOMOGENEOUS else 2.0
+    """Where equilibrium is lost, on a mesh too coarse to buckle before the material gives way.
+
+    Args:
+        mode: How the block is loaded.
+        poissons_ratio: [-].
+        cells_across: Bricks along an edge.
+        solve: fastsim's statics, or what is put to the test in its place.
+
+    Returns:
+        The largest load borne, in what linear strain predicts, and the smallest stretch there;
+        None where it is not lost up to MOST.
+    """
+    most = MOST[mode]
+    load = most
+    if mode is Mode.TWIST:
+        unit = block(mode, poissons_ratio, 1.0, cells_across)
+        load = most / _twist(unit.mesh, solve(unit, strain=Strain.LINEAR).displacement)
     try:
-        solve(block(mode, poissons_ratio, most, cells_across))
+        solve(block(mode, poissons_ratio, load, cells_across))
     except EquilibriumLostError as error:
         return most * error.load_factor, error.smallest_stretch
     return None

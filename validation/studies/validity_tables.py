@@ -90,7 +90,7 @@ def mode_table(points: Sequence[ModePoint], ends: ModeLimits) -> StudyTable:
     return StudyTable(
         "Block: strain, shear or twist [rad] by linear strain at which its error reaches a limit",
         ["mode", "nu", *(f"displacement {p}" for p in percent), *(f"volume {p}" for p in percent),
-         "StVK lost"],
+         "StVK lost (2 bricks across)"],
         rows,
     )  # fmt: skip
 
