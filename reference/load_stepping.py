@@ -83,6 +83,7 @@ def follow(
     guess: Points | None = None,
     name: str = "load",
     few_iterations: int = _FEW_ITERATIONS,
+    largest_step: float = 1.0,
     progress: Progress,
 ) -> LoadPath:
     """Go from 0 to 1; halve the step where Newton fails, double it where it is easy.
@@ -98,6 +99,7 @@ def follow(
         guess: First iterate of the first step, flat [m]; none is `start`.
         name: Of the parameter, for the log.
         few_iterations: A step that takes no more linear solves was easy.
+        largest_step: In (0, 1].
         progress: Told of every iteration.
     """
     path: list[tuple[float, Points]] = [(0.0, start)]
@@ -122,7 +124,7 @@ def follow(
             reached.append(target)
             residual = outcome.relative_residual
             if outcome.iterations <= few_iterations:
-                step *= 2.0
+                step = min(2.0 * step, largest_step)
             continue
         step = (target - last) / 2.0
         progress(f"{name} {target:.4f}: {reason}; back to {last:.4f}, step {step:.4f}")

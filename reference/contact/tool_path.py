@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.rigid_tool import BoxShape
 from palpate.reference.contact.tool_contact import ToolContact, ToolState
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.load_stepping import LoadPath, follow
@@ -20,6 +21,8 @@ _OVER_NEWTON = 10.0
 _CARRIED_ON_THE_WAY = 0.1
 _MOST_UZAWA_STEPS = 30
 _FEW_ITERATIONS = 12
+# The nearest face of a box to a place inside it must be the one the place came in by.
+_REACH_OF_BOXES = 0.05
 
 Report = Callable[[int, float, float], None]
 
@@ -129,13 +132,15 @@ def follow_tools(
     span = (knots[-1] - knots[0]) or 1.0
     factors: list[float] = []
     for knot in knots:
+        first = _first_step(contacts, before, knot)
         path = follow(
             _Stretch(newton, contacts, before, knot),
             sampler,
             u,
-            _first_step(contacts, before, knot),
+            first,
             name=f"tools from {before:g} to {knot:g},",
             few_iterations=_FEW_ITERATIONS,
+            largest_step=first if _has_edges(contacts) else 1.0,
             progress=progress,
         )
         u, reason, residual = path.displacement, path.reason, path.relative_residual
@@ -172,11 +177,16 @@ def _vector(row: Points) -> Vector:
 
 
 def _first_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
-    """Move no tool's origin further than about a facet at first."""
+    """Move no tool's origin further than about a facet at first; a box a twentieth of one."""
     step = 1.0
+    reach = _REACH_OF_BOXES if _has_edges(contacts) else 1.0
     for contact in contacts:
         path = contact.tool.path
         moved = float(np.linalg.norm(path.pose_at(end)[0] - path.pose_at(begin)[0]))
-        if moved > contact.points.facet_size:
-            step = min(step, contact.points.facet_size / moved)
+        if moved > reach * contact.points.facet_size:
+            step = min(step, reach * contact.points.facet_size / moved)
     return step
+
+
+def _has_edges(contacts: Sequence[ToolContact]) -> bool:
+    return any(isinstance(contact.tool.shape, BoxShape) for contact in contacts)

@@ -127,6 +127,15 @@ def test_a_wide_box_presses_like_a_plane(box):
     np.testing.assert_allclose(wide.tools[0].forces, flat.tools[0].forces, rtol=1e-7, atol=1e-5)
 
 
+def test_a_box_goes_in_by_its_face_however_far_its_knots_are_apart(box):
+    # In one leap the points near its edges would leave it sideways.
+    mesh = box((4, 4, 3), jitter=0.1)
+    shape = BoxShape((0.3, 0.3, 0.2))
+    once = solve(mesh, pressed(shape, (1.2, 1.12)))
+    often = solve(mesh, pressed(shape, 1.2 - 0.01 * np.arange(9)))
+    np.testing.assert_allclose(once.displacement, often.displacement, rtol=0.0, atol=1e-9)
+
+
 def test_tangent_is_symmetric_and_the_derivative(box):
     mesh = box((3, 3, 3), jitter=0.2)
     tool = pressed(SphereShape(0.5), (1.4,))
