@@ -10,9 +10,9 @@ Loads are measured by what linear strain itself predicts, so that whoever has a 
 look up whether to believe it: the deflection of the tip over the length, the nominal strain, the
 angle of twist. For a slender bar the deflection is P L^2 / (3 E I).
 
-"No equilibrium" is what fastsim finds on its mesh. In a homogeneous state it is the closed form.
+"No equilibrium" is what fastsim finds on its mesh. In free compression it is the closed form.
 At a clamp, and where a free side wrinkles, a finer mesh gives way earlier: these limits are from
-above, and have no error bar.
+above, and have no error bar. A dash in a table: not reached, up to 2 (in compression 1/4).
 """
 
 from __future__ import annotations
