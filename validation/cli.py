@@ -15,12 +15,12 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
-from palpate.validation import reference_cli
-from palpate.validation.audit_cli import audit
-from palpate.validation.bench_cli import bench
-from palpate.validation.exchange_cli import compare, export
-from palpate.validation.mesh_cli import mesh
-from palpate.validation.progress_lines import progress_lines
+from palpate.validation.commands import reference as reference_cli
+from palpate.validation.commands.audit import audit
+from palpate.validation.commands.bench import bench
+from palpate.validation.commands.exchange import compare, export
+from palpate.validation.commands.mesh import mesh
+from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.simulators import Fault
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 
@@ -81,7 +81,7 @@ def solve(
     """Solve a case and write the displacement."""
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.validation.case import load_case
-    from palpate.validation.reference_set import solve_state
+    from palpate.validation.references.sets import solve_state
     from palpate.validation.simulators import CandidateFailedError, run_fastsim
 
     if output.suffix.lower() not in MESH_SUFFIXES:
@@ -122,13 +122,13 @@ def gate(
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.validation import outputs
-    from palpate.validation.annotations import github_annotations
     from palpate.validation.case import QUICK, builtin_cases, load_case
-    from palpate.validation.judge import exit_code, judge_case
-    from palpate.validation.metamorphic import judge_relations
-    from palpate.validation.result_changes import read_accepted, with_changes
-    from palpate.validation.self_test import run_self_test
+    from palpate.validation.evidence.metamorphic import judge_relations
+    from palpate.validation.evidence.self_test import run_self_test
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.annotations import github_annotations
+    from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.judging.result_changes import read_accepted, with_changes
     from palpate.validation.simulators.candidate import candidate_for
 
     candidate = candidate_for(simulator, time_limit, fault)
@@ -173,9 +173,9 @@ def report(
 
     One case gives report.html; several give a page each, and index.html.
     """
-    from palpate.validation import outputs
     from palpate.validation.case import builtin_cases, load_case
-    from palpate.validation.judge import exit_code, judge_case
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
     from palpate.validation.run_folder import MARK, run_folder

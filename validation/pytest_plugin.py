@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import pytest
 
 if TYPE_CHECKING:
-    from palpate.validation.results import CaseResult
+    from palpate.validation.judging.results import CaseResult
 
 JudgeCase: TypeAlias = "Callable[..., CaseResult]"
 
@@ -38,9 +38,9 @@ def palpate_case() -> JudgeCase:
         live: bool = False,
     ) -> CaseResult:
         from palpate.validation.case import load_case
-        from palpate.validation.judge import judge_case
-        from palpate.validation.outputs import check_name
-        from palpate.validation.results import Verdict
+        from palpate.validation.judging.judge import judge_case
+        from palpate.validation.judging.outputs import check_name
+        from palpate.validation.judging.results import Verdict
         from palpate.validation.simulators.candidate import candidate_for, result_candidate
 
         if simulator is not None and result is not None:

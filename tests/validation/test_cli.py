@@ -155,9 +155,9 @@ def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     from palpate.meshes.problem import Strain
     from palpate.validation.case import load_case
     from palpate.validation.metrics import displacement_l2, make_state
-    from palpate.validation.reference_set import SAME_MESH, solve_state
+    from palpate.validation.references.sets import SAME_MESH, solve_state
+    from palpate.validation.references.stored import load_stored
     from palpate.validation.simulators import run_fastsim
-    from palpate.validation.stored_references import load_stored
 
     problem = load_case(name).problem
     stored = load_stored(name, problem)

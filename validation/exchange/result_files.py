@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.files import read_point_data
-from palpate.validation.units import LENGTH
+from palpate.validation.case.units import LENGTH
 
 RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
 # More than any case here; a file that declares more is damaged or hostile.

@@ -9,13 +9,13 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.judging.results import State
 from palpate.validation.metrics.elasticity import (
     displacement_gradients,
     strain_energy,
     support_reactions,
 )
 from palpate.validation.metrics.pairs import SMALLEST_CHANGE, Difference, ratio
-from palpate.validation.results import State
 
 
 def gradient_norm(mesh: TetMesh, displacement: Points) -> float:

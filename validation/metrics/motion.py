@@ -9,13 +9,13 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.metrics.pairs import Difference, l2_norm, ratio
 from palpate.validation.metrics.time_series import (
     OscillationError,
     fit_oscillation,
     oscillation_error,
 )
-from palpate.validation.results import State, Trajectory
 
 OSCILLATION = tuple(f"oscillation_{field.name}" for field in fields_of(OscillationError))
 _SCALES = {

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.results import State, Trajectory
+from palpate.validation.judging.results import State, Trajectory
 
 # Where the reference hardly changes volume or area, errors are scaled by this part of the rest
 # value instead: a change below it is not what such a check is about.

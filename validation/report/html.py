@@ -15,13 +15,13 @@ from markupsafe import Markup
 
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
-from palpate.validation.outputs import check_name
+from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.results import CaseResult, Verdict, gravest
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
 from palpate.validation.report.viewer_data import compared_pairs, viewer_json
-from palpate.validation.results import CaseResult, Verdict, gravest
 
 INDEX = "index.html"
 

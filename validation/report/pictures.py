@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.problem import Strain
-from palpate.validation.results import CaseResult
+from palpate.validation.judging.results import CaseResult
 
 PANEL = (620, 720)
 GREEN, RED, GREY = "#2f8f4e", "#b5332e", "#d9d9d9"

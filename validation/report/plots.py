@@ -7,8 +7,8 @@ import math
 
 import matplotlib as mpl
 
-from palpate.validation.outputs import check_name
-from palpate.validation.results import CaseResult, Verdict
+from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.results import CaseResult, Verdict
 
 mpl.use("Agg")
 _COLOUR = {Verdict.PASSED: "#2f8f4e", Verdict.FAILED: "#b5332e", Verdict.INCONCLUSIVE: "#c98a12"}

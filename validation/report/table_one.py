@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from palpate.meshes.problem import Strain
-from palpate.validation.results import CaseResult
+from palpate.validation.judging.results import CaseResult
 
 MM3, MM2 = 1e9, 1e6
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate.meshes.arrays import Points
-from palpate.validation.results import Trajectory
+from palpate.validation.judging.results import Trajectory
 
 Progress = Callable[[str], None]
 

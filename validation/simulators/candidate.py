@@ -13,8 +13,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
+from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.metrics import make_state
-from palpate.validation.results import State, Trajectory
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.faults import Fault

@@ -10,7 +10,7 @@ import time
 import numpy as np
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.results import Trajectory
+from palpate.validation.judging.results import Trajectory
 from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
 from palpate.validation.simulators.faults import (
     Fault,

@@ -18,8 +18,8 @@ from palpate.validation.exchange.nodal_loads import (
     lumped_mass,
     nodal_force,
 )
+from palpate.validation.judging.results import Trajectory
 from palpate.validation.metrics.elasticity import shape_gradients
-from palpate.validation.results import Trajectory
 from palpate.validation.simulators.answer import CandidateFailedError
 
 # Displacements beyond so many body sizes are a blow-up.

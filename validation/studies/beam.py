@@ -19,7 +19,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
-from palpate.validation.reference_set import solve_state
+from palpate.validation.references.sets import solve_state
 from palpate.validation.simulators import run_fastsim
 from palpate.validation.studies.common import code_of, judge_and_report
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from palpate.validation import outputs
 from palpate.validation.case import load_case
-from palpate.validation.judge import exit_code, judge_case
+from palpate.validation.judging import outputs
+from palpate.validation.judging.judge import exit_code, judge_case
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.html import write_report
 from palpate.validation.report.table_one import StateTable, state_table
-from palpate.validation.results import CaseResult
 from palpate.validation.run_folder import MARK
 
 

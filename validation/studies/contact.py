@@ -19,8 +19,8 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.reference.availability import is_available
+from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import Finding, gravest, write_study_page
-from palpate.validation.results import Verdict
 from palpate.validation.run_folder import MARK
 from palpate.validation.studies import contact_page as page
 from palpate.validation.studies import contact_scenes as scenes

@@ -27,7 +27,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
-from palpate.validation.results import Verdict
+from palpate.validation.judging.results import Verdict
 
 # Layers of cells over the bar's height, time step [s]: steps on one mesh, then the mesh halved.
 RUNS = ((2, 0.04), (2, 0.02), (2, 0.01), (2, 0.005), (4, 0.01))

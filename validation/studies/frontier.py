@@ -29,6 +29,7 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.benchmarks.children import interpreters
 from palpate.validation.exchange.point_location import locate
+from palpate.validation.judging.results import Verdict
 from palpate.validation.metrics import l2_norm
 from palpate.validation.report.study_page import (
     Finding,
@@ -36,7 +37,6 @@ from palpate.validation.report.study_page import (
     StudyTable,
     write_study_page,
 )
-from palpate.validation.results import Verdict
 from palpate.validation.run_folder import MARK
 from palpate.validation.simulators import CandidateFailedError, adapters
 from palpate.validation.simulators.outside import OutsideSimulator
@@ -98,7 +98,7 @@ def make_problem(divisions: int) -> Problem:
 
 def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     """Run everything that is installed; leave report.html, frontier.svg, frontier.csv."""
-    from palpate.validation.reference_set import solve_state
+    from palpate.validation.references.sets import solve_state
 
     problems = {n: make_problem(n) for n in DIVISIONS}
     finest = problems[DIVISIONS[-1]]

@@ -16,6 +16,7 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.reference.availability import is_available
+from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -23,7 +24,6 @@ from palpate.validation.report.study_page import (
     gravest,
     write_study_page,
 )
-from palpate.validation.results import Verdict
 from palpate.validation.run_folder import MARK
 from palpate.validation.studies.grading_curves import Curves, Point, cells_for_error, follow
 from palpate.validation.studies.grading_growth import (

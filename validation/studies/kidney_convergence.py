@@ -18,9 +18,9 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import Case
-from palpate.validation.grid_convergence import GridConvergence, assess_grid_convergence
+from palpate.validation.evidence.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.metrics.pairs import make_state
-from palpate.validation.stored_references import load_stored
+from palpate.validation.references.stored import load_stored
 
 # Once the edge of the support dominates; before, up to 2.
 EXPECTED_ORDER = 1.0

@@ -19,7 +19,7 @@ import numpy as np
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import Case, load_case
-from palpate.validation.reference_set import solve_state
+from palpate.validation.references.sets import solve_state
 
 # Percentage points; the paper prints volumes to 1 mm3.
 TARGET = np.array([(364543 / 332889 - 1) * 100, (352602 / 332889 - 1) * 100])

@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib as mpl
 from rich.console import Console
 
+from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -21,7 +22,6 @@ from palpate.validation.report.study_page import (
     gravest,
     write_study_page,
 )
-from palpate.validation.results import Verdict
 from palpate.validation.run_folder import MARK
 
 CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}

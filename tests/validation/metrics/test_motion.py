@@ -10,8 +10,8 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.results import State, Trajectory
 
 MESH = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
 PROBLEM = Problem(MESH, Material(1.0, 0.3), (), ())

@@ -11,9 +11,9 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation import metrics
-from palpate.validation.case_schema import CheckSpec
-from palpate.validation.checks import decide, judge_check
-from palpate.validation.results import State, Verdict, gravest
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.checks import decide, judge_check
+from palpate.validation.judging.results import State, Verdict, gravest
 
 MESH = refine_uniformly(TetMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]]))
 PROBLEM = Problem(MESH, Material(1000.0, 0.3), (), ())

@@ -12,8 +12,8 @@ import pytest
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
+from palpate.validation.evidence.self_test import REFERENCE_FAULTS, TRIALS, run_self_test
 from palpate.validation.metrics import inverted_cells
-from palpate.validation.self_test import REFERENCE_FAULTS, TRIALS, run_self_test
 from palpate.validation.simulators import CandidateFailedError, faults
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.transposed import simulate_in_numpy
@@ -76,7 +76,7 @@ def test_faults_leave_the_rest_alone(problem: Problem) -> None:
 
 @pytest.mark.slow
 def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
-    from palpate.validation import outputs
+    from palpate.validation.judging import outputs
 
     result = run_self_test(lambda _line: None)
     assert result.verdict == "passed"
@@ -92,7 +92,7 @@ def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
 
 
 def test_a_gate_that_sees_nothing_fails_the_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
-    from palpate.validation import self_test
+    from palpate.validation.evidence import self_test
     from palpate.validation.simulators.candidate import fastsim_candidate
 
     # A blind harness: whatever fault is asked for, the healthy candidate is judged.

@@ -1,0 +1,144 @@
+"""Stored references: built, accepted with a reason, checked; stale or damaged ones are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+
+import pytest
+
+from palpate.meshes.problem import Material, Strain
+from palpate.validation.case import QUICK, builtin_cases, load_case
+from palpate.validation.cli import main
+from palpate.validation.references.changes import describe_changes
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    StaleReferenceError,
+    accept_pending,
+    accepted_path,
+    load_stored,
+    pending_path,
+    problem_key,
+    read_reference,
+    references_folder,
+    store,
+)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The references of the quick cases, to be spoiled."""
+    for name in QUICK:
+        shutil.copy(references_folder() / f"{name}.npz", tmp_path)
+    monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
+    return tmp_path
+
+
+def palpate(monkeypatch, *arguments):
+    monkeypatch.setattr("sys.argv", ["palpate", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code
+
+
+def build_softer(name="block"):
+    """What `build` would leave behind, of a body whose displacements are 1 % larger."""
+    case = load_case(name)
+    found, _ = read_reference(accepted_path(name))
+    states = {
+        place: dataclasses.replace(
+            s, displacement=1.01 * s.displacement, max_displacement=1.01 * s.max_displacement
+        )
+        for place, s in found.states.items()
+    }
+    changed = dataclasses.replace(found, states=states)
+    store(name, case.problem, changed, {"date": "2026-01-01"}, path=pending_path(name))
+    return case
+
+
+def test_every_built_in_case_has_a_reference_that_belongs_to_it():
+    for name in builtin_cases():
+        assert load_stored(name, load_case(name).problem).states
+
+
+@pytest.mark.usefixtures("folder")
+def test_nothing_is_used_before_it_is_accepted(monkeypatch, capsys):
+    case = build_softer()
+    place = ("reference P1", Strain.GREEN)
+    before = load_stored("block", case.problem).states[place]
+    assert palpate(monkeypatch, "reference", "accept", "block", "--reason", " ") == 2
+    assert load_stored("block", case.problem).states[place].max_displacement == (
+        before.max_displacement
+    )
+    reason = ("--reason", "softer, and that is right", "--by", "a tester")
+    assert palpate(monkeypatch, "reference", "accept", "block", *reason) == 0
+    after = load_stored("block", case.problem)
+    assert after.states[place].max_displacement == pytest.approx(1.01 * before.max_displacement)
+    accepted = after.provenance["accepted"]
+    assert (accepted["by"], accepted["reason"]) == ("a tester", "softer, and that is right")
+    line = next(x for x in accepted["changes"] if "P1, green strain, max_displacement" in x)
+    assert "relative change 0.01" in line
+    assert not pending_path("block").exists()
+    capsys.readouterr()
+    assert palpate(monkeypatch, "reference", "check", "block") == 0
+    assert "by a tester: softer, and that is right" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("folder")
+def test_accepting_needs_something_built_for_the_case_as_it_is(monkeypatch):
+    assert palpate(monkeypatch, "reference", "accept", "block", "--reason", "why not") == 2
+    case = build_softer()
+    other = dataclasses.replace(case.problem, material=Material(1.0, 0.3))
+    with pytest.raises(StaleReferenceError, match="has changed since"):
+        accept_pending("block", other, {})
+    pending_path("block").write_bytes(b"not a reference")
+    with pytest.raises(MissingReferenceError, match="damaged"):
+        accept_pending("block", case.problem, {})
+
+
+@pytest.mark.parametrize("spoil", ["missing", "damaged", "cut", "stale"])
+def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, monkeypatch, capsys, spoil):
+    path = folder / "block.npz"
+    whole = path.read_bytes()
+    if spoil == "missing":
+        path.unlink()
+    elif spoil == "damaged":
+        path.write_bytes(whole[:100] + bytes(100) + whole[200:])
+    elif spoil == "cut":
+        path.write_bytes(whole[: len(whole) // 2])
+    else:
+        shutil.copy(folder / "beam.npz", path)
+    assert palpate(monkeypatch, "reference", "check", "beam", "block", "kidney") == 2
+    told = capsys.readouterr()
+    assert "kidney:" in told.out
+    assert "palpate reference build block" in told.err
+    assert palpate(monkeypatch, "gate", "block") == 2
+
+
+def test_changes_of_the_case_and_of_bars_are_told(folder):
+    case = build_softer()
+    lines = describe_changes(accepted_path("beam"), pending_path("block"))
+    assert lines[0] == "mesh, material, supports or loads have changed"
+    assert any("another mesh" in line for line in lines)
+    assert any(line.startswith("error bar of volume") for line in lines)
+    (folder / "none.npz").write_bytes(b"")
+    assert describe_changes(folder / "none.npz", pending_path("block"))[0].startswith("nothing")
+    assert problem_key(case.problem) == read_reference(pending_path("block"))[1]
+
+
+@pytest.mark.usefixtures("folder")
+def test_the_quick_gate_passes_on_stored_references_alone(monkeypatch, capsys):
+    from palpate.reference import availability
+
+    monkeypatch.setattr(availability, "is_available", lambda: False)
+    assert set(QUICK) <= set(builtin_cases())
+    assert palpate(monkeypatch, "gate", "--quick") == 0
+    told = capsys.readouterr().out
+    for name in QUICK:
+        assert f"{name}: passed" in told
+
+
+def test_a_gate_wants_its_cases_said_once(monkeypatch):
+    assert palpate(monkeypatch, "gate") == 2
+    assert palpate(monkeypatch, "gate", "beam", "--quick") == 2
+    assert palpate(monkeypatch, "gate", "--quick", "--all") == 2

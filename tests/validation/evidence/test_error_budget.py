@@ -1,0 +1,161 @@
+"""A known seeded error lands in its own term: of strain, mesh, time step and solver tolerance."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.newton import Iteration, Newton
+from palpate.fastsim.statics import solve_static
+from palpate.fastsim.time_steps import sharp_critical_time_step
+from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.refinement import refine_problem
+from palpate.validation.case import load_case
+from palpate.validation.evidence.error_budget import (
+    DISCRETISATION,
+    MODEL,
+    SOLVER,
+    TIME,
+    Budget,
+    budget_rows,
+    budget_svg,
+    case_budgets,
+    farthest_probe,
+    motion_budgets,
+    static_budgets,
+)
+from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.judging.results import State
+from palpate.validation.metrics import make_state
+from palpate.validation.references.sets import ReferenceSet
+
+CASES = ("kidney", "beam")
+# What the project promises: within a tenth of what was seeded.
+WITHIN = 0.1
+
+
+@cache
+def problem_of(name: str) -> Problem:
+    return load_case(name).problem
+
+
+@cache
+def references_of(name: str) -> ReferenceSet:
+    return find_references(load_case(name), live=False, progress=lambda _line: None)
+
+
+def state(problem: Problem, displacement: object, strain: Strain = Strain.GREEN) -> State:
+    return make_state(
+        problem.mesh, np.asarray(displacement), label="c", simulator="c", strain=strain
+    )
+
+
+@cache
+def solved(name: str, strain: Strain = Strain.GREEN) -> State:
+    problem = problem_of(name)
+    return state(problem, solve_static(problem, strain=strain).displacement, strain)
+
+
+def budgets_of(name: str, candidate: State) -> list[Budget]:
+    return static_budgets(problem_of(name), candidate, references_of(name).states)
+
+
+def assert_lands_in(term: str, seeded: list[Budget], healthy: list[Budget]) -> None:
+    """The change of the value, measured on the candidates alone, is the change of that term."""
+    for after, before in zip(seeded, healthy, strict=True):
+        known = after.value - before.value
+        assert abs(known) > 1e-9 * abs(before.truth)
+        found = (after.terms[term] or 0.0) - (before.terms[term] or 0.0)
+        assert found == pytest.approx(known, rel=WITHIN), (term, after.quantity)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_linear_strain_is_the_models_error(name: str) -> None:
+    seeded = budgets_of(name, solved(name, Strain.LINEAR))
+    assert_lands_in(MODEL, seeded, budgets_of(name, solved(name)))
+    # Solved as well as before: nothing of it is the solver's.
+    for budget in seeded:
+        assert abs(budget.terms[SOLVER] or math.nan) < 1e-7 * abs(budget.truth)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
+    problem = problem_of(name)
+    # One Newton step short of the answer: what a tolerance of a few per cent lets through.
+    newton = Newton(problem, Strain.GREEN, 3e-2, 30, Iteration.NEWTON)
+    start = solve_static(_scaled(problem, 0.9)).displacement
+    loose = newton.solve(start, 1.0).displacement
+    assert loose is not None
+    seeded = budgets_of(name, state(problem, loose))
+    assert_lands_in(SOLVER, seeded, budgets_of(name, solved(name)))
+
+
+def _scaled(problem: Problem, factor: float) -> Problem:
+    from palpate.validation.studies.beam import scaled
+
+    return scaled(problem, factor)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_finer_mesh_takes_off_what_discretisation_says(name: str) -> None:
+    problem, truth = problem_of(name), references_of(name).truth(Strain.GREEN)
+    assert truth is not None
+    finer = refine_problem(problem)
+    fine = solve_static(finer).displacement[: problem.mesh.num_points]
+    probe = farthest_probe(truth.displacement)
+    coarse_value = probe.read(problem.mesh, solved(name).displacement)[0]
+    gained = coarse_value - probe.read(problem.mesh, fine)[0]
+    budget = budgets_of(name, solved(name))[0]
+    term = budget.terms[DISCRETISATION]
+    assert term is not None
+    # Errors of linear tetrahedra fall as h^2 away from clamps, so halving h takes off 3/4.
+    assert 0.5 * abs(term) < abs(gained) < abs(term)
+    assert np.sign(gained) == np.sign(term)
+    # Taken off, what is left on the finer mesh is what its own budget would say.
+    left = probe.read(problem.mesh, fine)[0] - budget.truth
+    assert term - gained == pytest.approx(left, rel=WITHIN)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_long_time_step_is_the_error_of_time(name: str) -> None:
+    still = problem_of(name)
+    limit = sharp_critical_time_step(still.mesh, still.material)
+    # A swing of some hundred steps, damped, far from rest.
+    span = TimeSpan(400 * limit, 0.5 * limit, 1.0, 4)
+    problem = dataclasses.replace(still, time=span)
+    # What the step costs, measured on the candidate alone against an eighth of it.
+    finest = dataclasses.replace(problem, time=dataclasses.replace(span, time_step=limit / 16.0))
+    values = [simulate(p).displacements[-1] for p in (problem, finest)]
+    budget = motion_budgets(problem, Strain.GREEN)[0]
+    fine = simulate(dataclasses.replace(refine_problem(problem), time=finest.time))
+    probe = farthest_probe(fine.displacements[-1][: still.mesh.num_points])
+    known = float((values[0][probe.point] - values[1][probe.point]) @ probe.direction)
+    assert budget.terms[TIME] == pytest.approx(known, rel=WITHIN)
+    assert budget.terms[SOLVER] == 0.0
+
+
+def test_terms_and_interaction_add_up_and_a_healthy_candidate_has_only_discretisation() -> None:
+    for budget in budgets_of("kidney", solved("kidney")):
+        terms = [t for t in budget.terms.values() if t is not None]
+        assert sum(terms) + budget.interaction == pytest.approx(budget.total, rel=1e-12)
+        assert abs(budget.interaction) < 1e-9 * abs(budget.truth)
+        assert budget.terms[DISCRETISATION] == pytest.approx(budget.total, rel=1e-5)
+        assert budget.terms[MODEL] is None
+        assert budget.terms[TIME] is None
+
+
+def test_table_and_figure_of_a_judged_case() -> None:
+    budgets = case_budgets(judge_case(load_case("block")))
+    assert {b.candidate for b in budgets} == {"fastsim, linear strain", "fastsim, green strain"}
+    columns, rows = budget_rows(budgets)
+    assert len(rows) == 4
+    assert all(len(row) == len(columns) for row in rows)
+    svg = budget_svg(budgets)
+    for word in ("discretisation", "interaction", "change of volume"):
+        assert word in svg
+    assert budget_svg([]) == ""

@@ -1,0 +1,148 @@
+"""Annotations, what changed since the accepted result, and the pytest fixture."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.meshes.errors import FileFormatError
+from palpate.validation.case import load_case
+from palpate.validation.judging import outputs
+from palpate.validation.judging.annotations import github_annotations
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.result_changes import describe_since, read_accepted, with_changes
+from palpate.validation.judging.results import CaseResult, Verdict
+from palpate.validation.simulators.candidate import fastsim_candidate
+from palpate.validation.simulators.faults import Fault
+
+
+@pytest.fixture(scope="module")
+def healthy() -> CaseResult:
+    return judge_case(load_case("block"))
+
+
+@pytest.fixture(scope="module")
+def softer() -> CaseResult:
+    return judge_case(load_case("block"), candidate=fastsim_candidate(Fault.SOFTER))
+
+
+def accepted_file(folder: Path, result: CaseResult) -> Path:
+    path = folder / "accepted.json"
+    path.write_text(outputs.results_json([result], "1"), encoding="utf-8")
+    return path
+
+
+def test_nothing_is_annotated_where_all_passed(healthy: CaseResult) -> None:
+    assert github_annotations([healthy]) == []
+
+
+def test_a_failure_is_an_error_and_its_text_cannot_break_out(softer: CaseResult) -> None:
+    check = dataclasses.replace(
+        softer.checks[0], message="50 %\n::set-output name=x::y", verdict=Verdict.INCONCLUSIVE
+    )
+    nasty = dataclasses.replace(
+        softer, checks=(check,), name="a,b:c", provenance={"case_file": "cases/a,b.toml"}
+    )
+    (line,) = github_annotations([nasty])
+    assert line.startswith("::warning file=cases/a%2Cb.toml,title=a%2Cb%3Ac%3A displacement_l2")
+    assert "\n" not in line
+    assert "50 %25%0A" in line
+    assert github_annotations([softer])[0].startswith("::error ")
+
+
+def test_at_most_ten_of_a_kind_and_a_count(softer: CaseResult) -> None:
+    bad = next(c for c in softer.checks if c.verdict is Verdict.FAILED)
+    for count, lines in ((9, 9), (10, 10), (11, 10), (25, 10)):
+        many = dataclasses.replace(softer, checks=(bad,) * count)
+        found = github_annotations([many])
+        assert len(found) == lines
+        assert ("and " in found[-1].split("::")[-1][:4]) == (count > 10)
+    assert found[-1].endswith("and 16 more checks")
+
+
+def test_no_change_is_no_line(tmp_path: Path, healthy: CaseResult) -> None:
+    accepted = read_accepted(accepted_file(tmp_path, healthy))
+    assert describe_since([healthy], accepted) == {"block": []}
+    noted = with_changes([healthy], accepted)[0]
+    assert noted.notes[-1] == "Since the accepted result: nothing."
+    assert noted.verdict is healthy.verdict
+
+
+def test_each_change_is_told_with_the_number_that_changed_most(
+    tmp_path: Path, healthy: CaseResult, softer: CaseResult
+) -> None:
+    accepted = read_accepted(accepted_file(tmp_path, healthy))
+    lines = describe_since([softer], accepted)["block"]
+    assert any(
+        line.startswith("displacement_l2") and "was passed, now failed" in line for line in lines
+    )
+    assert lines[-1].startswith("changed most: fastsim.")
+    looser = dataclasses.replace(
+        healthy, checks=(dataclasses.replace(healthy.checks[0], limit=1e-3), *healthy.checks[2:])
+    )
+    lines = describe_since([looser], accepted)["block"]
+    assert any("limit 1e-08, now 0.001 (looser)" in line for line in lines)
+    assert any(line.startswith("gone: check displacement_max") for line in lines)
+    other = dataclasses.replace(healthy, name="other")
+    assert describe_since([other], accepted)["other"][0].startswith("new")
+    text = outputs.summary_markdown(with_changes([softer], accepted))
+    assert "Since the accepted result:" in text
+
+
+def test_an_accepted_file_that_cannot_be_read_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_accepted(tmp_path / "none.json")
+    (tmp_path / "x.json").write_text('{"schema": 2, "cases": []}', encoding="utf-8")
+    with pytest.raises(FileFormatError, match="schema 2"):
+        read_accepted(tmp_path / "x.json")
+    (tmp_path / "x.json").write_text("[]", encoding="utf-8")
+    with pytest.raises(FileFormatError):
+        read_accepted(tmp_path / "x.json")
+
+
+def test_the_gate_tells_github_and_what_changed(tmp_path: Path, healthy: CaseResult) -> None:
+    import os
+
+    done = subprocess.run(
+        [
+            sys.executable, "-m", "palpate.validation.cli", "gate", "block", "--fault", "softer",
+            "--since", str(accepted_file(tmp_path, healthy)), "--json", str(tmp_path / "r.json"),
+        ],
+        capture_output=True, text=True, timeout=300, check=False,
+        env={**os.environ, "GITHUB_ACTIONS": "true"},
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert "::error " in done.stdout
+    notes = json.loads((tmp_path / "r.json").read_text("utf-8"))["cases"][0]["notes"]
+    assert any("changed most" in note for note in notes)
+
+
+def test_the_pytest_fixture_passes_and_fails_with_the_checks(tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "examples" / "gate_your_simulator"
+    command = f"{sys.executable} {example / 'toy_simulator.py'} {{case}} {{result}}"
+    (tmp_path / "test_mine.py").write_text(
+        f"""
+CASE = {str(example / "bar.toml")!r}
+
+def test_good(palpate_case):
+    judged = palpate_case(CASE, simulator={command!r})
+    assert judged.verdict == "passed"
+
+def test_crashing(palpate_case):
+    palpate_case(CASE, simulator="false {{case}} {{result}}")
+""",
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "palpate.validation.pytest_plugin",
+         "-p", "no:cacheprovider", str(tmp_path)],
+        capture_output=True, text=True, timeout=300, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
+    assert "bar: failed" in done.stdout
+    assert "it ended with 1" in done.stdout

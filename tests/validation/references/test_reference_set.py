@@ -1,0 +1,112 @@
+"""The reference of a case when it honestly has none: a load beyond the material's limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference.errors import (
+    ReferenceCrashedError,
+    ReferenceFailedError,
+    ReferenceNotConvergedError,
+)
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import State, Verdict
+from palpate.validation.references import sets as reference_set
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH, solve_live
+
+WriteCase = Callable[..., Path]
+LOST = ReferenceNotConvergedError(0.504, "a cell would invert", 0.33)
+
+
+def fake_solves(
+    monkeypatch: pytest.MonkeyPatch, failure: ReferenceFailedError
+) -> list[tuple[Strain, int]]:
+    """Replace the solves: P1 with Green strain fails, the others answer rest; returns the calls."""
+    calls: list[tuple[Strain, int]] = []
+
+    def solve(problem: Problem, strain: Strain, degree: int, _progress: object) -> State:
+        calls.append((strain, degree))
+        if strain is Strain.GREEN and degree == 1:
+            raise failure
+        return State(
+            label=SAME_MESH if degree == 1 else QUADRATIC,
+            simulator="reference",
+            strain=strain,
+            degree=degree,
+            displacement=np.full_like(problem.mesh.points, 1e-3),
+            volume=problem.mesh.volume,
+            surface_area=problem.mesh.surface_area,
+            smallest_det_f=1.0,
+            max_displacement=1e-3,
+            seconds=0.0,
+            details={"versions": {}},
+        )
+
+    monkeypatch.setattr(reference_set, "solve_state", solve)
+    return calls
+
+
+def test_p2_is_not_tried_where_p1_lost_equilibrium(
+    write_case: WriteCase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = fake_solves(monkeypatch, LOST)
+    references = solve_live(load_case(str(write_case())).problem, lambda _line: None)
+    assert (Strain.GREEN, 2) not in calls
+    assert {(Strain.LINEAR, 1), (Strain.LINEAR, 2), (Strain.GREEN, 1)} == set(calls)
+    assert references.truth(Strain.GREEN) is None
+    why = references.failure("truth", Strain.GREEN)
+    assert "not tried" in why
+    assert "0.504 of the load" in why
+
+
+def test_p2_is_still_tried_where_p1_only_crashed(
+    write_case: WriteCase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = fake_solves(monkeypatch, ReferenceCrashedError(-9, ""))
+    references = solve_live(load_case(str(write_case())).problem, lambda _line: None)
+    assert (Strain.GREEN, 2) in calls
+    assert references.truth(Strain.GREEN) is not None
+
+
+def test_the_result_says_that_there_is_no_equilibrium_to_compare_with(
+    write_case: WriteCase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from palpate.reference import availability
+
+    fake_solves(monkeypatch, LOST)
+    monkeypatch.setattr(availability, "is_available", lambda: True)
+    result = judge_case(load_case(str(write_case())), live=True)
+    assert result.verdict is Verdict.INCONCLUSIVE
+    assert any("not tried" in note and "0.504" in note for note in result.notes)
+    assert any("0.504 of the load" in check.message for check in result.checks)
+
+
+@pytest.mark.dolfinx
+def test_a_crushed_block_costs_one_search_for_the_limit(write_case: WriteCase) -> None:
+    """Free compression to P/E = -0.6, three times the limit of 0.19245: both strains, P1 and P2."""
+    case = load_case(str(write_case(("force = [60.0, 20.0, -10.0]", "force = [-600.0, 0.0, 0.0]"))))
+    lines: list[str] = []
+    references = solve_live(case.problem, lines.append)
+    why = references.failure("truth", Strain.GREEN)
+    assert "not tried" in why
+    assert references.truth(Strain.LINEAR) is not None
+    assert not any(line.startswith(f"{QUADRATIC}, green") for line in lines)
+
+
+@pytest.mark.parametrize(("live", "words"), [(False, "--live"), (True, "FENICSX=")])
+def test_a_case_without_any_reference_says_what_to_do(
+    write_case: WriteCase, monkeypatch: pytest.MonkeyPatch, live: bool, words: str
+) -> None:
+    from palpate.reference import availability
+
+    monkeypatch.setattr(availability, "is_available", lambda: False)
+    with pytest.raises(InputError, match="no reference is stored") as caught:
+        judge_case(load_case(str(write_case())), live=live)
+    assert words in str(caught.value)

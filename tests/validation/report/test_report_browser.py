@@ -1,0 +1,202 @@
+"""The report in a browser without network: no error, the 3-D view draws, its slider moves."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.report import html
+from palpate.validation.report.pdf import find_browser, print_pdf
+
+pytestmark = pytest.mark.browser
+
+
+def missing(what: str) -> None:
+    """Without a browser these tests are skipped, except where one is required."""
+    if os.environ.get("PALPATE_BROWSER_TESTS") == "required":
+        pytest.fail(f"{what} is not installed")
+    pytest.skip(f"{what} is not installed")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    try:
+        from selenium import webdriver
+    except ImportError:
+        missing("selenium")
+    program, driver = find_browser(), shutil.which("chromedriver")
+    if program is None or driver is None:
+        missing("chromium or chromedriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-dev-shm-usage",
+        "--enable-unsafe-swiftshader",
+        "--window-size=1200,3000",
+        "--host-resolver-rules=MAP * ~NOTFOUND",  # no network
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.ChromeService(executable_path=driver)
+    chrome = webdriver.Chrome(options=options, service=service)
+    yield chrome
+    chrome.quit()
+
+
+@pytest.fixture(scope="module")
+def kidney() -> CaseResult:
+    return judge_case(load_case("kidney"))
+
+
+def picture(browser: Any) -> np.ndarray:
+    """The canvas as it is on the screen, grey values."""
+    from matplotlib import image
+    from selenium.webdriver.common.by import By
+
+    png = browser.find_element(By.CSS_SELECTOR, ".viewer canvas").screenshot_as_png
+    return np.asarray(image.imread(io.BytesIO(png)))[:, :, :3].mean(axis=2)
+
+
+def wait_until(browser: Any, script: str) -> None:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(browser, 30).until(lambda b: b.execute_script(f"return {script}"))
+
+
+def serious(browser: Any) -> list[str]:
+    """Console entries that are not the driver's remarks on its own speed."""
+    return [
+        entry["message"]
+        for entry in browser.get_log("browser")
+        if entry["level"] == "SEVERE" or "GL Driver Message" not in entry["message"]
+    ]
+
+
+def open_page(browser: Any, page: Path) -> None:
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+    wait_until(browser, "document.querySelector('.viewer').dataset.state !== undefined")
+
+
+def move_slider(browser: Any, share: float) -> None:
+    browser.execute_script(
+        "const s = document.querySelector('.viewer input'); s.value = arguments[0];"
+        "s.dispatchEvent(new Event('input'));"
+        "return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));",
+        share,
+    )
+
+
+def test_the_view_draws_turns_and_moves(
+    browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    open_page(browser, html.write_report([kidney], tmp_path))
+    assert serious(browser) == []
+    state = "document.querySelector('.viewer').dataset.state"
+    assert browser.execute_script(f"return {state}") == "drawn"
+    whole = picture(browser)
+    columns = np.array_split(whole, 4, axis=1)
+    # A body in each of the four views, on white ground.
+    assert all(0.1 < (column < 0.95).mean() < 0.9 for column in columns)
+    # Candidate and reference on the same mesh look the same.
+    width = min(columns[1].shape[1], columns[2].shape[1])
+    assert np.abs(columns[1][:, :width] - columns[2][:, :width]).mean() < 0.02
+    move_slider(browser, 0.0)
+    rest = picture(browser)
+    assert np.abs(rest - whole).mean() > 0.01
+    # The original does not move with the slider.
+    quarter = whole.shape[1] // 4
+    assert np.abs(rest - whole)[:, :quarter].mean() < 1e-3
+    move_slider(browser, 1.0)
+    assert np.abs(picture(browser) - whole).mean() < 1e-3
+    from selenium.webdriver.common.keys import Keys
+
+    canvas = browser.find_element("css selector", ".viewer canvas")
+    canvas.send_keys(Keys.ARROW_LEFT * 8)
+    assert np.abs(picture(browser) - whole).mean() > 0.01
+    assert serious(browser) == []
+
+
+def test_a_motion_goes_through_its_times(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    open_page(browser, html.write_report([judge_case(load_case("block-motion"))], tmp_path))
+    shown = "return document.querySelector('.viewer output').textContent"
+    assert browser.execute_script(shown) == "0.500 s"
+    end = picture(browser)
+    move_slider(browser, 16)
+    assert browser.execute_script(shown) == "0.160 s"
+    assert np.abs(picture(browser) - end).mean() > 0.01
+    assert serious(browser) == []
+
+
+def test_a_hostile_case_does_no_harm(
+    browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    hostile = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
+    states = tuple(dataclasses.replace(s, label=hostile + s.label) for s in kidney.states)
+    result = dataclasses.replace(
+        kidney, title=hostile, states=states, notes=(hostile,), case_text=hostile,
+        evidence={"question": hostile, "context_of_use": hostile},
+    )  # fmt: skip
+    open_page(browser, html.write_report([result], tmp_path))
+    assert browser.title.endswith(hostile)
+    assert browser.execute_script("return document.querySelectorAll('script').length") == 2
+    assert browser.execute_script("return document.querySelectorAll('img').length") == 0
+    assert (
+        browser.execute_script("return document.querySelector('.viewer').dataset.state") == "drawn"
+    )
+    assert serious(browser) == []
+
+
+def test_several_cases_are_linked_from_an_index(
+    browser: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    other = dataclasses.replace(kidney, name="other")
+    page = html.write_report([kidney, other], tmp_path)
+    assert page.name == "index.html"
+    browser.get(page.as_uri())
+    links = [a.get_attribute("href") for a in browser.find_elements("css selector", "td a")]
+    assert [link.rsplit("/", 1)[1] for link in links] == ["kidney.html", "other.html"]
+    browser.find_elements("css selector", "td a")[1].click()
+    wait_until(browser, "document.querySelector('.viewer').dataset.state === 'drawn'")
+    browser.find_element("css selector", "nav a").click()
+    wait_until(browser, "document.querySelectorAll('td a').length === 2")
+
+
+def test_the_report_prints_as_pdf(
+    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if find_browser() is None:
+        missing("chromium")
+    page = html.write_report([kidney], tmp_path)
+    made = print_pdf(page)
+    assert made == tmp_path / "report.pdf"
+    content = made.read_bytes()
+    assert content.startswith(b"%PDF-")
+    assert len(content) > 50_000
+    assert not list(tmp_path.glob(".pdf.*"))
+    if os.name == "posix":
+        monkeypatch.setenv("PALPATE_BROWSER", "false")
+        from palpate.meshes.errors import InputError
+
+        with pytest.raises(InputError, match="could not print"):
+            print_pdf(page)
+        assert made.read_bytes() == content

@@ -1,0 +1,174 @@
+"""The report: whole, offline, and unharmed by what stands in a case."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Problem
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import CaseResult, Verdict
+from palpate.validation.report import html
+from palpate.validation.report.credibility import credibility
+from palpate.validation.report.table_one import state_table
+from palpate.validation.report.viewer_data import compared_pairs, viewer_json
+
+
+@pytest.fixture(scope="module")
+def kidney() -> CaseResult:
+    return judge_case(load_case("kidney"))
+
+
+def test_table_one_prints_the_paper_and_the_fitted_reference(kidney: CaseResult) -> None:
+    table = state_table(kidney)
+    assert table.columns[0] == "paper"
+    assert table.columns[-1] == "fastsim"
+    truth = table.columns.index("reference P2, refined")
+    rows = {(row.quantity, row.state): row.cells for row in table.rows}
+    for state, growth in (("linear strain", 9.51), ("Green strain", 5.92)):
+        cells = rows["volume", state]
+        assert cells[0][1] == pytest.approx(growth, abs=0.005)
+        # The fit: to 0.05 percentage points.
+        assert cells[truth][1] == pytest.approx(growth, abs=0.05)
+    assert rows["surface area", "original"][0][0] == 208017.0
+    assert rows["surface area", "original"][truth][0] == pytest.approx(26400.0, rel=0.01)
+
+
+def test_the_page_is_whole_and_offline(kidney: CaseResult, tmp_path: Path) -> None:
+    text = html.write_report([kidney], tmp_path).read_text("utf-8")
+    assert "10 of 10 checks passed" in text
+    assert "calibration, not a validation" in re.sub(r"\s+", " ", text)
+    assert "default-src 'none'" in text
+    assert not re.search(r"(src|href)=\"(?!data:)", text.replace('xlink:href="#', ""))
+    # The one script that may run is the one that is there.
+    script = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    assert len(script) == 1
+    digest = base64.b64encode(hashlib.sha256(script[0].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in text
+    assert text.count("data:image/png") == 2
+    assert len(text) < 5_000_000
+    assert (tmp_path / "kidney-states.csv").read_text().count("\n") == 7
+
+
+def test_a_hostile_title_is_text(
+    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    hostile = "<script>alert(1)</script>"
+    check = dataclasses.replace(kidney.checks[0], reason=hostile, message=hostile)
+    result = dataclasses.replace(
+        kidney, title=hostile, checks=(check,), verdict=Verdict.FAILED, notes=(hostile,),
+        provenance={**kidney.provenance, "command": hostile},
+    )  # fmt: skip
+    text = html.write_report([result], tmp_path).read_text("utf-8")
+    # The scene's data and our own drawing program, nothing of the case.
+    assert text.count("<script") == 2
+    assert text.count("</script>") == 2
+    assert hostile not in text
+    assert text.count("&lt;script&gt;") >= 5
+
+
+def test_no_picture_is_said_and_the_verdict_stays(
+    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    text = html.write_report([kidney], tmp_path).read_text("utf-8")
+    assert "could not be drawn" in text
+    assert "10 of 10 checks passed" in text
+
+
+def test_the_scene_is_the_solution(kidney: CaseResult) -> None:
+    """What the 3-D view draws, unpacked again, against the states it came from."""
+    scene = json.loads(viewer_json(kidney))
+    mesh = kidney.problem.mesh
+    used = np.unique(mesh.boundary_facets)
+
+    def unpack(text: str, kind: str, width: int) -> np.ndarray:
+        return np.frombuffer(base64.b64decode(text), dtype=kind).reshape(-1, width)
+
+    points = unpack(scene["points"], "<f4", 3)
+    facets = unpack(scene["facets"], "<u4", 3)
+    assert np.array_equal(used[facets], mesh.boundary_facets)
+    apart = points - mesh.points[used] * 1e3
+    assert np.ptp(apart, axis=0).max() < 1e-5 * scene["radius"]  # centred, float32
+    for drawn, state in zip(scene["solutions"], kidney.states, strict=True):
+        displacement = unpack(drawn["displacement"], "<i2", 3) * drawn["step"]
+        difference = np.abs(displacement - state.displacement[used] * 1e3).max()
+        assert difference <= 0.5 * drawn["step"] * (1 + 1e-9)
+        assert drawn["is_reference"] == (state.simulator == "reference")
+    assert len(scene["errors"]) == len(compared_pairs(kidney)) == 6
+    first = scene["errors"][0]
+    assert compared_pairs(kidney)[0] == "fastsim, Green strain with reference P1"
+    candidate, reference = (kidney.states[first[k]] for k in ("candidate", "reference"))
+    length = np.linalg.norm((candidate.displacement - reference.displacement)[used], axis=1) * 1e3
+    assert unpack(first["length"], "<f4", 1)[:, 0] == pytest.approx(length, rel=1e-6)
+    marks = unpack(scene["marks"], "<i1", 1)[:, 0]
+    assert np.array_equal(used[marks == 1], np.intersect1d(used, kidney.problem.supports[0].points))
+    assert (marks == -1).any()
+
+
+def test_a_motion_is_shown_time_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    block = judge_case(load_case("block-motion"))
+    scene = json.loads(viewer_json(block))
+    assert scene["times"] == pytest.approx(np.linspace(0.0, 0.5, 51))
+    used = np.unique(block.problem.mesh.boundary_facets)
+    drawn = scene["solutions"][0]
+    packed = np.frombuffer(base64.b64decode(drawn["displacement"]), "<i2").reshape(51, -1, 3)
+    motion = block.states[0].trajectory
+    assert motion is not None
+    apart = packed * drawn["step"] - motion.displacements[:, used] * 1e3
+    assert np.abs(apart).max() <= 0.51 * drawn["step"]
+    assert len(base64.b64decode(scene["errors"][0]["length"])) == 51 * len(used) * 4
+    text = html.write_report([block], tmp_path).read_text("utf-8")
+    assert "goes through the stored times" in text
+    assert "in steps of 2.50e-04 s" in text
+
+
+def test_fifty_thousand_cells_stay_under_five_megabytes(
+    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mesh of 52 920 cells with every state a case can have, pictures apart (0.4 MB)."""
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    mesh = brick_box((21, 21, 20), (0.1, 0.1, 0.1))
+    assert mesh.num_cells > 50_000
+    rng = np.random.default_rng(3)
+    states = tuple(
+        dataclasses.replace(state, displacement=rng.normal(size=mesh.points.shape))
+        for state in kidney.states
+    )
+    problem = Problem(mesh, kidney.problem.material, (), ())
+    result = dataclasses.replace(kidney, problem=problem, states=states)
+    assert html.write_report([result], tmp_path).stat().st_size < 4_500_000
+
+
+def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
+    found = credibility(kidney)
+    states = {factor.name: factor.state for factor in found.factors}
+    assert len(states) == 13
+    assert states["numerical code verification"] == "given"
+    assert states["test samples"] == "yours"
+    assert "Not stated" in found.context_of_use
+    stated = dataclasses.replace(
+        kidney,
+        evidence={
+            "context_of_use": "training", "model_influence": "low", "decision_consequence": "high",
+            "quantities_of_interest": "volume",
+        },
+    )  # fmt: skip
+    found = credibility(stated)
+    assert found.context_of_use == "training"
+    assert "low" in found.risk
+    assert "high" in found.risk
+    failed = [dataclasses.replace(c, verdict=Verdict.FAILED) for c in kidney.checks]
+    red = credibility(dataclasses.replace(kidney, checks=tuple(failed)))
+    assert {f.name: f.state for f in red.factors}["numerical code verification"] == "in part"

@@ -1,0 +1,43 @@
+"""The frontier's claims go red on what would contradict them, and the figure says who is who."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from palpate.validation.judging.results import Verdict
+from palpate.validation.studies import frontier
+from palpate.validation.studies.frontier import Row, find_faults, frontier_svg
+
+ROWS = [
+    Row("fastsim", "1", frontier.STVK, "m", 24, 0.001, 0.7, 0.0),
+    Row("fastsim", "1", frontier.STVK, "m", 192, 0.003, 0.4, 0.0),
+    Row("Other", "2", frontier.STVK, "m", 24, 0.1, 0.7, 1e-7),
+    Row("Third", "3", "neo-Hookean", "m", 24, 0.1, 0.69, 0.03),
+]
+
+
+def verdicts(rows: list[Row]) -> list[Verdict]:
+    return [finding.verdict for finding in find_faults(rows)]
+
+
+def test_what_agrees_and_converges_passes() -> None:
+    assert set(verdicts(ROWS)) == {Verdict.PASSED}
+
+
+def test_a_stranger_of_the_same_law_and_a_coarser_winner_fail() -> None:
+    far = [*ROWS[:2], dataclasses.replace(ROWS[2], same_mesh=1e-3)]
+    assert Verdict.FAILED in verdicts(far)
+    growing = [ROWS[0], dataclasses.replace(ROWS[1], error=0.8)]
+    assert Verdict.FAILED in verdicts(growing)
+
+
+def test_the_figure_names_tools_versions_and_the_other_law() -> None:
+    svg = frontier_svg(ROWS, 0.01)
+    for word in ("fastsim 1", "Other 2", "Third 3, neo-Hookean"):
+        assert word in svg
+
+
+def test_the_problems_share_one_body_and_one_load() -> None:
+    coarse, fine = frontier.make_problem(1), frontier.make_problem(3)
+    assert abs(coarse.mesh.volume - fine.mesh.volume) < 1e-15
+    assert fine.mesh.num_cells == 27 * coarse.mesh.num_cells

@@ -1,0 +1,128 @@
+"""The study of sensitivity: its arithmetic, a small case, and findings that go red."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.fastsim.statics import StaticResult, solve_static
+from palpate.meshes.problem import Problem
+from palpate.validation.case import load_case
+from palpate.validation.evidence.grid_convergence import assess_grid_convergence
+from palpate.validation.judging.results import Verdict
+from palpate.validation.studies.input_sensitivity import (
+    COVERAGE,
+    INPUTS,
+    STEP,
+    InputResponses,
+    changed,
+    follow_inputs,
+    make_budget,
+)
+from palpate.validation.studies.kidney_convergence import QUANTITIES, Response, StoredTruth
+from palpate.validation.studies.sensitivity import (
+    ASKED,
+    judge,
+    response_table,
+    sensitivity_table,
+    uncertainty_table,
+)
+from palpate.validation.studies.sensitivity_figure import draw_uncertainty
+
+WriteCase = Callable[..., Path]
+GRIDS = assess_grid_convergence([1.98, 1.96, 1.92], [1.0, 2.0, 4.0], expected_order=1.0)
+TRUTH = StoredTruth(2.0, 0.01)
+
+
+@pytest.fixture
+def block(write_case: WriteCase) -> Problem:
+    """Loads of a hundredth: the block answers almost linearly."""
+    case = write_case(("[60.0, 20.0, -10.0]", "[0.6, 0.2, -0.1]"))
+    return load_case(str(case)).problem
+
+
+def response(value: float) -> Response:
+    """A response whose numbers are all `value` in the units of QUANTITIES."""
+    factors = {name: factor for name, _, factor in QUANTITIES.values()}
+    return Response(**{name: value / factor for name, factor in factors.items()})
+
+
+def power_law(exponents: dict[str, float], scaling_error: float = 0.0) -> InputResponses:
+    """Q = 2 X^n for each input."""
+    moved = {
+        name: (response(2.0 * 0.9 ** exponents[name]), response(2.0 * 1.1 ** exponents[name]))
+        for name in INPUTS
+    }
+    return InputResponses(response(2.0), moved, response(2.4), scaling_error)
+
+
+GOOD = {"Young's modulus": -1.0, "Poisson's ratio": 0.5, "load": 1.0}
+
+
+def test_parts_add_up_as_they_should() -> None:
+    budget = make_budget("volume change", power_law(GOOD), GRIDS, TRUTH)
+    # Central difference of 1/x over 10 %: (1/1.1 - 1/0.9) / 0.2 = -1/0.99.
+    assert budget.sensitivities["Young's modulus"] == pytest.approx(-1.0 / 0.99, rel=1e-12)
+    assert budget.sensitivities["load"] == pytest.approx(1.0, rel=1e-12)
+    assert budget.input_parts["load"] == pytest.approx(STEP / math.sqrt(3.0), rel=1e-12)
+    assert budget.input_uncertainty**2 == pytest.approx(
+        sum(part**2 for part in budget.input_parts.values()), rel=1e-12
+    )
+    # 1.25 * 0.02 / (2 - 1) over 1.15 and 1.98.
+    assert budget.finest_uncertainty == pytest.approx(1.25 * 0.02 / COVERAGE / 1.98, rel=1e-9)
+    assert budget.validation_uncertainty == pytest.approx(
+        math.hypot(budget.finest_uncertainty or 0.0, budget.input_uncertainty), rel=1e-12
+    )
+    assert budget.model_error == pytest.approx(0.2, rel=1e-12)
+    assert budget.mesh_error == 0.0
+
+
+def test_only_force_over_modulus_counts_for_a_block(block: Problem) -> None:
+    found = follow_inputs(block, lambda _line: None)
+    budgets = [make_budget(q, found, GRIDS, TRUTH) for q in ASKED]
+    verdicts = [f.verdict for f in judge(budgets, found)]
+    assert verdicts[:3] == [Verdict.PASSED] * 3
+    # Nearly linear: as much load, as much displacement.
+    largest = next(b for b in budgets if b.quantity == "largest displacement")
+    assert largest.sensitivities["load"] == pytest.approx(1.0, abs=0.02)
+    assert len(sensitivity_table(budgets).rows) == len(uncertainty_table(budgets).rows) == 3
+    assert len(response_table(found).rows) == 1 + 2 * len(INPUTS) + 1
+    assert draw_uncertainty(budgets).svg.startswith("<svg")
+
+
+def test_a_simulator_with_a_stiffness_of_its_own_is_seen(block: Problem) -> None:
+    def stubborn(problem: Problem, **given: Any) -> StaticResult:
+        material = problem.material
+        stiff = dataclasses.replace(material, youngs_modulus=material.youngs_modulus + 50.0)
+        return solve_static(dataclasses.replace(problem, material=stiff), **given)
+
+    found = follow_inputs(block, lambda _line: None, solve=stubborn)
+    budgets = [make_budget(q, found, GRIDS, TRUTH) for q in ASKED]
+    assert [f.verdict for f in judge(budgets, found)][:2] == [Verdict.FAILED] * 2
+
+
+def test_findings_go_red() -> None:
+    def verdicts(responses: InputResponses, truth: StoredTruth = TRUTH) -> list[Verdict]:
+        budgets = [make_budget(q, responses, GRIDS, truth) for q in ASKED]
+        return [f.verdict for f in judge(budgets, responses)]
+
+    assert verdicts(power_law(GOOD)) == [Verdict.PASSED] * 6
+    assert verdicts(power_law(GOOD, scaling_error=1e-3))[0] is Verdict.FAILED
+    own_stiffness = power_law({**GOOD, "Young's modulus": -0.8})
+    assert verdicts(own_stiffness)[1] is Verdict.FAILED
+    assert verdicts(power_law({**GOOD, "Poisson's ratio": 6.0}))[2] is Verdict.FAILED
+    coarse = verdicts(power_law(GOOD), StoredTruth(2.5, 0.01))
+    assert coarse[3:] == [Verdict.FAILED] * 3
+
+
+def test_one_input_at_a_time_is_changed(block: Problem) -> None:
+    harder = changed(block, "Young's modulus", 1.1)
+    assert harder.material.youngs_modulus == pytest.approx(1.1 * block.material.youngs_modulus)
+    assert harder.loads == block.loads
+    assert changed(block, "Poisson's ratio", 0.9).material.poissons_ratio == pytest.approx(0.27)
+    assert changed(block, "load", 1.1).material == block.material

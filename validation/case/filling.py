@@ -1,0 +1,145 @@
+"""From a closed surface to a mesh, as the case's [mesh] table asks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError, MeshError, SurfaceError
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.case.schema import GradeSpec, MeshSpec
+from palpate.validation.case.units import Units
+
+if TYPE_CHECKING:
+    from palpate.fastsim.grading.size_fields import SizeField
+
+MOST_CELLS = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltMesh:
+    """A mesh and who made it."""
+
+    mesh: TetMesh
+    origin: str
+
+
+def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
+    """Fill a surface: better facets first, where asked for.
+
+    A mesh that keeps its facets is graded by bisection afterwards; with a free boundary fastsim's
+    mesher makes it graded from the start.
+
+    Raises:
+        InputError: A surface that bounds no solid, no mesher that manages, or too many cells.
+    """
+    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
+    told = []
+    if spec.boundary_distance is not None:
+        from palpate.fastsim.surface_remesher import remesh_surface
+
+        if spec.grade and spec.mesher != "gmsh":
+            return _fill_graded(surface, spec, units, size)
+        surface, report = remesh_surface(
+            surface, distance=units.metres(spec.boundary_distance), edge_length=size
+        )
+        told.append(report.line())
+    built = _fill_kept(surface, spec, size)
+    mesh = built.mesh
+    if spec.grade:
+        mesh = grade(mesh, spec.grade, units)
+        told.append(f"graded to {mesh.num_cells} cells")
+    return BuiltMesh(mesh, "; ".join([built.origin, *told]))
+
+
+def _fill_graded(
+    surface: TriSurface, spec: MeshSpec, units: Units, size: float | None
+) -> BuiltMesh:
+    """Facets and cells as small as the grades ask, made at once."""
+    from palpate.fastsim.mesher import Boundary, mesh_surface_with_report
+
+    assert spec.boundary_distance is not None
+    mesh, report = mesh_surface_with_report(
+        surface,
+        edge_length=size,
+        size_field=_size_field(surface, spec.grade, units),
+        boundary=Boundary.FREE,
+        boundary_distance=units.metres(spec.boundary_distance),
+    )
+    assert report.remesh is not None
+    return BuiltMesh(
+        mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {report.remesh.line()}"
+    )
+
+
+def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
+    """Refine by bisection until every grade's sizes are met."""
+    from palpate.fastsim.grading.graded_mesh import GradedMesh
+    from palpate.fastsim.grading.size_fields import refine_to_size
+
+    graded = GradedMesh(mesh)
+    refine_to_size(graded, _size_field(mesh.surface(), grades, units), max_cells=MOST_CELLS)
+    return graded.mesh
+
+
+def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) -> SizeField:
+    """The smallest of what the grades ask."""
+    from palpate.fastsim.grading.size_fields import (
+        distance_to_ball,
+        distance_to_facets,
+        distance_to_points,
+        grow_with_distance,
+    )
+
+    fields: list[SizeField] = []
+    for one in grades:
+        if one.ball is not None:
+            distance = distance_to_ball(
+                [units.metres(x) for x in one.ball.center], units.metres(one.ball.radius)
+            )
+        elif one.point is not None:
+            distance = distance_to_points([units.metres(x) for x in one.point])
+        else:
+            distance = distance_to_facets(surface)
+        smallest = units.metres(one.smallest)
+        fields.append(grow_with_distance(distance, smallest=smallest, growth=one.growth))
+
+    def size(places: Points) -> Points:
+        sizes: Points = np.min([field(places) for field in fields], axis=0)
+        return sizes
+
+    return size
+
+
+def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> BuiltMesh:
+    """By the mesher asked for, or fastsim's first and gmsh's otherwise."""
+    refusal = ""
+    if spec.mesher in ("auto", "fastsim"):
+        from palpate.fastsim.mesher import MeshingError, mesh_surface_with_report
+
+        try:
+            mesh, report = mesh_surface_with_report(surface, edge_length=size)
+            cut = report.boundary_steiner_points
+            added = f", {cut} point(s) added on the surface's facets" if cut else ""
+            return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells{added}")
+        except MeshingError as error:
+            if spec.mesher == "fastsim":
+                raise
+            refusal = str(error)
+    from palpate.meshes.gmsh_mesher import mesh_with_gmsh
+
+    try:
+        mesh = mesh_with_gmsh(surface, edge_length=size)
+    except MeshError as error:
+        if refusal and not isinstance(error, SurfaceError):
+            raise InputError(
+                f"neither mesher manages: fastsim: {refusal}; gmsh: {error}"
+            ) from error
+        raise
+    why = f" (fastsim's mesher did not manage: {refusal})" if refusal else ""
+    return BuiltMesh(mesh, f"meshed by gmsh: {mesh.num_cells} cells{why}")

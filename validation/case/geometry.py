@@ -1,0 +1,113 @@
+"""From a case's geometry to a mesh: a shape, a surface or a mesh file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import cast
+
+from palpate.meshes.errors import FileFormatError, InputError, SurfaceError
+from palpate.meshes.files import read_mesh, read_surface
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
+from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.surface_repair import repair_surface
+from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.case.filling import BuiltMesh, fill
+from palpate.validation.case.schema import CaseSpec, GeometrySpec
+from palpate.validation.case.units import Units
+
+
+def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
+    """Make or read the mesh of a case.
+
+    Raises:
+        InputError: A file that cannot be read, a surface that bounds no solid, or no mesher
+            that manages.
+    """
+    geometry, units = spec.geometry, spec.units
+    scale = units.metres(1.0)
+    if geometry.mesh is not None:
+        path = inside_folder(folder, geometry.mesh)
+        return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
+    if geometry.surface is not None:
+        path = inside_folder(folder, geometry.surface)
+        surface, notes = load_surface(path, scale=scale, repair=geometry.repair)
+    else:
+        surface, notes = build_shape(geometry, units), []
+    built = fill(surface, spec.mesh, units)
+    return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
+
+
+def load_surface(path: Path, *, scale: float, repair: bool = False) -> tuple[TriSurface, list[str]]:
+    """Read a surface that bounds a solid, mended first where that is asked for.
+
+    Args:
+        path: The surface file; named in every message.
+        scale: Metres per unit of the file.
+        repair: Merge near points, turn facets round, close small holes.
+
+    Returns:
+        The surface, and lines on what was found or done.
+
+    Raises:
+        InputError: It cannot be read, or bounds no solid.
+    """
+    notes: list[str] = []
+    surface = read_surface(path, scale=scale, tell=notes.append)
+    try:
+        if repair:
+            surface, report = repair_surface(surface)
+            notes = [*(n for n in notes if "without a facet" in n), *report.lines()]
+        shells = require_closed(surface)
+    except SurfaceError as error:
+        error.args = (f"{path.name}: {'; '.join([*notes, str(error)])}",)
+        raise
+    if len(shells) > 1:
+        kinds = Counter(str(shell.kind) for shell in shells)
+        notes.append(
+            f"{len(shells)} shells: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
+        )
+    return surface, notes
+
+
+def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
+    """The surface of a built-in shape; the schema has checked that its parameters are there."""
+
+    def metres(value: float | None) -> float:
+        return units.metres(cast(float, value))
+
+    edge = metres(geometry.edge_length)
+    match geometry.shape:
+        case "box":
+            x, y, z = (units.metres(s) for s in geometry.size or (1.0, 1.0, 1.0))
+            return shape_box((x, y, z), edge_length=edge)
+        case "beam":
+            return shape_beam(
+                metres(geometry.length),
+                metres(geometry.width),
+                metres(geometry.height),
+                edge_length=edge,
+            )
+        case "cylinder":
+            return shape_cylinder(
+                metres(geometry.radius), metres(geometry.height), edge_length=edge
+            )
+        case "sphere":
+            return shape_sphere(metres(geometry.radius), edge_length=edge)
+        case _:
+            return shape_kidney(edge_length=edge)
+
+
+def inside_folder(folder: Path, name: str) -> Path:
+    """A path of a case, which may not leave the case's folder.
+
+    Raises:
+        InputError: It does, links included.
+    """
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise InputError(f"{name!r} lies outside the case's folder; put the file beside the case")
+    if not path.is_file():
+        raise FileFormatError(name, f"no such file beside the case in {folder}")
+    return path

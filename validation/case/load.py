@@ -1,0 +1,125 @@
+"""A case: a TOML file that says what body is held and pushed how, and what is checked."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case.errors import CaseError, explain
+from palpate.validation.case.filling import BuiltMesh
+from palpate.validation.case.geometry import build_mesh
+from palpate.validation.case.problem import build_problem
+from palpate.validation.case.schema import CaseSpec, CheckSpec
+
+# Small cases, statics and motion, judged against stored references in seconds.
+QUICK = ("beam", "block", "block-motion", "kidney")
+
+_NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+
+def builtin_folder() -> Path:
+    """Where the built-in cases and their meshes are."""
+    return Path(str(resources.files("palpate.validation"))) / "cases"
+
+
+def builtin_cases() -> list[str]:
+    """Names of the built-in cases, sorted."""
+    return sorted(path.stem for path in builtin_folder().glob("*.toml"))
+
+
+def load_case(name_or_path: str | Path) -> Case:
+    """Read a case: a built-in name, or a path to a .toml file.
+
+    Raises:
+        CaseError: No such case, not TOML, an unknown or missing key, a bad value.
+    """
+    text = str(name_or_path)
+    path = Path(text)
+    if path.suffix != ".toml":
+        if text not in builtin_cases():
+            near = difflib.get_close_matches(text, builtin_cases(), n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "see `palpate cases`"
+            raise CaseError(f"no built-in case {text!r}; {hint} A file needs the ending .toml")
+        path = builtin_folder() / f"{text}.toml"
+    if not path.is_file():
+        raise CaseError(f"{path}: no such file")
+    if not _NAME.fullmatch(path.stem):
+        raise CaseError(
+            f"{path.name!r}: a case's name may hold letters, digits, '.', '_' and '-' (64 at most)"
+        )
+    try:
+        source = path.read_text(encoding="utf-8-sig")
+        data = tomllib.loads(source)
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise CaseError(f"{path}: not TOML: {error}") from error
+    try:
+        spec = CaseSpec.model_validate(data)
+    except ValidationError as error:
+        raise CaseError(explain(path, source, data, error)) from error
+    return Case(path, spec)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A case file that was read; mesh and problem are built when first asked for."""
+
+    path: Path
+    spec: CaseSpec
+
+    @property
+    def name(self) -> str:
+        """The file's name without its ending."""
+        return self.path.stem
+
+    @property
+    def folder(self) -> Path:
+        """Where the file lies; its paths may not leave it."""
+        return self.path.parent
+
+    @property
+    def is_builtin(self) -> bool:
+        """Whether it came with palpate."""
+        return self.folder == builtin_folder()
+
+    @property
+    def title(self) -> str:
+        """One line for people."""
+        return self.spec.title
+
+    @property
+    def strain(self) -> Strain:
+        """The strain measure the case is about."""
+        return self.spec.strain
+
+    @property
+    def checks(self) -> Sequence[CheckSpec]:
+        """What is judged."""
+        return self.spec.check
+
+    @cached_property
+    def mesh(self) -> BuiltMesh:
+        """The mesh, and a line on who made it."""
+        return build_mesh(self.spec, self.folder)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Mesh, materials, supports, loads and tools in SI units.
+
+        Raises:
+            InputError: A region that selects nothing, a body that floats, a bad value.
+        """
+        try:
+            return build_problem(self.spec, self.folder, self.mesh.mesh)
+        except InputError as error:
+            error.args = (f"{self.path.name}: {error}",)
+            raise

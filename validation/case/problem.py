@@ -1,0 +1,194 @@
+"""From the tables of a case to the problem that every simulator is given, in SI units."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.arrays import Indices
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
+from palpate.meshes.rigid_modes import require_supported
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    ForceDrive,
+    PlaneShape,
+    RigidTool,
+    SphereShape,
+    SurfaceShape,
+    ToolPath,
+    ToolShape,
+)
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case.geometry import inside_folder, load_surface
+from palpate.validation.case.motion_schema import AmplitudeSpec, DriveSpec, PoseSpec, ToolSpec
+from palpate.validation.case.regions import nearest_point, select_cells, select_facets
+from palpate.validation.case.schema import (
+    CaseSpec,
+    ForceSpec,
+    GravitySpec,
+    InclusionSpec,
+    LoadSpec,
+    MaterialSpec,
+    PointForceSpec,
+    PressureSpec,
+    SupportSpec,
+    TractionSpec,
+)
+from palpate.validation.case.units import Units
+
+_Triple = tuple[float, float, float]
+
+
+def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
+    """Supports, loads, tools and materials of a case on its mesh.
+
+    Args:
+        spec: The case's tables.
+        folder: Where the case file lies: a tool's surface is read from there.
+        mesh: The case's mesh [m].
+
+    Raises:
+        InputError: A region that selects nothing, a body that floats, a bad value.
+    """
+    build = _Builder(spec.units, folder, mesh)
+    material = build.material(spec.material)
+    time = spec.time
+    problem = Problem(
+        mesh,
+        material,
+        tuple(build.support(s, f"support {k}") for k, s in enumerate(spec.support, 1)),
+        tuple(build.load(s, material, f"load {k}") for k, s in enumerate(spec.load, 1)),
+        None
+        if time is None
+        else TimeSpan(time.end_time, time.time_step, time.mass_damping, time.num_outputs),
+        tuple(build.tool(s, f"tool {k}") for k, s in enumerate(spec.tool, 1)),
+        tuple(build.inclusion(s, f"inclusion {k}") for k, s in enumerate(spec.inclusion, 1)),
+    )
+    require_supported(problem)
+    return problem
+
+
+class _Builder:
+    """One table at a time, with the units and the mesh at hand."""
+
+    def __init__(self, units: Units, folder: Path, mesh: TetMesh) -> None:
+        self.units, self.folder, self.mesh = units, folder, mesh
+
+    def material(self, spec: MaterialSpec) -> Material:
+        return Material(
+            self.units.pascals(spec.youngs_modulus),
+            spec.poissons_ratio,
+            self.units.kilograms_per_cubic_metre(spec.density),
+        )
+
+    def inclusion(self, spec: InclusionSpec, what: str) -> Inclusion:
+        cells = select_cells(self.mesh, spec.region, self.units, what)
+        return Inclusion(cells, self.material(spec.material))
+
+    def support(self, spec: SupportSpec, what: str) -> Support:
+        x, y, z = ("x" in spec.components, "y" in spec.components, "z" in spec.components)
+        displacement, amplitude = self._metres(spec.displacement), _amplitude(spec.amplitude)
+        if spec.region.nearest is not None:
+            point = nearest_point(self.mesh, spec.region, self.units, what)
+            return Support(
+                point, components=(x, y, z), displacement=displacement, amplitude=amplitude
+            )
+        facets = select_facets(self.mesh, spec.region, self.units, what)
+        points = np.unique(facets).astype(np.int32)
+        return Support(points, facets, (x, y, z), displacement, amplitude)
+
+    def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
+        mesh, units, amplitude = self.mesh, self.units, _amplitude(spec.amplitude)
+        match spec:
+            case GravitySpec():
+                gx, gy, gz = (material.density * a for a in spec.acceleration)
+                return BodyForce((gx, gy, gz), amplitude)
+            case PointForceSpec():
+                point = nearest_point(mesh, spec.region, units, what)
+                force = np.array([[units.newtons(f) for f in spec.force]])
+                return PointForce(point, force, amplitude)
+            case PressureSpec():
+                facets = select_facets(mesh, spec.region, units, what)
+                return Pressure(facets, units.pascals(spec.pressure), amplitude)
+            case TractionSpec():
+                facets = select_facets(mesh, spec.region, units, what)
+                tx, ty, tz = (units.pascals(t) for t in spec.traction)
+                return Traction(facets, (tx, ty, tz), amplitude)
+            case ForceSpec():
+                facets = select_facets(mesh, spec.region, units, what)
+                area = _area(mesh, facets)
+                tx, ty, tz = (units.newtons(f) / area for f in spec.force)
+                return Traction(facets, (tx, ty, tz), amplitude)
+
+    def tool(self, spec: ToolSpec, what: str) -> RigidTool:
+        facets = (
+            np.zeros((0, 3), dtype=np.int32)
+            if spec.region is None
+            else select_facets(self.mesh, spec.region, self.units, what)
+        )
+        path = ToolPath(
+            np.array([pose.time for pose in spec.pose]),
+            np.array([self._metres(pose.position) for pose in spec.pose]),
+            np.array([_quaternion(pose) for pose in spec.pose]),
+        )
+        return RigidTool(
+            self._shape(spec), path, spec.friction_coefficient, facets, self._drive(spec.drive)
+        )
+
+    def _drive(self, spec: DriveSpec | None) -> ForceDrive | None:
+        if spec is None:
+            return None
+        table = spec.amplitude
+        amplitude = TabularAmplitude(table.times, table.factors, table.smooth)
+        return ForceDrive(spec.direction, self.units.newtons(spec.force), amplitude, spec.mass)
+
+    def _shape(self, spec: ToolSpec) -> ToolShape:
+        metres = self.units.metres
+        match spec:
+            case ToolSpec(shape="sphere", radius=float(radius)):
+                return SphereShape(metres(radius))
+            case ToolSpec(shape="capsule", radius=float(radius), half_length=float(half)):
+                return CapsuleShape(metres(radius), metres(half))
+            case ToolSpec(shape="box", half_widths=(a, b, c)):
+                return BoxShape((metres(a), metres(b), metres(c)))
+            case ToolSpec(shape="surface", surface=str(name)):
+                path = inside_folder(self.folder, name)
+                surface, _ = load_surface(path, scale=metres(1.0))
+                return SurfaceShape(surface)
+            case _:
+                return PlaneShape()
+
+    def _metres(self, values: _Triple) -> _Triple:
+        x, y, z = (self.units.metres(value) for value in values)
+        return (x, y, z)
+
+
+def _amplitude(spec: AmplitudeSpec | None) -> TabularAmplitude | None:
+    return None if spec is None else TabularAmplitude(spec.times, spec.factors, spec.smooth)
+
+
+def _quaternion(pose: PoseSpec) -> list[float]:
+    """Unit quaternion (w, x, y, z) of a turn about an axis."""
+    if pose.rotation is None:
+        return [1.0, 0.0, 0.0, 0.0]
+    half = 0.5 * math.radians(pose.rotation.angle_deg)
+    length = math.sqrt(sum(a * a for a in pose.rotation.axis))
+    return [math.cos(half), *(math.sin(half) * a / length for a in pose.rotation.axis)]
+
+
+def _area(mesh: TetMesh, facets: Indices) -> float:
+    corners = mesh.points[facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(0.5 * np.linalg.norm(normals, axis=1).sum())

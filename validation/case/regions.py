@@ -1,0 +1,98 @@
+"""Choosing parts of the body: a facet or cell is chosen when its centroid lies in the region."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices
+from palpate.meshes.errors import InputError
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case.region_schema import RegionSpec
+from palpate.validation.case.units import Units
+
+
+class EmptyRegionError(InputError):
+    """A region that selects nothing."""
+
+
+def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
+    """Boundary facets whose centroid lies in the region, shape (n, 3).
+
+    Args:
+        mesh: The mesh [m].
+        region: In the case's units.
+        units: The case's units.
+        what: "support 1", "load 2": for messages.
+
+    Raises:
+        EmptyRegionError: Nothing is selected; the message gives the body's extent.
+        InputError: An unknown group, or a region for single points.
+    """
+    if region.nearest is not None:
+        raise InputError(f"{what}: `nearest` selects a point, not facets; use a ball or a box")
+    facets = mesh.boundary_facets
+    if region.group is not None:
+        if region.group not in mesh.facet_groups:
+            known = ", ".join(sorted(mesh.facet_groups)) or "none"
+            raise InputError(
+                f"{what}: no facet group {region.group!r} in the mesh (known: {known})"
+            )
+        wanted = {tuple(row) for row in np.sort(mesh.facet_groups[region.group], axis=1).tolist()}
+        keys = np.sort(facets, axis=1).tolist()
+        inside = np.array([tuple(row) in wanted for row in keys])
+    else:
+        inside = np.ones(len(facets), dtype=bool)
+    inside &= _contains(mesh.points[facets].mean(axis=1), region, units)
+    if not inside.any():
+        raise EmptyRegionError(_nothing(mesh, units, what, "boundary facet"))
+    chosen: Indices = np.ascontiguousarray(facets[inside])
+    return chosen
+
+
+def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
+    """Cells whose centroid lies in a box, ball or half space, shape (n,).
+
+    Raises:
+        EmptyRegionError: Nothing is selected; the message gives the body's extent.
+    """
+    inside = _contains(mesh.points[mesh.cells].mean(axis=1), region, units)
+    if not inside.any():
+        raise EmptyRegionError(_nothing(mesh, units, what, "cell"))
+    return np.flatnonzero(inside).astype(np.int32)
+
+
+def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
+    """Index of the boundary point nearest to the region's place, shape (1,)."""
+    if region.nearest is None:
+        raise InputError(f"{what}: needs region = {{ nearest = [x, y, z] }}")
+    place = np.array([units.metres(x) for x in region.nearest])
+    boundary = np.unique(mesh.boundary_facets)
+    distance = np.linalg.norm(mesh.points[boundary] - place, axis=1)
+    return boundary[[int(np.argmin(distance))]].astype(np.int32)
+
+
+def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> NDArray[np.bool_]:
+    inside = np.ones(len(places), dtype=bool)
+    if region.box is not None:
+        low = np.array([units.metres(x) for x in region.box.min])
+        high = np.array([units.metres(x) for x in region.box.max])
+        inside &= np.all((places >= low) & (places <= high), axis=1)
+    if region.ball is not None:
+        center = np.array([units.metres(x) for x in region.ball.center])
+        inside &= np.linalg.norm(places - center, axis=1) <= units.metres(region.ball.radius)
+    if region.half_space is not None:
+        point = np.array([units.metres(x) for x in region.half_space.point])
+        inside &= (places - point) @ np.array(region.half_space.normal) >= 0.0
+    return inside
+
+
+def _nothing(mesh: TetMesh, units: Units, what: str, part: str) -> str:
+    low, high = (
+        [round(float(x) / units.metres(1.0), 4) for x in corner]
+        for corner in (mesh.points.min(axis=0), mesh.points.max(axis=0))
+    )
+    return (
+        f"{what}: the region selects no {part}; the body reaches from {low} to {high} "
+        f"{units.length}; move or enlarge the region"
+    )

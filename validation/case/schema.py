@@ -1,0 +1,283 @@
+"""The keys of a case file. No expression is ever evaluated from a case."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from palpate.meshes.problem import Strain
+from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
+from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table, Vector
+from palpate.validation.case.units import Units
+
+# The candidate's own, without a reference.
+OWN_METRICS = ("smallest_det_f", "inverted_cells", "published_displacement")
+# Only against the reference on the same mesh.
+SAME_MESH_METRICS = (
+    "displacement_h1",
+    "energy_norm",
+    "local_volume",
+    "reaction_force",
+    "strain_energy",
+    "trajectory_l2",
+    "oscillation_amplitude",
+    "oscillation_frequency",
+    "oscillation_phase",
+    "oscillation_damping",
+    "oscillation_mean",
+)
+# Only where there is [time].
+MOTION_METRICS = tuple(name for name in SAME_MESH_METRICS if name.startswith(("traj", "osc")))
+
+
+class GeometrySpec(Table):
+    """Exactly one of a built-in shape, a surface file or a mesh file."""
+
+    shape: Literal["box", "beam", "cylinder", "sphere", "kidney"] | None = None
+    surface: str | None = None
+    mesh: str | None = None
+    # Mend a surface file where that is safe; what was done is told in the report.
+    repair: bool = False
+    size: Vector | None = None
+    length: float | None = Field(default=None, gt=0.0)
+    width: float | None = Field(default=None, gt=0.0)
+    height: float | None = Field(default=None, gt=0.0)
+    radius: float | None = Field(default=None, gt=0.0)
+    edge_length: float | None = Field(default=None, gt=0.0)
+
+    @model_validator(mode="after")
+    def _is_one_thing(self) -> GeometrySpec:
+        given = [k for k in ("shape", "surface", "mesh") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError("needs exactly one of shape, surface, mesh")
+        parameters = {
+            None: set(),
+            "box": {"size", "edge_length"},
+            "beam": {"length", "width", "height", "edge_length"},
+            "cylinder": {"radius", "height", "edge_length"},
+            "sphere": {"radius", "edge_length"},
+            "kidney": {"edge_length"},
+        }[self.shape]
+        extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
+        if self.surface is not None:
+            extra.discard("repair")
+        missing = parameters - self.model_fields_set
+        if extra:
+            raise ValueError(f"{given[0]} takes no {', '.join(sorted(extra))}")
+        if missing:
+            raise ValueError(f"shape {self.shape!r} needs {', '.join(sorted(missing))}")
+        return self
+
+
+class GradeSpec(Table):
+    """Smaller cells towards a point, a ball or the whole boundary; sizes grow with distance."""
+
+    point: Vector | None = None
+    ball: BallRegion | None = None
+    boundary: bool = False
+    smallest: float = Field(gt=0.0)
+    growth: float = Field(default=0.5, gt=0.0)
+
+    @model_validator(mode="after")
+    def _is_towards_one_thing(self) -> GradeSpec:
+        if (self.point is not None) + (self.ball is not None) + self.boundary != 1:
+            raise ValueError("needs exactly one of point, ball, boundary = true")
+        return self
+
+
+class MeshSpec(Table):
+    """Who fills a surface, and how finely."""
+
+    mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
+    edge_length: float | None = Field(default=None, gt=0.0)
+    # The given facets, or better ones within a distance of them.
+    boundary: Literal["kept", "free"] = "kept"
+    boundary_distance: float | None = Field(default=None, gt=0.0)
+    # Bisected afterwards until each cell is as small as every grade asks.
+    grade: tuple[GradeSpec, ...] = ()
+
+    @model_validator(mode="after")
+    def _free_says_how_far(self) -> MeshSpec:
+        if (self.boundary == "free") != (self.boundary_distance is not None):
+            raise ValueError('boundary = "free" and boundary_distance go together')
+        return self
+
+
+class MaterialSpec(Table):
+    """Isotropic solid; the ranges are checked where it is built."""
+
+    youngs_modulus: float
+    poissons_ratio: float
+    density: float = 1000.0
+
+
+class InclusionSpec(Table):
+    """Cells of another material: those whose centroid lies in the region."""
+
+    region: RegionSpec
+    material: MaterialSpec
+
+    @model_validator(mode="after")
+    def _chooses_cells(self) -> InclusionSpec:
+        if self.region.group is not None or self.region.nearest is not None:
+            raise ValueError("the region of an inclusion is a box, a ball or a half_space")
+        return self
+
+
+class SupportSpec(Table):
+    """What is held."""
+
+    region: RegionSpec
+    components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+    displacement: Vector = (0.0, 0.0, 0.0)
+    amplitude: AmplitudeSpec | None = None
+
+
+class ForceSpec(Table):
+    """A total force, spread evenly over the region's area."""
+
+    kind: Literal["force"]
+    region: RegionSpec
+    force: Vector
+    amplitude: AmplitudeSpec | None = None
+
+
+class TractionSpec(Table):
+    """Force per rest area."""
+
+    kind: Literal["traction"]
+    region: RegionSpec
+    traction: Vector
+    amplitude: AmplitudeSpec | None = None
+
+
+class PressureSpec(Table):
+    """Pressure that follows the surface; > 0 pushes inwards."""
+
+    kind: Literal["pressure"]
+    region: RegionSpec
+    pressure: float
+    amplitude: AmplitudeSpec | None = None
+
+
+class GravitySpec(Table):
+    """Weight: density times an acceleration [m/s2]."""
+
+    kind: Literal["gravity"]
+    acceleration: Vector
+    amplitude: AmplitudeSpec | None = None
+
+
+class PointForceSpec(Table):
+    """A force on the point nearest to a place."""
+
+    kind: Literal["point_force"]
+    region: RegionSpec
+    force: Vector
+    amplitude: AmplitudeSpec | None = None
+
+
+LoadSpec = Annotated[
+    ForceSpec | TractionSpec | PressureSpec | GravitySpec | PointForceSpec,
+    Field(discriminator="kind"),
+]
+
+
+class CheckSpec(Table):
+    """A limit and the reason for it."""
+
+    metric: Literal[
+        "displacement_l2",
+        "displacement_h1",
+        "energy_norm",
+        "displacement_max",
+        "max_displacement",
+        "volume",
+        "local_volume",
+        "surface_area",
+        "surface_hausdorff",
+        "surface_mean_distance",
+        "reaction_force",
+        "strain_energy",
+        "trajectory_l2",
+        "oscillation_amplitude",
+        "oscillation_frequency",
+        "oscillation_phase",
+        "oscillation_damping",
+        "oscillation_mean",
+        "smallest_det_f",
+        "inverted_cells",
+        "published_displacement",
+    ]
+    against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
+    strain: Strain | None = None
+    limit: float
+    reason: str = Field(min_length=1)
+    # Of published_displacement: a point of the mesh, which component, and the number there, in
+    # the case's length unit; the reason names the source.
+    at: Vector | None = None
+    component: Literal["x", "y", "z"] | None = None
+    expected: float | None = None
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> CheckSpec:
+        if (self.metric in OWN_METRICS) != (self.against == "candidate"):
+            own = " and ".join(OWN_METRICS)
+            raise ValueError(f'{own} go with against = "candidate", and nothing else does')
+        if self.metric in SAME_MESH_METRICS and self.against != "same_mesh":
+            raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
+        is_published = self.metric == "published_displacement"
+        given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
+        if (is_published and len(given) < 3) or (given and not is_published):
+            raise ValueError("at, component and expected go with published_displacement, all three")
+        if is_published and not self.expected:
+            raise ValueError("expected = 0 gives no scale; choose another component or point")
+        if (self.metric not in OWN_METRICS or is_published) and self.limit <= 0.0:
+            raise ValueError("limit must be above 0")
+        return self
+
+
+class EvidenceSpec(Table):
+    """What a credibility file asks that only the user can say (ASME V&V 40-2018)."""
+
+    question: str = ""
+    context_of_use: str = ""
+    quantities_of_interest: str = ""
+    applicability: str = ""
+    model_influence: Literal["low", "medium", "high"] | None = None
+    decision_consequence: Literal["low", "medium", "high"] | None = None
+
+
+class CaseSpec(Table):
+    """A whole case file."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    title: str = Field(min_length=1)
+    description: str = ""
+    units: Units = Units()
+    strain: Strain = Strain.GREEN
+    geometry: GeometrySpec
+    mesh: MeshSpec = MeshSpec()
+    material: MaterialSpec
+    support: tuple[SupportSpec, ...] = ()
+    load: tuple[LoadSpec, ...] = ()
+    inclusion: tuple[InclusionSpec, ...] = ()
+    tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()
+    time: TimeSpec | None = None
+    check: tuple[CheckSpec, ...] = ()
+    evidence: EvidenceSpec = EvidenceSpec()
+    published: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _motion_needs_time(self) -> CaseSpec:
+        for check in self.check:
+            if check.metric in MOTION_METRICS and self.time is None:
+                raise ValueError(f"check {check.metric} needs [time]")
+            if self.time is not None and check.against == "truth":
+                raise ValueError('a case with [time] has no truth; check against = "same_mesh"')
+        if self.time is not None and self.time.time_step is None and self.check:
+            raise ValueError(
+                "a motion is judged step by step: give time_step in [time], the same for all"
+            )
+        return self

@@ -1,0 +1,53 @@
+"""`palpate export` and `palpate compare`: a case for other simulators, and what they answered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from palpate.meshes.problem import Strain
+from palpate.validation.commands.progress_lines import progress_lines
+
+
+def export(
+    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="folder")],
+    strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
+) -> None:
+    """Write a case as a folder that other simulators can read: case.json, rest.vtu, rest.npz."""
+    from palpate.validation.case import load_case
+    from palpate.validation.exchange.case_folder import write_case_folder
+
+    loaded = load_case(case)
+    used = strain or loaded.strain
+    write_case_folder(output, loaded.problem, used, name=loaded.name, title=loaded.title)
+    print(f"{output}: {loaded.problem.mesh.num_points} points, {used} strain; see case.json")
+
+
+def compare(
+    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    result: Annotated[Path, typer.Argument(help="displacement as .vtu, .npz or .csv")],
+    json: Annotated[Path | None, typer.Option()] = None,
+    live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
+) -> None:
+    """Judge somebody else's result; the exit code is the verdict."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation.case import load_case
+    from palpate.validation.exchange.result_files import read_result
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.simulators.candidate import result_candidate
+
+    loaded = load_case(case)
+    read_result(result)  # a file that cannot be read is told before anything is solved
+    judged = judge_case(
+        loaded, live=live, candidate=result_candidate(result), progress=progress_lines()
+    )
+    if json is not None:
+        text = outputs.results_json([judged], str(judged.provenance["palpate"]))
+        write_text_atomically(json, text)
+    outputs.print_results([judged], Console(highlight=False))
+    raise typer.Exit(exit_code([judged]))

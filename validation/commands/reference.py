@@ -1,0 +1,105 @@
+"""`palpate reference build|check|accept`: how stored references come to be, and who let them."""
+
+from __future__ import annotations
+
+import datetime
+import getpass
+from typing import Annotated, Any
+
+import typer
+
+from palpate.meshes.errors import InputError
+from palpate.validation.commands.progress_lines import progress_lines
+
+app = typer.Typer(help="Stored references.", no_args_is_help=True)
+
+Cases = Annotated[list[str] | None, typer.Argument(help="built-in names; all where none is named")]
+
+
+def _chosen(names: list[str] | None) -> list[str]:
+    from palpate.validation.case import builtin_cases
+
+    return names or list(builtin_cases())
+
+
+@app.command()
+def build(names: Cases = None) -> None:
+    """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx."""
+    from palpate.validation.case import load_case
+    from palpate.validation.references.changes import describe_changes
+    from palpate.validation.references.sets import solve_for_storing
+    from palpate.validation.references.stored import accepted_path, pending_path, store
+
+    for name in _chosen(names):
+        case = load_case(name)
+        found = solve_for_storing(case.problem, progress_lines())
+        provenance: dict[str, Any] = {
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "command": f"palpate reference build {case.name}",
+            "palpate": _version(),
+            **found.provenance,
+        }
+        path = store(case.name, case.problem, found, provenance, path=pending_path(case.name))
+        print(path)
+        for line in describe_changes(accepted_path(case.name), path):
+            print(f"  {line}")
+        print(f"  not used before `palpate reference accept {case.name} --reason TEXT`")
+
+
+@app.command()
+def check(names: Cases = None) -> None:
+    """Check that the accepted references belong to their cases; exit code 2 where one does not."""
+    from palpate.validation.case import load_case
+    from palpate.validation.references.stored import load_stored
+
+    troubles = []
+    for name in _chosen(names):
+        case = load_case(name)
+        try:
+            stored = load_stored(case.name, case.problem)
+        except InputError as error:
+            troubles.append(str(error))
+            continue
+        made = stored.provenance.get("date", "?")
+        accepted = stored.provenance.get("accepted", {})
+        print(f"{case.name}: {stored.origin}, made {made}")
+        if accepted:
+            print(f"  accepted {accepted['date']} by {accepted['by']}: {accepted['reason']}")
+    if troubles:
+        raise InputError("; ".join(troubles))
+
+
+@app.command()
+def accept(
+    names: Annotated[list[str], typer.Argument(help="built-in names")],
+    reason: Annotated[str, typer.Option(help="why the new one is right; kept with it")],
+    by: Annotated[str | None, typer.Option(help="who says so; default: the user's name")] = None,
+) -> None:
+    """Make what was built the reference, and keep who said so, why, and what changed."""
+    from palpate.validation.case import load_case
+    from palpate.validation.references.changes import describe_changes
+    from palpate.validation.references.stored import accept_pending, accepted_path, pending_path
+
+    if not reason.strip():
+        raise InputError("--reason is empty; say why the new reference is right")
+    for name in names:
+        case = load_case(name)
+        changes = describe_changes(accepted_path(case.name), pending_path(case.name))
+        acceptance = {
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "by": by or getpass.getuser(),
+            "reason": reason.strip(),
+            "changes": changes,
+        }
+        print(accept_pending(case.name, case.problem, acceptance))
+        for line in changes:
+            print(f"  {line}")
+
+
+def _version() -> str:
+    from importlib import metadata
+
+    try:
+        return metadata.version("palpate")
+    except metadata.PackageNotFoundError:
+        return "sources in place"

@@ -1,0 +1,1 @@
+"""What stands behind a verdict: error budget, convergence, seeded faults, relations."""

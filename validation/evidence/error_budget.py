@@ -1,0 +1,298 @@
+"""Where an error comes from: model, discretisation, time and solver, on signed numbers.
+
+Each term is what the candidate would gain by mending one thing and leaving all else as it is:
+
+    model           Green strain in the place of linear strain, on the same mesh
+    discretisation  the truth's mesh and degree, with the candidate's own strain
+    time            a quarter of the time step
+    solver          the same mesh, strain and step, solved by the reference
+
+Norms do not add; signed numbers do, but for the interaction: what is left of the total when all
+terms are taken off. A large interaction says that mending one thing alone will not do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.refinement import refine_problem
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.judging.results import CaseResult, State
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
+
+MODEL, DISCRETISATION, TIME, SOLVER = "model", "discretisation", "time", "solver"
+# How much finer the time step is that stands for none.
+_FINER_STEP = 4
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The error of one number, by cause.
+
+    Attributes:
+        quantity: What the number is.
+        unit: Of every value here.
+        candidate: Name of who is judged, with its strain measure.
+        value: The candidate's.
+        truth: The best there is.
+        terms: By cause; None where a cause does not apply or cannot be told.
+    """
+
+    quantity: str
+    unit: str
+    candidate: str
+    value: float
+    truth: float
+    terms: Mapping[str, float | None]
+
+    @property
+    def total(self) -> float:
+        """Candidate less truth."""
+        return self.value - self.truth
+
+    @property
+    def interaction(self) -> float:
+        """What the terms leave over."""
+        return self.total - sum(term for term in self.terms.values() if term is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """Signed numbers of a state: the displacement of a point along a direction, the volume.
+
+    Attributes:
+        point: Index.
+        direction: Unit vector, (3,).
+    """
+
+    point: int
+    direction: Points
+
+    def read(self, mesh: TetMesh, displacement: Points, volume: float | None = None) -> Points:
+        """Displacement of the point [m] and change of volume [m3], shape (2,)."""
+        if volume is None:
+            volume = float(signed_volumes(mesh.points + displacement, mesh.cells).sum())
+        return np.array([float(displacement[self.point] @ self.direction), volume - mesh.volume])
+
+
+def farthest_probe(displacement: Points) -> Probe:
+    """The point that moves most, along the way it goes."""
+    lengths = np.linalg.norm(displacement, axis=1)
+    point = int(lengths.argmax())
+    if not lengths[point] > 0.0:
+        raise InputError("nothing moves: there is no probe to set up a budget on")
+    return Probe(point, displacement[point] / lengths[point])
+
+
+def static_budgets(
+    problem: Problem, candidate: State, states: Mapping[tuple[str, Strain], State]
+) -> list[Budget]:
+    """Budgets of a static answer from the reference's states.
+
+    Args:
+        problem: The case's problem.
+        candidate: Its displacement at the case's points; its `strain` is what it was solved with.
+        states: The reference's, by label and strain: on the same mesh and the truth.
+
+    Returns:
+        One for the farthest point's displacement, one for the change of volume; none where
+        the truth is missing.
+    """
+
+    def truth_of(strain: Strain) -> State | None:
+        return states.get((TRUTH, strain)) or states.get((QUADRATIC, strain))
+
+    truth = truth_of(Strain.GREEN)
+    if truth is None:
+        return []
+    probe = farthest_probe(truth.displacement)
+
+    def read(state: State | None) -> Points | None:
+        if state is None:
+            return None
+        return probe.read(problem.mesh, state.displacement, state.volume)
+
+    strain = candidate.strain
+    same, fine = states.get((SAME_MESH, strain)), truth_of(strain)
+    own = _sure(read(candidate))
+    terms: dict[str, Points | None] = {MODEL: None}
+    if strain is Strain.LINEAR:
+        same_green = read(states.get((SAME_MESH, Strain.GREEN)))
+        same_linear = read(same)
+        if same_green is not None and same_linear is not None:
+            terms[MODEL] = same_linear - same_green
+    terms[DISCRETISATION] = _less(read(same), read(fine))
+    terms[TIME] = None
+    terms[SOLVER] = _less(own, read(same))
+    return _budgets(_name(candidate), own, _sure(read(truth)), terms)
+
+
+def motion_budgets(
+    problem: Problem,
+    strain: Strain,
+    *,
+    candidate: State | None = None,
+    twin: State | None = None,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> list[Budget]:
+    """Budgets at the end of a motion, by fastsim itself with one thing changed at a time.
+
+    The truth is Green strain on the mesh cut in eight with a quarter of the time step: the terms
+    say what that gains, not what is left beyond it.
+
+    Args:
+        problem: With a time span and a time step.
+        strain: What the candidate was solved with.
+        candidate: Its state at the end; fastsim's own where None.
+        twin: The reference's state with the same mesh, strain and step, for the solver's term.
+        progress: Called with one line for each run.
+
+    Raises:
+        InputError: No time step, or nothing moves.
+        FastsimError: A run failed.
+    """
+    from palpate.fastsim.dynamics import simulate
+
+    span = problem.time
+    if span is None or span.time_step is None:
+        raise InputError("a budget of a motion needs [time] with a time_step")
+    finer = dataclasses.replace(span, time_step=span.time_step / _FINER_STEP)
+    fine_step = dataclasses.replace(problem, time=finer)
+    fine_mesh = dataclasses.replace(refine_problem(problem), time=finer)
+
+    def end(of: Problem, with_strain: Strain) -> Points:
+        assert of.time is not None
+        progress(f"{of.mesh.num_cells} cells, step {of.time.time_step:g} s, {with_strain} strain")
+        last: Points = simulate(of, strain=with_strain).displacements[-1]
+        return last
+
+    truth = end(fine_mesh, Strain.GREEN)
+    probe = farthest_probe(truth[: problem.mesh.num_points])
+    plain = probe.read(problem.mesh, end(problem, strain))
+    own = plain
+    if candidate is not None:
+        own = probe.read(problem.mesh, candidate.displacement)
+    stepped = probe.read(problem.mesh, end(fine_step, strain))
+    terms: dict[str, Points | None] = {MODEL: None}
+    if strain is Strain.LINEAR:
+        terms[MODEL] = plain - probe.read(problem.mesh, end(problem, Strain.GREEN))
+    meshed = truth if strain is Strain.GREEN else end(fine_mesh, strain)
+    terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
+    terms[TIME] = plain - stepped
+    judged_by = plain if twin is None else probe.read(problem.mesh, twin.displacement)
+    terms[SOLVER] = own - judged_by
+    name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
+    return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)
+
+
+def case_budgets(result: CaseResult) -> list[Budget]:
+    """Budgets of every state of a static case's candidate; none for cases in motion."""
+    if result.problem.time is not None:
+        return []
+    references = {(s.label, s.strain): s for s in result.states if s.simulator == "reference"}
+    budgets = []
+    for state in result.states:
+        if state.label == result.candidate and state.simulator != "reference":
+            budgets += static_budgets(result.problem, state, references)
+    return budgets
+
+
+def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
+    """Column names, and a row of text for each budget; errors in parts of the truth."""
+    columns = ["number", "candidate", "value", "truth", "error"]
+    columns += [MODEL, DISCRETISATION, TIME, SOLVER, "interaction"]
+    rows = []
+    for budget in budgets:
+        scale = abs(budget.truth) or 1.0
+
+        def part(value: float | None, scale: float = scale) -> str:
+            return "-" if value is None else f"{100.0 * value / scale:+.3g} %"
+
+        rows.append(
+            [
+                f"{budget.quantity} [{budget.unit}]",
+                budget.candidate,
+                f"{budget.value:.5g}",
+                f"{budget.truth:.5g}",
+                part(budget.total),
+                *(part(budget.terms.get(name)) for name in (MODEL, DISCRETISATION, TIME, SOLVER)),
+                part(budget.interaction),
+            ]
+        )
+    return columns, rows
+
+
+def budget_svg(budgets: list[Budget]) -> str:
+    """Bars of the terms, signed, in per cent of the truth; a tick marks the total."""
+    if not budgets:
+        return ""
+    from matplotlib import pyplot
+
+    from palpate.validation.report.plots import figure_svg
+
+    colours = {
+        MODEL: "#b5332e",
+        DISCRETISATION: "#2f6f8f",
+        TIME: "#c98a12",
+        SOLVER: "#2f8f4e",
+        "interaction": "#999999",
+    }
+    figure, axes = pyplot.subplots(figsize=(8.4, 1.2 + 0.62 * len(budgets)))
+    for place, budget in enumerate(reversed(budgets)):
+        scale = (abs(budget.truth) or 1.0) / 100.0
+        up = down = 0.0
+        for name, colour in colours.items():
+            value = budget.interaction if name == "interaction" else budget.terms.get(name)
+            width = (value or 0.0) / scale
+            start = up if width >= 0.0 else down
+            axes.barh(
+                place, width, left=start, height=0.5, color=colour,
+                label=name if place == 0 else None,
+            )  # fmt: skip
+            up, down = (up + width, down) if width >= 0.0 else (up, down + width)
+        axes.plot([budget.total / scale] * 2, [place - 0.36, place + 0.36], color="black", lw=2)
+    names = [f"{b.quantity}\n{b.candidate}" for b in reversed(budgets)]
+    axes.set_yticks(range(len(budgets)), names, fontsize=8)
+    axes.axvline(0.0, color="black", lw=0.8)
+    axes.set_xlabel("error in per cent of the truth; black tick: total")
+    axes.grid(axis="x", color="#dddddd", lw=0.6)
+    axes.legend(frameon=False, fontsize=8, ncol=5, loc="lower center", bbox_to_anchor=(0.45, 1.0))
+    figure.tight_layout()
+    return figure_svg(figure)
+
+
+def _budgets(
+    name: str, own: Points, truth: Points, terms: Mapping[str, Points | None]
+) -> list[Budget]:
+    numbers = (("displacement of the farthest point", "m"), ("change of volume", "m3"))
+    return [
+        Budget(
+            quantity,
+            unit,
+            name,
+            float(own[k]),
+            float(truth[k]),
+            {cause: None if term is None else float(term[k]) for cause, term in terms.items()},
+        )
+        for k, (quantity, unit) in enumerate(numbers)
+    ]
+
+
+def _name(state: State) -> str:
+    return f"{state.label}, {state.strain} strain"
+
+
+def _less(value: Points | None, other: Points | None) -> Points | None:
+    return None if value is None or other is None else value - other
+
+
+def _sure(value: Points | None) -> Points:
+    assert value is not None
+    return value

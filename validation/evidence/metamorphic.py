@@ -1,0 +1,168 @@
+"""Relations that every right simulator keeps, without any reference.
+
+1. turned, mirrored, renumbered, other units: the same answer;
+2. a body whose held points are turned by a finite angle turns as a whole, without strain: linear
+   strain cannot do that, and must be seen to fail;
+3. an affine motion of the boundary is an affine motion of the inside, on a ragged mesh, whichever
+   way the bricks are cut into tetrahedra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case import Case
+from palpate.validation.evidence import relations
+from palpate.validation.judging.checks import decide
+from palpate.validation.judging.results import CaseResult, CheckResult, Verdict, gravest
+from palpate.validation.simulators import CandidateFailedError
+from palpate.validation.simulators.candidate import Candidate
+
+# Both answers are solved to 1e-10; a body that bends easily shows a hundred times that.
+LIMIT = 1e-8
+ANGLE_DEG = 70.0
+_AXIS = (1.0, 2.0, -0.5)
+_REASON = "the same problem told in another way: only solver error may differ"
+
+
+@dataclass(frozen=True)
+class _Relation:
+    name: str
+    reason: str
+    error: Callable[[], float]
+    # Linear strain cannot keep it: there it has to be broken by more than this.
+    is_broken_by_linear: bool = False
+
+
+def judge_relations(
+    case: Case, candidate: Candidate, progress: Callable[[str], None]
+) -> CaseResult:
+    """Judge a candidate by the relations, on a case's problem and on a ragged box.
+
+    Raises:
+        InputError: The case has tools, time, or supports of single components.
+    """
+    problem = case.problem
+    if problem.time is not None:
+        raise InputError(f"{case.name}: relations are for static cases")
+    checks = []
+    for relation in _relations(problem, case.strain, candidate, progress):
+        progress(f"{case.name}: {relation.name}")
+        checks.append(_judge(relation, case.strain))
+    return CaseResult(
+        name=case.name,
+        title=f"{case.title}: relations that need no reference",
+        verdict=gravest([check.verdict for check in checks]),
+        checks=tuple(checks),
+        states=(),
+        problem=problem,
+        metrics={},
+        provenance={},
+        notes=candidate.notes,
+        published={},
+        rest_volume=problem.mesh.volume,
+        rest_surface_area=problem.mesh.surface_area,
+        error_fields={},
+        candidate=candidate.name,
+    )
+
+
+def _judge(relation: _Relation, strain: Strain) -> CheckResult:
+    value: float | None = None
+    is_reversed = relation.is_broken_by_linear and strain is Strain.LINEAR
+    try:
+        value = relation.error()
+    except CandidateFailedError as error:
+        verdict, message = Verdict.FAILED, str(error)
+    else:
+        verdict = decide(value, 0.0, LIMIT)
+        message = f"{value:.2g} {'<=' if verdict is Verdict.PASSED else '>'} {LIMIT:g}"
+        if is_reversed:
+            message += " (linear strain cannot keep it)"
+    return CheckResult(
+        metric=relation.name,
+        against="relation",
+        strain=strain,
+        value=value if value is not None and np.isfinite(value) else None,
+        limit=LIMIT,
+        scale="largest displacement",
+        unit="-",
+        reference_error=0.0,
+        verdict=verdict,
+        reason=relation.reason,
+        message=message,
+    )
+
+
+def _relations(
+    problem: Problem, strain: Strain, candidate: Candidate, progress: Callable[[str], None]
+) -> Iterator[_Relation]:
+    def answer(given: Problem) -> Points:
+        return candidate.solve(given, strain, lambda _line: None).displacement
+
+    progress("the problem as it stands")
+    own = answer(problem)
+    scale = float(np.abs(own).max())
+
+    def unchanged(changed: tuple[Problem, relations.Back]) -> Callable[[], float]:
+        given, back = changed
+        return lambda: float(np.abs(back(answer(given)) - own).max() / scale)
+
+    matrix = relations.rotation(_AXIS, ANGLE_DEG)
+    mirror = np.diag([1.0, -1.0, 1.0])
+    for name, changed in (
+        ("turned", relations.turn(problem, matrix)),
+        ("mirrored", relations.turn(problem, mirror)),
+        ("renumbered", relations.renumber(problem)),
+        ("other units", relations.change_units(problem)),
+    ):
+        yield _Relation(name, _REASON, unchanged(changed))
+
+    held = np.unique(np.concatenate([s.points for s in problem.supports]))
+    turned = problem.mesh.points @ (relations.rotation(_AXIS, 40.0) - np.eye(3)).T
+    by_hand = relations.prescribe(problem.mesh, problem.material, held, turned)
+    yield _Relation(
+        "rigid turn",
+        "held points turned by 40 degrees turn the body without strain; linear strain cannot",
+        lambda: float(np.abs(answer(by_hand) - turned).max() / np.abs(turned).max()),
+        is_broken_by_linear=True,
+    )
+    for name, mesh in (("patch", _box(False)), ("patch, diagonals swapped", _box(True))):
+        affine = mesh.points @ np.array([[0.1, 0.05, 0.0], [-0.04, -0.08, 0.1], [0.0, 0.06, 0.05]])
+        outer = np.unique(mesh.boundary_facets)
+        given = relations.prescribe(mesh, problem.material, outer, affine)
+        yield _Relation(
+            name,
+            "an affine motion of the boundary is one of the inside, on any mesh",
+            _distance(answer, given, affine),
+        )
+
+
+def _distance(
+    answer: Callable[[Problem], Points], given: Problem, affine: Points
+) -> Callable[[], float]:
+    return lambda: float(np.abs(answer(given) - affine).max() / np.abs(affine).max())
+
+
+def _box(is_swapped: bool) -> TetMesh:
+    """A ragged box of bricks; swapped, its tetrahedra are cut along the other diagonals."""
+    mesh = brick_box((3, 3, 3), (0.03, 0.03, 0.03))
+    cells, points = mesh.cells, mesh.points.copy()
+    if is_swapped:
+        # Mirrored in x, the same points are joined by the other diagonals.
+        mirrored = points * [-1.0, 1.0, 1.0] + [0.03, 0.0, 0.0]
+        order = np.lexsort(np.round(mirrored / 0.01).T[::-1])
+        new = np.empty(len(points), dtype=np.int32)
+        new[order] = np.lexsort(np.round(points / 0.01).T[::-1])
+        cells = new[cells][:, [0, 2, 1, 3]]
+    inner = np.setdiff1d(np.arange(len(points)), np.unique(mesh.boundary_facets))
+    points[inner] += np.random.default_rng(4).uniform(-2e-3, 2e-3, (len(inner), 3))
+    return TetMesh(points, cells)

@@ -1,0 +1,1 @@
+"""From solutions to a verdict, and what is written of it."""

@@ -1,0 +1,42 @@
+"""Annotations that GitHub shows at the file: workflow commands on standard output.
+
+At most ten of a kind are shown for each step, so the rest is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.results import CaseResult, CheckResult, Verdict
+
+_MOST = 10
+_KINDS = {Verdict.FAILED: "error", Verdict.INCONCLUSIVE: "warning"}
+
+
+def github_annotations(results: Sequence[CaseResult]) -> list[str]:
+    """One line for each check that did not pass, ten of a kind at most, then a count."""
+    lines = []
+    for verdict, kind in _KINDS.items():
+        found = [(r, c) for r in results for c in r.checks if c.verdict is verdict]
+        lines += [_line(kind, result, check) for result, check in found[: _MOST - 1]]
+        if len(found) == _MOST:
+            lines.append(_line(kind, *found[-1]))
+        elif len(found) > _MOST:
+            lines.append(f"::{kind} title=palpate::and {len(found) - _MOST + 1} more checks")
+    return lines
+
+
+def _line(kind: str, result: CaseResult, check: CheckResult) -> str:
+    file = str(result.provenance.get("case_file", ""))
+    place = f"file={_property(file)}," if file else ""
+    title = _property(f"{result.name}: {check_name(check)}")
+    return f"::{kind} {place}title={title}::{_data(f'{check.message}; {check.reason}')}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")

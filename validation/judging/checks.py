@@ -1,0 +1,120 @@
+"""From numbers to a verdict; fail-closed: what cannot be judged never passes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.case.units import Units
+from palpate.validation.judging.results import CheckResult, State, Verdict
+from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
+
+# A point is there within this part of the body's size.
+_SAME_PLACE = 1e-6
+
+
+def decide(error: float, bar: float, limit: float) -> Verdict:
+    """Passed when error + bar <= limit, failed when error - bar > limit, else inconclusive.
+
+    A worse reference never makes passing easier. A bar that is not finite is inconclusive; an
+    error that is not finite is the candidate's failure.
+    """
+    if not math.isfinite(error):
+        return Verdict.FAILED
+    if not math.isfinite(bar):
+        return Verdict.INCONCLUSIVE
+    if error + bar <= limit:
+        return Verdict.PASSED
+    return Verdict.FAILED if error - bar > limit else Verdict.INCONCLUSIVE
+
+
+def judge_check(
+    spec: CheckSpec,
+    strain: Strain,
+    problem: Problem,
+    candidate: State | None,
+    reference: State | None,
+    bar: float,
+    failure: str,
+    units: Units | None = None,
+) -> CheckResult:
+    """Judge one check.
+
+    Args:
+        spec: Metric, limit and reason.
+        strain: Which solution is judged.
+        problem: The case's problem.
+        candidate: The candidate's state, or None with `failure` saying why.
+        reference: The reference's, or None if there is none.
+        bar: The reference's error bar, relative to the check's scale.
+        failure: Why a state is missing.
+        units: The case's, of published numbers; SI where None.
+    """
+    value: float | None = None
+    scale, unit = "-", CATALOGUE[spec.metric].unit
+    if candidate is None:
+        verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
+    elif spec.metric == "smallest_det_f":
+        value, scale, bar = candidate.smallest_det_f, "none", 0.0
+        is_good = math.isfinite(value) and value > spec.limit
+        verdict = Verdict.PASSED if is_good else Verdict.FAILED
+        message = f"smallest det F {value:.4g} {'>' if is_good else 'not >'} {spec.limit:g}"
+    elif spec.metric == "inverted_cells":
+        count = inverted_cells(problem.mesh, candidate.displacement)
+        value, scale, bar = float(count), "none", 0.0
+        verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
+        message = f"{count} inverted cell(s), at most {spec.limit:g}"
+    elif spec.metric == "published_displacement":
+        error, message = _published(spec, problem, candidate, units)
+        value, scale, bar = error, "the number expected", 0.0
+        verdict = decide(error, 0.0, spec.limit)
+    elif reference is None:
+        verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
+    else:
+        difference = measure(spec.metric, problem, candidate, reference)
+        scale = difference.scale_name
+        verdict = decide(difference.value, bar, spec.limit)
+        value = difference.value if math.isfinite(difference.value) else None
+        sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
+        shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
+        message = f"{shown} {sign} {spec.limit:g}"
+    return CheckResult(
+        metric=spec.metric,
+        against=spec.against,
+        strain=strain,
+        value=value,
+        limit=spec.limit,
+        scale=scale,
+        unit=unit,
+        reference_error=bar,
+        verdict=verdict,
+        reason=spec.reason,
+        message=message,
+    )
+
+
+def _published(
+    spec: CheckSpec, problem: Problem, candidate: State, units: Units | None
+) -> tuple[float, str]:
+    """Relative error of one component at one point, and a line on it.
+
+    Raises:
+        InputError: No point of the mesh lies there.
+    """
+    used = units or Units()
+    assert spec.at is not None
+    assert spec.component is not None
+    assert spec.expected is not None
+    place = np.array([used.metres(x) for x in spec.at])
+    apart = np.linalg.norm(problem.mesh.points - place, axis=1)
+    point = int(apart.argmin())
+    if apart[point] > _SAME_PLACE * float(np.ptp(problem.mesh.points, axis=0).max()):
+        raise InputError(f"check at {list(spec.at)}: no point of the mesh lies there; mesh it in")
+    found = float(candidate.displacement[point, "xyz".index(spec.component)]) / used.metres(1.0)
+    error = abs(found - spec.expected) / abs(spec.expected)
+    shown = f"{found:.8g} {used.length}, expected {spec.expected:.8g}: {error:.2g}"
+    return error, f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"

@@ -1,0 +1,271 @@
+"""Solve a case with the candidate, find its reference, and judge every check."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import platform
+import sys
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
+from palpate.meshes.quality import measure_quality
+from palpate.validation.case import Case
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.checks import judge_check
+from palpate.validation.judging.results import CaseResult, CheckResult, State, Verdict, gravest
+from palpate.validation.metrics import CATALOGUE, measure
+from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    StaleReferenceError,
+    load_stored,
+    problem_key,
+    references_folder,
+)
+from palpate.validation.simulators import CandidateFailedError
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
+
+
+def judge_case(
+    case: Case,
+    *,
+    live: bool = False,
+    candidate: Candidate | None = None,
+    progress: Callable[[str], None] = lambda _line: None,
+) -> CaseResult:
+    """Judge a candidate on a case.
+
+    Args:
+        case: The case; it needs at least one check.
+        live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
+        candidate: Who is judged; fastsim where None.
+        progress: Called with one line for each thing done.
+
+    Raises:
+        InputError: The case cannot be used, has no check for this candidate, its stored reference
+            is missing or stale, or the candidate's result cannot be read.
+    """
+    if not case.checks:
+        raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
+    progress(f"case {case.name}: {case.title}")
+    problem = case.problem
+    progress(f"mesh {case.mesh.origin}")
+    notes = [f"Mesh: {case.mesh.origin}."]
+    judged = candidate or fastsim_candidate()
+    notes.extend(judged.notes)
+    specs = _checks_for(case, judged, notes)
+    references = find_references(case, live=live, progress=progress)
+    notes.append(f"Reference: {references.origin}.")
+    notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
+
+    candidates: dict[Strain, State] = {}
+    failures: dict[Strain, str] = {}
+    for strain in Strain if judged.has_both_strains else (case.strain,):
+        try:
+            candidates[strain] = judged.solve(problem, strain, progress)
+        except CandidateFailedError as error:
+            failures[strain] = str(error)
+            continue
+        if "exchange" in candidates[strain].details:
+            notes.append(str(candidates[strain].details["exchange"]))
+
+    checks: list[CheckResult] = []
+    for spec in specs:
+        strain = spec.strain or case.strain
+        is_truth = spec.against == "truth"
+        reference = (
+            references.truth(strain) if is_truth else references.states.get((SAME_MESH, strain))
+        )
+        bar = references.bars.get((spec.metric, strain), float("inf"))
+        checks.append(
+            judge_check(
+                spec,
+                strain,
+                problem,
+                candidates.get(strain),
+                reference,
+                bar if is_truth else 0.0,
+                failures.get(strain) or references.failure(spec.against, strain),
+                case.spec.units,
+            )
+        )
+    states = (*candidates.values(), *references.states.values())
+    return CaseResult(
+        name=case.name,
+        title=case.title,
+        verdict=gravest([check.verdict for check in checks]),
+        checks=tuple(checks),
+        states=states,
+        problem=problem,
+        candidate=judged.name,
+        metrics=_metrics(case, candidates, references),
+        provenance=_provenance(case, references),
+        notes=tuple(notes),
+        published=case.spec.published,
+        rest_volume=problem.mesh.volume,
+        rest_surface_area=problem.mesh.surface_area,
+        error_fields=_error_fields(candidates, references),
+        case_text=case.path.read_text(encoding="utf-8-sig"),
+        evidence=case.spec.evidence.model_dump(exclude_defaults=True),
+    )
+
+
+def _checks_for(case: Case, candidate: Candidate, notes: list[str]) -> list[CheckSpec]:
+    """The checks that a candidate can answer; what is left out is told."""
+    if candidate.has_both_strains:
+        return list(case.checks)
+    specs = [spec for spec in case.checks if (spec.strain or case.strain) is case.strain]
+    left_out = len(case.checks) - len(specs)
+    if not specs:
+        raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
+    if left_out:
+        notes.append(
+            f"{left_out} check(s) of the other strain measure are left out: {candidate.name} is "
+            f"asked for {case.strain} strain."
+        )
+    return specs
+
+
+def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) -> ReferenceSet:
+    """The reference of a case: solved here, or the stored one.
+
+    Raises:
+        InputError: Neither is to be had.
+    """
+    problem = case.problem
+    stored: ReferenceSet | None = None
+    trouble: InputError | None = None
+    try:
+        stored = _load_stored(case)
+    except (MissingReferenceError, StaleReferenceError) as error:
+        trouble = error
+    if live:
+        from palpate.reference.availability import is_available
+
+        if is_available():
+            return solve_live(problem, progress, stored=stored)
+    if stored is not None:
+        progress(f"reference {stored.origin}")
+        return stored
+    if trouble is not None:
+        raise trouble
+    how = (
+        "FEniCSx is not installed here: FENICSX=apt or FENICSX=wheel adds it (see README)"
+        if live
+        else "solve it here with --live, which needs FEniCSx (see README)"
+    )
+    raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
+
+
+def _load_stored(case: Case) -> ReferenceSet | None:
+    """A built-in case's reference; of one's own case, what lies in `references` beside it."""
+    if case.is_builtin:
+        return load_stored(case.name, case.problem)
+    folder = case.folder / "references"
+    if os.environ.get("PALPATE_REFERENCES"):
+        folder = references_folder()
+    if not (folder / f"{case.name}.npz").is_file():
+        return None
+    return load_stored(case.name, case.problem, folder=folder)
+
+
+def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:
+    """Length of the displacement error at each point [m]."""
+    fields = {}
+    for strain, candidate in candidates.items():
+        for reference in (references.states.get((SAME_MESH, strain)), references.truth(strain)):
+            if reference is not None:
+                error = candidate.displacement - reference.displacement
+                name = f"{candidate.label} - {reference.label}, {strain}"
+                fields[name] = np.linalg.norm(error, axis=1)
+    return fields
+
+
+def _metrics(
+    case: Case, candidates: dict[Strain, State], references: ReferenceSet
+) -> dict[str, float | None]:
+    """Every metric of every pair, whether a check asks for it or not."""
+    mesh = case.problem.mesh
+    metrics: dict[str, float | None] = {
+        "rest.volume": mesh.volume,
+        "rest.surface_area": mesh.surface_area,
+    }
+    for state in (*candidates.values(), *references.states.values()):
+        name = f"{state.label.replace(',', '').replace(' ', '_').lower()}.{state.strain}"
+        metrics[f"{name}.volume"] = state.volume
+        metrics[f"{name}.surface_area"] = state.surface_area
+        metrics[f"{name}.smallest_det_f"] = state.smallest_det_f
+        metrics[f"{name}.max_displacement"] = state.max_displacement
+    for strain, candidate in candidates.items():
+        pairs = (
+            ("same_mesh", references.states.get((SAME_MESH, strain))),
+            ("truth", references.truth(strain)),
+        )
+        for word, reference in pairs:
+            if reference is None:
+                continue
+            for metric in _comparable(word, case.problem.time is not None):
+                value = measure(metric, case.problem, candidate, reference).value
+                metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
+    return metrics
+
+
+def _comparable(against: str, is_dynamic: bool) -> list[str]:
+    """Metrics that compare with a reference of this kind; oscillations only where asked for."""
+    return [
+        metric.name
+        for metric in CATALOGUE.values()
+        if metric.compare
+        and (against == "same_mesh" or not metric.needs_same_mesh)
+        and (not metric.needs_time or (is_dynamic and metric.name == "trajectory_l2"))
+    ]
+
+
+def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
+    mesh = case.problem.mesh
+    quality = measure_quality(mesh)
+    return {
+        "palpate": _version("palpate"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "command": " ".join(["palpate", *sys.argv[1:]]),
+        "case_key": problem_key(case.problem),
+        "case_file": case_file(case),
+        "mesh": {
+            "origin": case.mesh.origin,
+            "num_points": mesh.num_points,
+            "num_cells": mesh.num_cells,
+            "smallest_dihedral_deg": quality.smallest_dihedral_deg,
+            "longest_edge": quality.longest_edge,
+        },
+        "reference": {"origin": references.origin, **references.provenance},
+    }
+
+
+def case_file(case: Case) -> str:
+    """The case's file as seen from the working folder, where it lies below it."""
+    path = case.path.absolute()
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path.name)
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "sources in place"
+
+
+def exit_code(results: list[CaseResult]) -> int:
+    """0 passed, 1 failed, 3 inconclusive; the gravest case decides."""
+    verdict = gravest([result.verdict for result in results])
+    return {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}[verdict]

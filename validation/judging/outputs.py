@@ -1,0 +1,154 @@
+"""The same results for machines and people: results.json, JUnit XML, Markdown, a table."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.validation.judging.results import CaseResult, CheckResult, Verdict
+
+_COLOUR = {Verdict.PASSED: "green", Verdict.FAILED: "red", Verdict.INCONCLUSIVE: "yellow"}
+# Job summaries are cut off at 1 MiB; nobody reads more rows than this.
+_MOST_ROWS = 200
+
+
+def results_json(results: Sequence[CaseResult], version: str) -> str:
+    """The results by the schema of the README; strict JSON, no NaN."""
+    cases: list[dict[str, Any]] = [
+        {
+            "name": result.name,
+            "title": result.title,
+            "verdict": result.verdict,
+            "checks": [
+                {
+                    "metric": check.metric,
+                    "against": check.against,
+                    "strain": check.strain,
+                    "value": check.value,
+                    "limit": check.limit,
+                    "scale": check.scale,
+                    "unit": check.unit,
+                    "reference_error": _finite(check.reference_error),
+                    "verdict": check.verdict,
+                    "reason": check.reason,
+                    "message": check.message,
+                }
+                for check in result.checks
+            ],
+            "metrics": {name: _finite(value) for name, value in result.metrics.items()},
+            "published": dict(result.published),
+            "notes": list(result.notes),
+            "provenance": dict(result.provenance),
+        }
+        for result in results
+    ]
+    document = {"palpate": version, "schema": 1, "cases": cases}
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def junit_xml(results: Sequence[CaseResult]) -> str:
+    """One test suite for each case, one test for each check; inconclusive is an error."""
+    root = ET.Element("testsuites", name="palpate")
+    for result in results:
+        counts = [check.verdict for check in result.checks]
+        suite = ET.SubElement(
+            root,
+            "testsuite",
+            name=result.name,
+            tests=str(len(counts)),
+            failures=str(counts.count(Verdict.FAILED)),
+            errors=str(counts.count(Verdict.INCONCLUSIVE)),
+        )
+        for check in result.checks:
+            test = ET.SubElement(
+                suite, "testcase", classname=f"palpate.{result.name}", name=check_name(check)
+            )
+            properties = ET.SubElement(test, "properties")
+            for name in ("value", "limit", "reference_error", "scale", "reason"):
+                ET.SubElement(properties, "property", name=name, value=str(getattr(check, name)))
+            if check.verdict is Verdict.FAILED:
+                ET.SubElement(test, "failure", message=_xml_safe(check.message))
+            elif check.verdict is Verdict.INCONCLUSIVE:
+                ET.SubElement(test, "error", message=_xml_safe(f"inconclusive: {check.message}"))
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def summary_markdown(results: Sequence[CaseResult]) -> str:
+    """A table for a job summary, the checks that did not pass first."""
+    rows = [(result, check) for result in results for check in result.checks]
+    rows.sort(key=lambda row: [Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.PASSED].index(
+        row[1].verdict
+    ))  # fmt: skip
+    lines = [f"- **{_cell(r.name)}**: {r.verdict} ({_cell(r.title)})" for r in results]
+    lines += ["", "| case | check | found | verdict | reason |", "| --- | --- | --- | --- | --- |"]
+    lines += [
+        f"| {_cell(result.name)} | {check_name(check)} | {_cell(check.message)} "
+        f"| {check.verdict} | {_cell(check.reason)} |"
+        for result, check in rows[:_MOST_ROWS]
+    ]
+    lines += _changes(results)
+    if len(rows) > _MOST_ROWS:
+        lines.append(f"\nand {len(rows) - _MOST_ROWS} more")
+    return "\n".join(lines) + "\n"
+
+
+def _changes(results: Sequence[CaseResult]) -> list[str]:
+    """Notes on what changed since the accepted result, as a list."""
+    mark = "Since the accepted result: "
+    lines = [
+        f"- **{_cell(result.name)}**: {_cell(note.removeprefix(mark))}"
+        for result in results
+        for note in result.notes
+        if note.startswith(mark)
+    ]
+    return ["", "Since the accepted result:", "", *lines] if lines else []
+
+
+def print_results(results: Sequence[CaseResult], console: Console) -> None:
+    """The table a person sees at the end."""
+    for result in results:
+        # Text, not markup: names come from files.
+        table = Table(title=Text(f"{result.name}: {result.title}"), title_justify="left")
+        for name in ("check", "found", "verdict", "why this limit"):
+            table.add_column(name, overflow="fold")
+        for check in result.checks:
+            table.add_row(
+                Text(check_name(check)),
+                Text(check.message),
+                Text(check.verdict, style=_COLOUR[check.verdict]),
+                Text(check.reason, style="dim"),
+            )
+        console.print(table)
+        for note in result.notes:
+            console.print(Text(note, style="dim"))
+        console.print(Text(f"{result.name}: {result.verdict}", style=_COLOUR[result.verdict]))
+
+
+def check_name(check: CheckResult) -> str:
+    """Short name of a check: metric, against what, which strain."""
+    if check.against in ("relation", "self-test"):
+        return check.metric
+    against = {"same_mesh": "same mesh", "truth": "truth", "candidate": "own"}[check.against]
+    return f"{check.metric} ({against}, {check.strain})"
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and abs(value) < float("inf") else None
+
+
+def _cell(text: str) -> str:
+    """Text that cannot break out of a Markdown table cell or become HTML."""
+    safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return safe.replace("|", "\\|").replace("\n", " ").replace("`", "'")
+
+
+def _xml_safe(text: str) -> str:
+    """Control characters are not allowed in XML, not even escaped."""
+    return "".join(c for c in text if c >= " " or c in "\t\n")

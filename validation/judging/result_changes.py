@@ -1,0 +1,118 @@
+"""What changed since the accepted result: check by check, and the number that changed most.
+
+The accepted result is a results.json that somebody looked at and kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from palpate.meshes.errors import FileFormatError
+from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.results import CaseResult, CheckResult
+
+# Changes smaller than this are rounding and solver noise.
+QUIET = 1e-6
+
+
+def read_accepted(path: str | Path) -> dict[str, dict[str, Any]]:
+    """The cases of an accepted results.json, by name.
+
+    Raises:
+        FileFormatError: Missing, or not a results.json of this schema.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        if document["schema"] != 1:
+            raise ValueError(f"schema {document['schema']} is not known here (1 is)")
+        return {case["name"]: case for case in document["cases"]}
+    except FileNotFoundError as error:
+        raise FileFormatError(path, "no such file; keep an accepted results.json there") from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileFormatError(path, f"not a results.json ({error})") from error
+
+
+def describe_since(
+    results: Sequence[CaseResult], accepted: dict[str, dict[str, Any]]
+) -> dict[str, list[str]]:
+    """Lines on what changed, for each case by name; an empty list where nothing did."""
+    return {result.name: _of_case(result, accepted.get(result.name)) for result in results}
+
+
+def with_changes(
+    results: Sequence[CaseResult], accepted: dict[str, dict[str, Any]]
+) -> list[CaseResult]:
+    """The results with a note on each change; verdicts stay what they are."""
+    told = describe_since(results, accepted)
+    changed = []
+    for result in results:
+        lines = told[result.name] or ["nothing"]
+        notes = tuple(f"Since the accepted result: {line}." for line in lines)
+        changed.append(dataclasses.replace(result, notes=(*result.notes, *notes)))
+    return changed
+
+
+def _of_case(result: CaseResult, accepted: dict[str, Any] | None) -> list[str]:
+    if accepted is None:
+        return ["new: the accepted result does not have this case"]
+    lines = []
+    key = accepted.get("provenance", {}).get("case_key")
+    if key != result.provenance.get("case_key"):
+        lines.append("the problem itself has changed: mesh, material, supports or loads")
+    before = {_key(check): check for check in accepted["checks"]}
+    for check in result.checks:
+        old = before.pop((check.metric, check.against, str(check.strain)), None)
+        lines += _of_check(check, old)
+    lines += [f"gone: check {' '.join(gone)}" for gone in before]
+    lines += _largest_change(result, accepted.get("metrics", {}))
+    return lines
+
+
+def _of_check(check: CheckResult, old: dict[str, Any] | None) -> list[str]:
+    name = check_name(check)
+    if old is None:
+        return [f"new: check {name}"]
+    lines = []
+    if old["verdict"] != check.verdict:
+        lines.append(f"{name}: was {old['verdict']}, now {check.verdict}")
+    if old["limit"] != check.limit:
+        word = "looser" if (check.limit > old["limit"]) != (check.metric == "smallest_det_f") else (
+            "tighter"
+        )  # fmt: skip
+        lines.append(f"{name}: limit {old['limit']:g}, now {check.limit:g} ({word})")
+    before, now = old["value"], check.value
+    if before is not None and now is not None and abs(now - before) > QUIET * check.limit:
+        lines.append(f"{name}: {before:.4g}, now {now:.4g}")
+    elif (before is None) != (now is None):
+        lines.append(f"{name}: {_shown(before)}, now {_shown(now)}")
+    return lines
+
+
+def _largest_change(result: CaseResult, accepted: dict[str, Any]) -> list[str]:
+    """The metric that changed most, in parts of what it was."""
+    worst, name = 0.0, ""
+    for metric, now in result.metrics.items():
+        before = accepted.get(metric)
+        # Errors of 1e-12 change by themselves: only what is a number of the body counts.
+        if metric.startswith("error.") or before is None or now is None:
+            continue
+        change = abs(now - before) / abs(before) if before else math.inf * (now != before)
+        if change > max(worst, QUIET):
+            worst, name = change, metric
+    if not name:
+        return []
+    old, new = accepted[name], result.metrics[name]
+    return [f"changed most: {name}, {old:.6g}, now {new:.6g} ({100.0 * worst:.3g} %)"]
+
+
+def _key(check: dict[str, Any]) -> tuple[str, str, str]:
+    return str(check["metric"]), str(check["against"]), str(check["strain"])
+
+
+def _shown(value: float | None) -> str:
+    return "no value" if value is None else f"{value:.4g}"

@@ -1,0 +1,1 @@
+"""The reference solutions of the cases: made, stored, compared, accepted."""

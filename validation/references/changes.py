@@ -1,0 +1,63 @@
+"""What changed between two stored references, metric by metric."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate.validation.references.stored import MissingReferenceError, read_reference
+
+
+def describe_changes(before: Path, after: Path) -> list[str]:
+    """Compare two files of references, whatever they were made for.
+
+    Args:
+        before: The accepted one; may be missing or damaged.
+        after: The new one.
+
+    Returns:
+        One line for each number that every state carries, with its relative change, one for the
+        largest change of displacement, and one for each error bar.
+
+    Raises:
+        MissingReferenceError: `after` is missing or damaged.
+    """
+    new, new_key = read_reference(after)
+    try:
+        old, old_key = read_reference(before)
+    except MissingReferenceError as error:
+        return [f"nothing to compare with: {error}"]
+    lines = [] if old_key == new_key else ["mesh, material, supports or loads have changed"]
+    for place in sorted({*old.states, *new.states}):
+        name = f"{place[0]}, {place[1]} strain"
+        if place not in old.states or place not in new.states:
+            lines.append(f"{name}: {'gone' if place in old.states else 'new'}")
+            continue
+        a, b = old.states[place], new.states[place]
+        for metric in ("volume", "surface_area", "smallest_det_f", "max_displacement"):
+            lines.append(_change(f"{name}, {metric}", getattr(a, metric), getattr(b, metric)))
+        if a.displacement.shape != b.displacement.shape:
+            counts = f"{len(a.displacement)} points, now {len(b.displacement)}"
+            lines.append(f"{name}, displacement: another mesh ({counts})")
+        else:
+            largest = float(abs(b.displacement - a.displacement).max())
+            scale = float(abs(a.displacement).max())
+            lines.append(
+                f"{name}, displacement: at most {largest:.3g} m apart, "
+                f"{largest / scale if scale else float(largest > 0.0):.2g} of the largest"
+            )
+    for metric, strain in sorted({*old.bars, *new.bars}):
+        before_bar, after_bar = old.bars.get((metric, strain)), new.bars.get((metric, strain))
+        if before_bar != after_bar:
+            lines.append(
+                f"error bar of {metric}, {strain} strain: {_bar(before_bar)}, now {_bar(after_bar)}"
+            )
+    return lines
+
+
+def _change(name: str, before: float, after: float) -> str:
+    relative = abs(after - before) / abs(before) if before else float(after != before)
+    return f"{name}: {before:.9g}, now {after:.9g} (relative change {relative:.2g})"
+
+
+def _bar(value: float | None) -> str:
+    return "none" if value is None else f"{value:.3g}"

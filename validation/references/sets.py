@@ -1,0 +1,231 @@
+"""The reference solutions of a case: P1 on its mesh, P2 for the truth, with error bars."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.linalg import norm
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.refinement import refine_problem
+from palpate.validation.judging.results import State
+from palpate.validation.metrics import COMPARISONS
+from palpate.validation.references.sequences import (
+    SIGNED,
+    as_data,
+    assess_metrics,
+    at_points_of,
+    bar_of,
+    widen,
+)
+
+SAME_MESH = "reference P1"
+QUADRATIC = "reference P2"
+# P2 on the case's mesh cut in eight, once or twice: only stored references have it.
+TRUTH = "reference P2, refined"
+# Two grids only: Roache's factor of safety (ASME J. Fluids Eng. 116, 1994), with first order
+# assumed, since clamped edges are singular; then GCI = 3 |f2 - f1| / (2^1 - 1).
+SAFETY_FACTOR = 3.0
+# Cells of the finest of three meshes for P2; more of them take hours.
+LARGEST_QUADRATIC = 40_000
+
+Bars = dict[tuple[str, Strain], float]
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceSet:
+    """States by (label, strain), and error bars by (metric, strain) relative to their scale.
+
+    Attributes:
+        states: P1 and P2 states; one that did not converge is missing.
+        bars: Error bars of the truth.
+        origin: One line on where this comes from.
+        failures: Why a state is missing, by (label, strain).
+        provenance: Versions and how it was made.
+    """
+
+    states: Mapping[tuple[str, Strain], State]
+    bars: Mapping[tuple[str, Strain], float]
+    origin: str
+    failures: Mapping[tuple[str, Strain], str] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def truth(self, strain: Strain) -> State | None:
+        """The best state there is: P2 on the refined mesh, else P2 on the case's mesh."""
+        return self.states.get((TRUTH, strain)) or self.states.get((QUADRATIC, strain))
+
+    def failure(self, against: str, strain: Strain) -> str:
+        """Why a reference is missing; empty when it is not."""
+        label = QUADRATIC if against == "truth" else SAME_MESH
+        return self.failures.get((label, strain), "")
+
+
+def solve_state(
+    problem: Problem, strain: Strain, degree: int, progress: Callable[[str], None]
+) -> State:
+    """One reference solve in a child process, as a state.
+
+    Raises:
+        ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
+    """
+    from palpate.reference.child import solve_static_in_child
+
+    start = time.perf_counter()
+    label = SAME_MESH if degree == 1 else QUADRATIC
+    progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
+    result = solve_static_in_child(problem, strain=strain, degree=degree, progress=progress)
+    return State(
+        label=label,
+        simulator="reference",
+        strain=strain,
+        degree=degree,
+        displacement=result.displacement,
+        volume=result.volume,
+        surface_area=result.surface_area,
+        smallest_det_f=result.smallest_det_f,
+        max_displacement=float(norm(result.displacement, axis=1).max()),
+        seconds=time.perf_counter() - start,
+        details={
+            "relative_residual": result.relative_residual,
+            "newton_iterations": result.newton_iterations,
+            "versions": dict(result.versions),
+        },
+    )
+
+
+def solve_live(
+    problem: Problem, progress: Callable[[str], None], *, stored: ReferenceSet | None = None
+) -> ReferenceSet:
+    """Solve P1 and P2 on the case's mesh, with both strains.
+
+    A stored reference adds the truth on the refined mesh, with its bars. Without one the truth
+    is P2 here, and the bar of each metric is the difference of P1 and P2, an upper estimate.
+    P2, the softer of the two, is not tried where P1 has lost equilibrium: its search for the same
+    limit would take minutes and end at a smaller load.
+    """
+    from palpate.reference.errors import (
+        ReferenceFailedError,
+        ReferenceNotConvergedError,
+        ReferenceUnavailableError,
+    )
+
+    if problem.time is not None:
+        return solve_motion_set(problem, progress)
+    states: dict[tuple[str, Strain], State] = {}
+    failures: dict[tuple[str, Strain], str] = {}
+    for strain in Strain:
+        for degree in (1, 2):
+            label = SAME_MESH if degree == 1 else QUADRATIC
+            try:
+                states[label, strain] = solve_state(problem, strain, degree, progress)
+            except ReferenceUnavailableError:
+                raise
+            except ReferenceNotConvergedError as error:
+                failures[label, strain] = f"{label}: {error}"
+                if degree == 1:
+                    failures[QUADRATIC, strain] = (
+                        f"{QUADRATIC}: not tried, because {SAME_MESH} lost equilibrium at "
+                        f"{error.load_factor:.3f} of the load ({error.reason}); lower the load"
+                    )
+                    break
+            except ReferenceFailedError as error:
+                failures[label, strain] = f"{label}: {error}"
+    versions: dict[str, str] = next((s.details["versions"] for s in states.values()), {})
+    if stored is not None:
+        states |= {place: s for place, s in stored.states.items() if place[0] == TRUTH}
+        return ReferenceSet(
+            states,
+            stored.bars,
+            "P1 and P2 solved here; the truth and its error bar stored (P2, mesh cut in eight)",
+            failures,
+            {"versions": versions, "stored": dict(stored.provenance)},
+        )
+    return ReferenceSet(
+        states,
+        estimate_bars(problem, states),
+        "P1 and P2 solved here; error bar of P2: its difference from P1, an upper estimate",
+        failures,
+        {"versions": versions},
+    )
+
+
+def solve_motion_set(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
+    """The trajectories of a dynamic case, one for each strain measure."""
+    from palpate.validation.references.motions import solve_motion
+
+    states = {(SAME_MESH, strain): solve_motion(problem, strain, progress) for strain in Strain}
+    return ReferenceSet(states, {}, "P1 in motion by central differences on the case's mesh")
+
+
+def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) -> Bars:
+    """P1 against P2 on the same mesh, for every metric and strain."""
+    bars: Bars = {}
+    for strain in Strain:
+        coarse, fine = states.get((SAME_MESH, strain)), states.get((QUADRATIC, strain))
+        if coarse is None or fine is None:
+            continue
+        for metric, compare in COMPARISONS.items():
+            bars[metric, strain] = compare(problem.mesh, coarse, fine).value
+    return bars
+
+
+def solve_for_storing(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
+    """P1 on the case's mesh, P2 on finer ones for the truth, and what their sequences tell.
+
+    Small bodies: P2 on three meshes, each cut in eight from the last; the finest is the truth, its
+    bars are grid convergence indices. Others: P2 on two, bars by Roache's rule for two grids, held
+    against P1 on three: where that sequence oscillates or has no believable order the bar is
+    infinite, and where the two do not meet it is wide enough that they do. Refined meshes keep the
+    case's points first, so nothing is interpolated.
+
+    Raises:
+        ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
+    """
+    if problem.time is not None:
+        return solve_motion_set(problem, progress)
+    mesh = problem.mesh
+    finer = refine_problem(problem)
+    finest = refine_problem(finer)
+    is_small = finest.mesh.num_cells <= LARGEST_QUADRATIC
+    states: dict[tuple[str, Strain], State] = {}
+    bars: Bars = {}
+    convergence: dict[str, Any] = {}
+
+    def solve(given: Problem, strain: Strain, degree: int, label: str) -> State:
+        return at_points_of(mesh, solve_state(given, strain, degree, progress), label)
+
+    for strain in Strain:
+        linear = solve(problem, strain, 1, SAME_MESH)
+        coarse = solve(problem, strain, 2, QUADRATIC)
+        middle = solve(finer, strain, 2, TRUTH)
+        if is_small:
+            truth = solve(finest, strain, 2, TRUTH)
+            found = assess_metrics(mesh, (truth, middle, coarse))
+            for metric in COMPARISONS:
+                bars[metric, strain] = bar_of(found[metric])
+        else:
+            truth = middle
+            series = [solve(p, strain, 1, SAME_MESH) for p in (finest, finer)]
+            found = assess_metrics(mesh, (*series, linear))
+            for metric, compare in COMPARISONS.items():
+                bar = SAFETY_FACTOR * compare(mesh, coarse, truth).value
+                scale = compare(mesh, series[1], series[0]).scale
+                value = getattr(truth, metric) / scale if metric in SIGNED and scale else 0.0
+                bars[metric, strain] = widen(bar, value, found[metric], metric)
+        convergence[strain.value] = as_data(found)
+        states |= {(s.label, strain): s for s in (linear, coarse, truth)}
+    cut = "twice" if is_small else "once"
+    return ReferenceSet(
+        states,
+        bars,
+        "stored: P1 and P2 on the case's mesh, and P2 on that mesh cut in eight "
+        f"{cut} as the truth",
+        provenance={
+            "versions": states[TRUTH, Strain.GREEN].details["versions"],
+            "sequence": f"degree {2 if is_small else 1}, three meshes, each cut in eight",
+            "grid_convergence": convergence,
+        },
+    )
