@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -102,3 +103,15 @@ def test_no_file_is_too_long(room: str) -> None:
     assert files
     lengths = {str(f.relative_to(ROOT)): len(f.read_text("utf-8").splitlines()) for f in files}
     assert {name: n for name, n in lengths.items() if n > MOST_LINES} == {}
+
+
+def test_the_root_is_as_it_was_fixed() -> None:
+    """The person the repository is built for named what stands at its root, and nothing else."""
+    done = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if done.returncode != 0:
+        pytest.skip("not a git checkout")
+    top = {line.split("/")[0] for line in done.stdout.splitlines()}
+    fixed = {"pyproject.toml", "README.md", "Makefile", "LICENSE", "CHANGELOG.md", "CITATION.cff"}
+    assert {name for name in top if not name.startswith(".")} == fixed | {*ROOMS, "tests"}

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-EXAMPLE = ROOT / "examples" / "gate_your_simulator"
+EXAMPLE = ROOT / "validation" / "examples" / "gate_your_simulator"
 
 
 def run(*words: str | Path, **options: object) -> subprocess.CompletedProcess[str]:

@@ -123,7 +123,7 @@ def test_the_gate_tells_github_and_what_changed(tmp_path: Path, healthy: CaseRes
 
 
 def test_the_pytest_fixture_passes_and_fails_with_the_checks(tmp_path: Path) -> None:
-    example = Path(__file__).parents[2] / "examples" / "gate_your_simulator"
+    example = Path(__file__).parents[3] / "validation" / "examples" / "gate_your_simulator"
     command = f"{sys.executable} {example / 'toy_simulator.py'} {{case}} {{result}}"
     (tmp_path / "test_mine.py").write_text(
         f"""
