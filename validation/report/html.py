@@ -13,8 +13,10 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
+from palpate.validation.evidence.error_budget import Budget, budget_rows, budget_svg, case_budgets
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, Verdict, gravest
 from palpate.validation.report.credibility import credibility
@@ -89,7 +91,13 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         plot = Markup(checks_svg(result))
     except Exception as error:  # a plot must never take the verdict with it
         plot = Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
+    budgets = _budgets(result)
     return {
+        "budgets": budget_rows(budgets) if budgets else None,
+        "budget_plots": [
+            Markup(budget_svg([b for b in budgets if b.quantity == quantity]))
+            for quantity in dict.fromkeys(b.quantity for b in budgets)
+        ],
         "table": state_table(result),
         "pictures": {name: _data_url(path) for name, path in pictures.items()},
         "scene": Markup(viewer_json(result)) if result.states else "",
@@ -108,6 +116,14 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "credibility": credibility(result),
         "provenance": json.dumps(dict(result.provenance), indent=2, allow_nan=False),
     }
+
+
+def _budgets(result: CaseResult) -> list[Budget]:
+    """Where the candidate's error comes from; none where nothing moves or a state is missing."""
+    try:
+        return case_budgets(result)
+    except InputError:
+        return []
 
 
 def _closest(result: CaseResult) -> str:

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 case, result = Path(sys.argv[1]), Path(sys.argv[2])
 given = json.loads((case / "case.json").read_text())
@@ -16,7 +17,7 @@ edges = (X[cells[:, 1:]] - X[cells[:, :1]]).transpose(0, 2, 1)
 volume, inverse = np.linalg.det(edges)[:, None, None] / 6, np.linalg.inv(edges)
 
 
-def force(u):
+def force(u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Nodal force of a displacement."""
     x = X + u
     H = (x[cells[:, 1:]] - x[cells[:, :1]]).transpose(0, 2, 1) @ inverse - np.eye(3)
