@@ -19,6 +19,7 @@ SAME_MESH_METRICS = (
     "energy_norm",
     "local_volume",
     "reaction_force",
+    "tool_force",
     "strain_energy",
     "trajectory_l2",
     "oscillation_amplitude",
@@ -199,6 +200,7 @@ class CheckSpec(Table):
         "surface_hausdorff",
         "surface_mean_distance",
         "reaction_force",
+        "tool_force",
         "strain_energy",
         "trajectory_l2",
         "oscillation_amplitude",
@@ -272,6 +274,8 @@ class CaseSpec(Table):
     @model_validator(mode="after")
     def _motion_needs_time(self) -> CaseSpec:
         for check in self.check:
+            if check.metric == "tool_force" and (not self.tool or self.time is not None):
+                raise ValueError("check tool_force needs [tool], and no [time]")
             if check.metric in MOTION_METRICS and self.time is None:
                 raise ValueError(f"check {check.metric} needs [time]")
             if self.time is not None and check.against == "truth":

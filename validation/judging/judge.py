@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
@@ -212,20 +212,21 @@ def _metrics(
         for word, reference in pairs:
             if reference is None:
                 continue
-            for metric in _comparable(word, case.problem.time is not None):
+            for metric in _comparable(word, case.problem):
                 value = measure(metric, case.problem, candidate, reference).value
                 metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
     return metrics
 
 
-def _comparable(against: str, is_dynamic: bool) -> list[str]:
+def _comparable(against: str, problem: Problem) -> list[str]:
     """Metrics that compare with a reference of this kind; oscillations only where asked for."""
     return [
         metric.name
         for metric in CATALOGUE.values()
         if metric.compare
         and (against == "same_mesh" or not metric.needs_same_mesh)
-        and (not metric.needs_time or (is_dynamic and metric.name == "trajectory_l2"))
+        and (not metric.needs_time or (problem.time and metric.name == "trajectory_l2"))
+        and (not metric.needs_tools or problem.tools)
     ]
 
 

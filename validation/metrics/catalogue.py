@@ -27,6 +27,7 @@ class Metric:
         needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
             read at the points does not carry it.
         needs_time: For cases with [time] only.
+        needs_tools: Of cases with tools only.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Metric:
     compare: Compare | None
     unit: str = "-"
     needs_same_mesh: bool = False
+    needs_tools: bool = False
     needs_time: bool = False
 
 
@@ -121,6 +123,14 @@ CATALOGUE = {
             "largest support force of the reference",
             fields.reaction_force,
             needs_same_mesh=True,
+        ),
+        Metric(
+            "tool_force",
+            "largest error of the force on a tool",
+            "largest force of the reference on a tool",
+            fields.tool_force,
+            needs_same_mesh=True,
+            needs_tools=True,
         ),
         Metric(
             "strain_energy",

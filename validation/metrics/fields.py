@@ -57,6 +57,21 @@ def local_volume(problem: Problem, candidate: State, reference: State) -> Differ
     return ratio(error, scale, name)
 
 
+def tool_force(problem: Problem, candidate: State, reference: State) -> Difference:
+    """Largest error of the force on a tool at the end of its path.
+
+    Infinite where a simulator does not tell the force on each tool of the problem.
+    """
+    del problem
+    name = "largest force of the reference on a tool"
+    ours, theirs = (s.details.get("tool_forces") for s in (candidate, reference))
+    if ours is None or theirs is None or np.shape(ours) != np.shape(theirs) or not len(theirs):
+        return Difference(math.inf, math.nan, name)
+    wanted = np.asarray(theirs, dtype=np.float64)
+    error = np.linalg.norm(np.asarray(ours, dtype=np.float64) - wanted, axis=1).max()
+    return ratio(float(error), float(np.linalg.norm(wanted, axis=1).max()), name)
+
+
 def det_f(mesh: TetMesh, displacement: Points) -> Points:
     """Volume ratio of each cell [-], (num_cells,)."""
     rest = signed_volumes(mesh.points, mesh.cells)

@@ -61,6 +61,8 @@ def run_fastsim(
 def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer:
     from palpate.fastsim.statics import solve_static
 
+    if problem.tools:
+        return _run_tools(problem, strain, progress)
     result = solve_static(problem, strain=strain, progress=progress)
     details: dict[str, object] = {
         "newton_iterations": result.iterations,
@@ -68,6 +70,19 @@ def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer
         "relative_residual": result.residual_history[-1],
     }
     return Answer(result.displacement, 0.0, details)
+
+
+def _run_tools(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+    from palpate.fastsim.contact.static_contact import solve_contact
+
+    result = solve_contact(problem, strain=strain, progress=progress)
+    details: dict[str, object] = {
+        "newton_iterations": result.iterations,
+        "linear_iterations": result.linear_iterations,
+        "relative_residual": result.residual_history[-1],
+        "tool_forces": result.forces[-1].tolist(),
+    }
+    return Answer(result.displacements[-1], 0.0, details)
 
 
 def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:

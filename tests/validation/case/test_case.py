@@ -157,6 +157,10 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
         (("position = [1000.0, 500.0, 1101.0]", "position = [nan, 0, 0]"), ["finite"]),
         (("[0.0, 2.0, 0.0]", "[0.0, 0.0, 0.0]"), ["axis"]),
         (("time_step = 1e-4\n", ""), ["step by step", "give time_step"]),
+        (
+            ("[[tool]]", '[[check]]\nmetric = "tool_force"\nlimit = 1.0\nreason = "x"\n\n[[tool]]'),
+            ["tool_force", "no [time]"],
+        ),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
         (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
         (("region = { box", "region = { group = 'a', box"), ["inclusion", "a ball"]),
@@ -179,7 +183,7 @@ def test_built_in_cases_are_whole() -> None:
         # The cases must see their faults: away from 0.25, and not symmetric.
         assert abs(problem.material.poissons_ratio - 0.25) > 0.02
         kinds = {(check.against, check.metric) for check in case.checks}
-        wanted = {"same_mesh"} if problem.time else {"same_mesh", "truth"}
+        wanted = {"same_mesh"} if problem.time or problem.tools else {"same_mesh", "truth"}
         assert wanted <= {against for against, _ in kinds}
         assert all(check.reason for check in case.checks)
 
