@@ -31,6 +31,7 @@ from palpate.reference.child_process import (
     serve,
 )
 from palpate.reference.errors import (
+    ReferenceBlowUpError,
     ReferenceCrashedError,
     ReferenceNotConvergedError,
     ReferenceStepError,
@@ -38,6 +39,7 @@ from palpate.reference.errors import (
 from palpate.reference.ranks import num_ranks, solve_on_ranks
 from palpate.reference.result import (
     Audit,
+    ExplicitResult,
     ImplicitResult,
     ReferenceResult,
     load_result,
@@ -45,7 +47,7 @@ from palpate.reference.result import (
 )
 from palpate.reference.tasks import StaticTask, Task, load_task
 
-Answer: TypeAlias = ReferenceResult | Audit | ImplicitResult
+Answer: TypeAlias = ReferenceResult | Audit | ImplicitResult | ExplicitResult
 
 
 def solve_static_in_child(
@@ -126,6 +128,10 @@ def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answe
     try:
         if exit_code == EXIT_FAILED:
             with np.load(answer, allow_pickle=False) as stored:
+                if "step" in stored:
+                    raise ReferenceBlowUpError(
+                        int(stored["step"]), float(stored["time"]), stored["displacement"]
+                    )
                 if "time" in stored:
                     raise ReferenceStepError(
                         float(stored["time"]),
@@ -147,10 +153,12 @@ def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answe
         raise ReferenceCrashedError(exit_code, f"{errors}\nno readable answer: {error}") from error
 
 
-def _save_failure(path: Path, error: ReferenceNotConvergedError | ReferenceStepError) -> None:
+def _save_failure(
+    path: Path, error: ReferenceNotConvergedError | ReferenceStepError | ReferenceBlowUpError
+) -> None:
     names = (
         *("load_factor", "reason", "smallest_det_f", "displacement", "smallest_stretch", "place"),
-        *("time", "time_step"),
+        *("time", "time_step", "step"),
     )
     told = {name: np.asarray(getattr(error, name)) for name in names if hasattr(error, name)}
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
@@ -186,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say("loading FEniCSx")
         try:
             result = task(problem, say)
-        except (ReferenceNotConvergedError, ReferenceStepError) as error:
+        except (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError) as error:
             _save_failure(options.result, error)
             print(one_line(error), file=sys.stderr)
             return EXIT_FAILED

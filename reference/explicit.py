@@ -12,8 +12,6 @@ sums of the mass matrix included; time is told by the caller, never chosen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from palpate.meshes.arrays import Points
@@ -27,25 +25,7 @@ from palpate.reference.fenicsx import ufl
 from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer
-
-
-@dataclass(frozen=True, eq=False)
-class ExplicitResult:
-    """A trajectory of linear tetrahedra.
-
-    Attributes:
-        times: [s], shape (num_outputs + 1,), from 0.
-        displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
-        strain_energies: Integral of psi(F) at those times [J], shape (num_outputs + 1,).
-        time_step: [s].
-        num_steps: Steps done.
-    """
-
-    times: Points
-    displacements: Points
-    strain_energies: Points
-    time_step: float
-    num_steps: int
+from palpate.reference.result import ExplicitResult
 
 
 def simulate_explicit(

@@ -181,6 +181,25 @@ class ImplicitResult:
         return errors
 
 
+@dataclass(frozen=True, eq=False)
+class ExplicitResult:
+    """A trajectory of linear tetrahedra.
+
+    Attributes:
+        times: [s], shape (num_outputs + 1,), from 0.
+        displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
+        strain_energies: Integral of psi(F) at those times [J], shape (num_outputs + 1,).
+        time_step: [s].
+        num_steps: Steps done.
+    """
+
+    times: Points
+    displacements: Points
+    strain_energies: Points
+    time_step: float
+    num_steps: int
+
+
 def save_result(path: str | Path, result: Any) -> None:
     """Write a result, a dataclass of arrays and plain values, to `path` (.npz), whole or not."""
     values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}

@@ -15,6 +15,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import (
     Audit,
+    ExplicitResult,
     Formulation,
     ImplicitResult,
     ReferenceResult,
@@ -93,7 +94,23 @@ class ImplicitTask:
         )
 
 
-Task: TypeAlias = StaticTask | AuditTask | ImplicitTask
+@dataclass(frozen=True)
+class ExplicitTask:
+    """`palpate.reference.explicit.simulate_explicit`, from rest."""
+
+    strain: Strain = Strain.GREEN
+
+    answer = ExplicitResult
+
+    def __call__(self, problem: Problem, progress: Progress) -> ExplicitResult:
+        """Step."""
+        del progress
+        from palpate.reference.explicit import simulate_explicit
+
+        return simulate_explicit(problem, strain=self.strain)
+
+
+Task: TypeAlias = StaticTask | AuditTask | ImplicitTask | ExplicitTask
 
 
 def load_task(path: str | Path) -> Task:
@@ -102,5 +119,5 @@ def load_task(path: str | Path) -> Task:
     Raises:
         FileFormatError: Missing, damaged, or not a task.
     """
-    task: Task = load_result(path, StaticTask, AuditTask, ImplicitTask)
+    task: Task = load_result(path, StaticTask, AuditTask, ImplicitTask, ExplicitTask)
     return task

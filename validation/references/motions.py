@@ -20,13 +20,16 @@ def solve_motion(problem: Problem, strain: Strain, progress: Callable[[str], Non
         InputError: The case states no time step: then there is nothing to be equal to.
         ReferenceFailedError: No FEniCSx, or the run failed.
     """
-    from palpate.reference.explicit_child import simulate_explicit_in_child
+    from palpate.reference.child import run_task
+    from palpate.reference.result import ExplicitResult
+    from palpate.reference.tasks import ExplicitTask
 
     if problem.time is None or problem.time.time_step is None:
         raise InputError("a dynamic case needs time_step in [time] for its reference")
     progress(f"{SAME_MESH} in motion, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
-    found = simulate_explicit_in_child(problem, strain=strain)
+    found = run_task(ExplicitTask(strain), problem)
+    assert isinstance(found, ExplicitResult)
     return make_state(
         problem.mesh,
         found.displacements[-1],

@@ -8,7 +8,6 @@ displacement and change of volume must be the same on the same mesh.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -20,8 +19,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.reference.availability import is_available
 from palpate.validation.judging.results import Verdict
-from palpate.validation.report.study_page import Finding, gravest, write_study_page
-from palpate.validation.run_folder import MARK
+from palpate.validation.report.study_page import Finding
 from palpate.validation.studies import contact_page as page
 from palpate.validation.studies import contact_scenes as scenes
 from palpate.validation.studies.contact_bodies import collide, fold
@@ -34,8 +32,8 @@ from palpate.validation.studies.contact_runs import (
     vary_penalty,
 )
 from palpate.validation.studies.contact_speed import SHARE, measure_speeds
+from palpate.validation.studies.study_folder import leave_study
 
-_CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}
 HERTZ_LIMIT = 0.03
 SAME_MESH_LIMIT = 1e-6
 SHARE_LIMIT = 0.2
@@ -64,29 +62,18 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         page.bodies_table(outcome),
     ]
     names = ("hertz", "force_depth", "same_mesh", "penalty", "speed", "folded_bar")
-    for name, table in zip(names, tables, strict=True):
-        lines = [",".join(row) for row in (table.columns, *table.rows)]
-        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     figures = page.draw(outcome, HERTZ_LIMIT)
-    for name, figure in zip(("force_depth", "convergence"), figures, strict=True):
-        (folder / f"{name}.svg").write_text(figure.svg, encoding="utf-8")
-    write_study_page(
-        folder / "report.html",
+    return leave_study(
+        folder,
+        console,
+        name="contact",
         title="Contact with tools (section IV)",
         about=(__doc__ or "").split("\n\n")[1:],
         findings=findings,
-        figures=figures,
-        tables=tables,
+        figures=dict(zip(("force_depth", "convergence"), figures, strict=True)),
+        tables=dict(zip(names, tables, strict=True)),
+        numbers=asdict(outcome),
     )
-    document = {
-        "study": "contact",
-        "findings": [asdict(f) for f in findings],
-        **asdict(outcome),
-    }
-    (folder / MARK).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    for f in findings:
-        console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
-    return _CODES[gravest(findings)]
 
 
 def judge(found: Outcome) -> list[Finding]:

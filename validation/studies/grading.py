@@ -7,7 +7,6 @@ a mesh graded by its own error need for the accuracy of a uniform one of over 10
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -17,14 +16,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.reference.availability import is_available
 from palpate.validation.judging.results import Verdict
-from palpate.validation.report.study_page import (
-    Finding,
-    StudyFigure,
-    StudyTable,
-    gravest,
-    write_study_page,
-)
-from palpate.validation.run_folder import MARK
+from palpate.validation.report.study_page import Finding, StudyFigure, StudyTable
 from palpate.validation.studies.grading_curves import Curves, Point, cells_for_error, follow
 from palpate.validation.studies.grading_growth import (
     EXPONENT_TOLERANCE,
@@ -35,8 +27,7 @@ from palpate.validation.studies.grading_growth import (
 )
 from palpate.validation.studies.grading_hertz import hertz_scene
 from palpate.validation.studies.grading_push import push_scene
-
-_CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}
+from palpate.validation.studies.study_folder import leave_study
 
 
 def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
@@ -52,32 +43,23 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     findings = judge_growth(growths)
     for found in curves.values():
         findings += judge_curves(found)
-    tables = [growth_table(growths), *map(curves_table, curves.values())]
     names = ("growth", *curves)
-    for name, table in zip(names, tables, strict=True):
-        lines = [",".join(row) for row in (table.columns, *table.rows)]
-        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    tables = [growth_table(growths), *map(curves_table, curves.values())]
     figures = [draw_growth(growths), *map(draw_curves, curves.values())]
-    for name, figure in zip(names, figures, strict=True):
-        (folder / f"{name}.svg").write_text(figure.svg, encoding="utf-8")
-    write_study_page(
-        folder / "report.html",
+    return leave_study(
+        folder,
+        console,
+        name="grading",
         title="Graded meshes (section V)",
         about=(__doc__ or "").split("\n\n")[1:],
         findings=findings,
-        figures=figures,
-        tables=tables,
+        figures=dict(zip(names, figures, strict=True)),
+        tables=dict(zip(names, tables, strict=True)),
+        numbers={
+            "growth": [{**asdict(g), "exponent": g.exponent} for g in growths],
+            **{name: asdict(found) for name, found in curves.items()},
+        },
     )
-    document = {
-        "study": "grading",
-        "findings": [asdict(f) for f in findings],
-        "growth": [{**asdict(g), "exponent": g.exponent} for g in growths],
-        **{name: asdict(found) for name, found in curves.items()},
-    }
-    (folder / MARK).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-    for f in findings:
-        console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
-    return _CODES[gravest(findings)]
 
 
 def errors_of(curves: Curves) -> dict[str, Callable[[Point], float]]:
