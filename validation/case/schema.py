@@ -12,7 +12,9 @@ from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table,
 from palpate.validation.case.units import Units
 
 # The candidate's own, without a reference.
-OWN_METRICS = ("smallest_det_f", "inverted_cells", "published_displacement")
+OWN_METRICS = ("smallest_det_f", "inverted_cells")
+# Held against a number of the case file: the candidate's answer, or the truth itself.
+PUBLISHED = "published_displacement"
 # Only against the reference on the same mesh.
 SAME_MESH_METRICS = (
     "displacement_h1",
@@ -224,18 +226,22 @@ class CheckSpec(Table):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
-        if (self.metric in OWN_METRICS) != (self.against == "candidate"):
-            own = " and ".join(OWN_METRICS)
+        is_published = self.metric == PUBLISHED
+        if is_published and self.against == "same_mesh":
+            raise ValueError(
+                f'{PUBLISHED} goes with against = "candidate", or "truth" for the reference\'s own'
+            )
+        if not is_published and (self.metric in OWN_METRICS) != (self.against == "candidate"):
+            own = ", ".join((*OWN_METRICS, PUBLISHED))
             raise ValueError(f'{own} go with against = "candidate", and nothing else does')
         if self.metric in SAME_MESH_METRICS and self.against != "same_mesh":
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
-        is_published = self.metric == "published_displacement"
         given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
         if (is_published and len(given) < 3) or (given and not is_published):
             raise ValueError("at, component and expected go with published_displacement, all three")
         if is_published and not self.expected:
             raise ValueError("expected = 0 gives no scale; choose another component or point")
-        if (self.metric not in OWN_METRICS or is_published) and self.limit <= 0.0:
+        if self.metric not in OWN_METRICS and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
 

@@ -48,7 +48,7 @@ def judge_relations(
     """Judge a candidate by the relations, on a case's problem and on a ragged box.
 
     Raises:
-        InputError: The case has tools, time, or supports of single components.
+        InputError: The case has tools or time.
     """
     problem = case.problem
     if problem.time is not None:
@@ -116,7 +116,10 @@ def _relations(
         given, back = changed
         return lambda: float(np.abs(back(answer(given)) - own).max() / scale)
 
-    matrix = relations.rotation(_AXIS, ANGLE_DEG)
+    # Supports of single components turn with their axes only: x to y to z.
+    is_general = all(all(support.components) for support in problem.supports)
+    axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    matrix = relations.rotation(_AXIS, ANGLE_DEG) if is_general else axes
     mirror = np.diag([1.0, -1.0, 1.0])
     for name, changed in (
         ("turned", relations.turn(problem, matrix)),
@@ -126,7 +129,9 @@ def _relations(
     ):
         yield _Relation(name, _REASON, unchanged(changed))
 
-    held = np.unique(np.concatenate([s.points for s in problem.supports]))
+    # Not what is held in part, which in plane strain is every point there is.
+    clamps = [s for s in problem.supports if all(s.components)] or problem.supports[:1]
+    held = np.unique(np.concatenate([s.points for s in clamps]))
     turned = problem.mesh.points @ (relations.rotation(_AXIS, 40.0) - np.eye(3)).T
     by_hand = relations.prescribe(problem.mesh, problem.material, held, turned)
     yield _Relation(

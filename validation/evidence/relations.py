@@ -42,10 +42,14 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
     """Turn everything, mesh, supports and loads; a matrix of determinant -1 mirrors.
 
     Raises:
-        InputError: A support that holds single components, or a tool: they do not turn along.
+        InputError: A tool, or a support of single components with a matrix that does not take
+            axes to axes: they do not turn along.
     """
     if problem.tools:
         raise InputError("a problem with tools cannot be turned here")
+    # Where axes go to axes, held components go with them.
+    axes = np.abs(matrix)
+    is_of_axes = bool(np.allclose(axes, np.round(axes), atol=1e-12))
     is_mirror = bool(np.linalg.det(matrix) < 0.0)
     order = [0, 2, 1] if is_mirror else [0, 1, 2]
 
@@ -55,12 +59,16 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
     cells = problem.mesh.cells[:, [0, *(1 + k for k in order)]]
     supports = []
     for support in problem.supports:
-        if not all(support.components) and not np.allclose(np.abs(matrix), np.eye(3)):
-            raise InputError("a support of single components cannot be turned")
+        if not all(support.components) and not is_of_axes:
+            raise InputError("a support of single components turns with its axes only")
+        x, y, z = (np.round(axes) @ np.array(support.components) > 0.5).tolist()
         moved = matrix @ np.array(support.displacement)
         supports.append(
             dataclasses.replace(
-                support, facets=facets(support.facets), displacement=tuple(moved.tolist())
+                support,
+                facets=facets(support.facets),
+                components=(x, y, z) if is_of_axes else support.components,
+                displacement=tuple(moved.tolist()),
             )
         )
     changed = dataclasses.replace(

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.case.schema import CheckSpec
+from palpate.validation.case.schema import PUBLISHED, CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.results import CheckResult, State, Verdict
 from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
@@ -50,13 +50,24 @@ def judge_check(
         problem: The case's problem.
         candidate: The candidate's state, or None with `failure` saying why.
         reference: The reference's, or None if there is none.
-        bar: The reference's error bar, relative to the check's scale.
+        bar: The reference's error bar, relative to the check's scale; of a published number that
+            the truth is held against, relative to the truth's largest displacement.
         failure: Why a state is missing.
         units: The case's, of published numbers; SI where None.
     """
     value: float | None = None
     scale, unit = "-", CATALOGUE[spec.metric].unit
-    if candidate is None:
+    if spec.metric == PUBLISHED and spec.against == "truth":
+        scale = "the number expected"
+        if reference is None:
+            verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
+        else:
+            value, message = _published(spec, problem, reference, units)
+            # No component at a point is farther off than the largest error of displacement.
+            bar *= reference.max_displacement / _expected_metres(spec, units)
+            verdict = decide(value, bar, spec.limit)
+            message = f"reference {message}" + (f" (+- {bar:.2g})" if bar else "")
+    elif candidate is None:
         verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
     elif spec.metric == "smallest_det_f":
         value, scale, bar = candidate.smallest_det_f, "none", 0.0
@@ -68,7 +79,7 @@ def judge_check(
         value, scale, bar = float(count), "none", 0.0
         verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
         message = f"{count} inverted cell(s), at most {spec.limit:g}"
-    elif spec.metric == "published_displacement":
+    elif spec.metric == PUBLISHED:
         error, message = _published(spec, problem, candidate, units)
         value, scale, bar = error, "the number expected", 0.0
         verdict = decide(error, 0.0, spec.limit)
@@ -97,8 +108,14 @@ def judge_check(
     )
 
 
+def _expected_metres(spec: CheckSpec, units: Units | None) -> float:
+    """Size of the number expected [m]."""
+    assert spec.expected is not None
+    return abs((units or Units()).metres(spec.expected))
+
+
 def _published(
-    spec: CheckSpec, problem: Problem, candidate: State, units: Units | None
+    spec: CheckSpec, problem: Problem, state: State, units: Units | None
 ) -> tuple[float, str]:
     """Relative error of one component at one point, and a line on it.
 
@@ -114,7 +131,7 @@ def _published(
     point = int(apart.argmin())
     if apart[point] > _SAME_PLACE * float(np.ptp(problem.mesh.points, axis=0).max()):
         raise InputError(f"check at {list(spec.at)}: no point of the mesh lies there; mesh it in")
-    found = float(candidate.displacement[point, "xyz".index(spec.component)]) / used.metres(1.0)
+    found = float(state.displacement[point, "xyz".index(spec.component)]) / used.metres(1.0)
     error = abs(found - spec.expected) / abs(spec.expected)
     shown = f"{found:.8g} {used.length}, expected {spec.expected:.8g}: {error:.2g}"
     return error, f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"

@@ -64,11 +64,14 @@ def _of_case(result: CaseResult, accepted: dict[str, Any] | None) -> list[str]:
     key = accepted.get("provenance", {}).get("case_key")
     if key != result.provenance.get("case_key"):
         lines.append("the problem itself has changed: mesh, material, supports or loads")
-    before = {_key(check): check for check in accepted["checks"]}
+    # A metric may be asked for at several points: its checks are matched in their order.
+    before: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for known in accepted["checks"]:
+        before.setdefault(_key(known), []).append(known)
     for check in result.checks:
-        old = before.pop((check.metric, check.against, str(check.strain)), None)
-        lines += _of_check(check, old)
-    lines += [f"gone: check {' '.join(gone)}" for gone in before]
+        old = before.get((check.metric, check.against, str(check.strain)))
+        lines += _of_check(check, old.pop(0) if old else None)
+    lines += [f"gone: check {' '.join(key)}" for key, left in before.items() for _ in left]
     lines += _largest_change(result, accepted.get("metrics", {}))
     return lines
 

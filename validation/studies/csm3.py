@@ -74,9 +74,15 @@ class Swing:
     energy_error: float
 
 
-def bar_problem(num_layers: int, time_step: float, end_time: float = END) -> tuple[Problem, int]:
-    """The bar and the number of its point A = (0.6, 0.2); `num_layers` is even."""
-    flat = brick_box((10 * num_layers, num_layers, 1), (1.0, 1.0, 0.02 / num_layers))
+def bar_body(divisions: tuple[int, int, int]) -> tuple[TetMesh, tuple[Support, ...], int]:
+    """The bar, how it is held in plane strain, and the number of its point A = (0.6, 0.2).
+
+    Args:
+        divisions: Bricks of six tetrahedra along, over the height (even) and through; the body is
+            as thick as its bricks are high for each of the last.
+    """
+    num_layers = divisions[1]
+    flat = brick_box(divisions, (1.0, 1.0, 0.02 * divisions[2] / num_layers))
     points = flat.points.copy()
     points[:, 1] = 0.19 + 0.02 * flat.points[:, 1]
     arc = 0.2 + np.sqrt(0.05**2 - (points[:, 1] - 0.2) ** 2)
@@ -94,7 +100,12 @@ def bar_problem(num_layers: int, time_step: float, end_time: float = END) -> tup
         held(clamped, (True, True, True)),
         *(held(rows, (False, False, True)) for rows in sides),
     )
-    place = int(np.argmin(np.linalg.norm(points - [0.6, 0.2, 0.0], axis=1)))
+    return mesh, supports, int(np.argmin(np.linalg.norm(points - [0.6, 0.2, 0.0], axis=1)))
+
+
+def bar_problem(num_layers: int, time_step: float, end_time: float = END) -> tuple[Problem, int]:
+    """The bar in motion and the number of its point A; `num_layers` is even."""
+    mesh, supports, place = bar_body((10 * num_layers, num_layers, 1))
     span = TimeSpan(end_time, time_step, 0.0, round(end_time / time_step))
     load = BodyForce((0.0, -2000.0, 0.0))
     return Problem(mesh, Material(1.4e6, 0.4, 1000.0), supports, (load,), span), place

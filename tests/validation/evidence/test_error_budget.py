@@ -34,7 +34,7 @@ from palpate.validation.judging.results import State
 from palpate.validation.metrics import make_state
 from palpate.validation.references.sets import ReferenceSet
 
-CASES = ("kidney", "beam")
+CASES = ("kidney", "beam", "csm1")
 # What the project promises: within a tenth of what was seeded.
 WITHIN = 0.1
 

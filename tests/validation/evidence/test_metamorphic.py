@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
 from palpate.validation.evidence import relations
@@ -14,8 +15,8 @@ from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
 
 
-def broken(fault: Fault) -> set[str]:
-    result = judge_relations(load_case("block"), fastsim_candidate(fault), lambda _line: None)
+def broken(fault: Fault, name: str = "block") -> set[str]:
+    result = judge_relations(load_case(name), fastsim_candidate(fault), lambda _line: None)
     assert len(result.checks) == 7
     return {check.metric for check in result.checks if check.verdict != "passed"}
 
@@ -34,6 +35,31 @@ def broken(fault: Fault) -> set[str]:
 )
 def test_relations_are_broken_by_what_breaks_them(fault: Fault, expected: set[str]) -> None:
     assert broken(fault) == expected
+
+
+@pytest.mark.parametrize("name", ["stretch", "confined", "shear", "csm1", "csm2", "cantilever"])
+def test_the_benchmarks_keep_them_too(name: str) -> None:
+    assert broken(Fault.NONE, name) == set()
+    # Held in single components or not: the body is turned, and more is free than held.
+    assert "rigid turn" in broken(Fault.LINEAR_INSTEAD_OF_GREEN, name)
+    assert "turned" in broken(Fault.MIRRORED, name)
+
+
+def test_single_components_turn_with_their_axes_only() -> None:
+    problem = load_case("stretch").problem
+    quarter = relations.rotation((0.0, 0.0, 1.0), 90.0)
+    turned, back = relations.turn(problem, quarter)
+    assert [s.components for s in problem.supports][:2] == [
+        (True, False, False),
+        (False, True, False),
+    ]
+    assert [s.components for s in turned.supports][:2] == [
+        (False, True, False),
+        (True, False, False),
+    ]
+    np.testing.assert_allclose(back(turned.mesh.points), problem.mesh.points, atol=1e-15)
+    with pytest.raises(InputError, match="axes only"):
+        relations.turn(problem, relations.rotation((0.0, 0.0, 1.0), 45.0))
 
 
 def test_maps_are_undone_and_problems_are_really_changed(

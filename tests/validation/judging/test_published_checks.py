@@ -2,38 +2,161 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import builtin_folder, load_case
-from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.results import Verdict
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.evidence.grid_convergence import assess_grid_convergence
+from palpate.validation.judging.checks import judge_check
+from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.judging.results import State, Verdict
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.studies.csm3 import bar_body
 
 STRETCH = builtin_folder() / "stretch.toml"
 
 
-def published(fault: Fault) -> Verdict:
-    result = judge_case(load_case("stretch"), candidate=fastsim_candidate(fault))
-    (check,) = (c for c in result.checks if c.metric == "published_displacement")
+def published(fault: Fault, name: str) -> Verdict:
+    result = judge_case(load_case(name), candidate=fastsim_candidate(fault))
+    (check,) = (
+        c
+        for c in result.checks
+        if c.metric == "published_displacement" and c.against == "candidate"
+    )
     return check.verdict
 
 
-def test_the_number_in_the_case_is_the_closed_form() -> None:
-    (check,) = (c for c in load_case("stretch").checks if c.metric == "published_displacement")
+def expected_of(name: str, component: str) -> float:
+    """The number that a case expects, told to candidate and truth alike."""
+    found = {c.expected for c in load_case(name).checks if c.component == component}
+    assert len(found) == 1
+    (expected,) = found
+    assert expected is not None
+    return expected
+
+
+def test_the_numbers_in_the_cases_are_the_closed_forms() -> None:
     # Lateral stretch sqrt(1 - nu (l^2 - 1)) of a 10 mm side at l = 1.25, nu = 0.3.
-    assert check.expected == pytest.approx(10.0 * (math.sqrt(1 - 0.3 * 0.5625) - 1), rel=1e-15)
+    lateral = 10.0 * (math.sqrt(1 - 0.3 * 0.5625) - 1)
+    assert expected_of("stretch", "y") == pytest.approx(lateral, rel=1e-15)
+    # Elastica at alpha = 1: u/L, w/L = 0.05643324, 0.30172077.
+    assert expected_of("cantilever", "x") == pytest.approx(20.0 * -0.05643324, rel=1e-6)
+    assert expected_of("cantilever", "z") == pytest.approx(20.0 * -0.30172077, rel=1e-6)
+    cantilever = load_case("cantilever").problem
+    (load,) = cantilever.loads
+    assert isinstance(load, Traction)
+    # P L^2 / (E I) = 1 with P = traction x 1 mm2, I = 1/12 mm4.
+    alpha = -load.traction[2] * 1e-6 * 0.02**2 * 12.0 / (cantilever.material.youngs_modulus * 1e-12)
+    assert alpha == pytest.approx(1.0, rel=1e-12)
 
 
-def test_fastsim_keeps_it_and_faults_do_not() -> None:
-    assert published(Fault.NONE) is Verdict.PASSED
-    assert published(Fault.LINEAR_INSTEAD_OF_GREEN) is Verdict.FAILED
-    assert published(Fault.SWAPPED_LAME) is Verdict.FAILED
-    assert published(Fault.UNIT_ERROR) is Verdict.FAILED
+def test_the_loads_of_confined_stretch_and_shear_are_the_closed_forms() -> None:
+    confined, shear = load_case("confined").problem, load_case("shear").problem
+    # P = a (lmbda + 2 mu)(a^2 - 1)/2 at a = 1.1; code_aster SSNV121 has 31 096.154 MPa.
+    (pull,) = confined.loads
+    assert isinstance(pull, Traction)
+    assert pull.traction[0] == pytest.approx(31096.154e6, rel=1e-8)
+    E, nu, k = shear.material.youngs_modulus, shear.material.poissons_ratio, 0.5
+    lmbda, mu = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+    top = shear.loads[0]
+    assert isinstance(top, Traction)
+    # P12 = mu k + k (lmbda + 2 mu) k^2 / 2.
+    assert top.traction[0] == pytest.approx(mu * k + k * (lmbda + 2 * mu) * k**2 / 2, rel=1e-14)
+    # The whole field, not the corner alone: u = (k y, 0, 0) and ((a - 1) x, 0, 0).
+    x, y, _ = confined.mesh.points.T
+    size = 1e-11 * np.ptp(x)
+    moved = solve_static(confined).displacement
+    assert np.abs(moved - np.outer(0.1 * x, [1.0, 0.0, 0.0])).max() < size
+    moved = solve_static(shear).displacement
+    assert np.abs(moved - np.outer(0.5 * y, [1.0, 0.0, 0.0])).max() < size
+
+
+@pytest.mark.parametrize("name", ["stretch", "confined", "shear"])
+def test_fastsim_keeps_it_and_faults_do_not(name: str) -> None:
+    assert published(Fault.NONE, name) is Verdict.PASSED
+    assert published(Fault.LINEAR_INSTEAD_OF_GREEN, name) is Verdict.FAILED
+    assert published(Fault.SWAPPED_LAME, name) is Verdict.FAILED
+    assert published(Fault.UNIT_ERROR, name) is Verdict.FAILED
+
+
+@pytest.mark.parametrize("name", ["confined", "shear"])
+def test_under_a_given_load_a_softer_law_is_seen_without_a_reference(name: str) -> None:
+    assert published(Fault.SOFTER, name) is Verdict.FAILED
+    assert published(Fault.DROPPED_LOAD, name) is Verdict.FAILED
+
+
+@pytest.mark.parametrize("name", ["csm1", "csm2"])
+def test_the_turek_hron_mesh_is_the_studys(name: str) -> None:
+    problem = load_case(name).problem
+    mesh, supports, place = bar_body((20, 4, 1))
+    assert np.abs(problem.mesh.points - mesh.points).max() < 1e-15
+    assert np.array_equal(problem.mesh.cells, mesh.cells)
+    for own, known in zip(problem.supports, supports, strict=True):
+        assert np.array_equal(own.points, known.points)
+        assert own.components == known.components
+    (load,) = problem.loads
+    assert isinstance(load, BodyForce)
+    assert load.force_density == (0.0, -2000.0, 0.0)
+    mu = {"csm1": 0.5e6, "csm2": 2e6}[name]
+    assert problem.material.youngs_modulus == pytest.approx(2.8 * mu, rel=1e-14)
+    at = next(c.at for c in load_case(name).checks if c.at)
+    assert np.abs(1e3 * mesh.points[place] - at).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["csm1", "csm2"])
+def test_fastsims_own_error_bar_holds_the_published_number(name: str) -> None:
+    problems = [load_case(name).problem]
+    for _ in range(2):
+        problems.append(refine_problem(problems[-1]))
+    place = bar_body((20, 4, 1))[2]
+    values = [1e3 * solve_static(p).displacement[place] for p in reversed(problems)]
+    for component in "xy":
+        axis, target = "xyz".index(component), expected_of(name, component)
+        # Order 2 of linear tetrahedra inside; less at the clamped corners.
+        bar = assess_grid_convergence(
+            [float(v[axis]) for v in values], (1.0, 2.0, 4.0), expected_order=2.0
+        )
+        assert bar.error_bar is not None, bar.behaviour
+        assert abs(bar.value - target) <= bar.error_bar
+        # A bar that says something: half of the number at most.
+        assert bar.error_bar < 0.5 * abs(target)
+
+
+def truth_of(name: str) -> tuple[Problem, State, list[CheckSpec]]:
+    case = load_case(name)
+    truth = find_references(case, live=False, progress=lambda _line: None).truth(case.strain)
+    assert truth is not None
+    checks = [c for c in case.checks if c.metric == "published_displacement"]
+    return case.problem, truth, [c for c in checks if c.against == "truth"]
+
+
+@pytest.mark.parametrize("name", ["confined", "shear", "csm1", "csm2", "cantilever"])
+def test_the_truth_is_judged_as_well(name: str) -> None:
+    problem, truth, specs = truth_of(name)
+    units = load_case(name).spec.units
+    assert specs
+    spoiled = dataclasses.replace(truth, displacement=1.02 * truth.displacement)
+    for spec in specs:
+        for state, bar, wanted in (
+            (truth, 0.0, Verdict.PASSED),
+            (spoiled, 0.0, Verdict.FAILED),
+            # A truth that knows too little about itself allows no verdict, nor does none at all.
+            (truth, math.inf, Verdict.INCONCLUSIVE),
+            (None, 0.0, Verdict.INCONCLUSIVE),
+        ):
+            found = judge_check(spec, truth.strain, problem, None, state, bar, "", units)
+            assert found.verdict is wanted, found.message
 
 
 @pytest.mark.parametrize(
