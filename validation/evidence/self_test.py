@@ -46,6 +46,14 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.LINEAR_INSTEAD_OF_GREEN, "kidney"),
     (Fault.LINEAR_INSTEAD_OF_GREEN, "beam"),
     (Fault.SHIFTED_NUMBERS, "block"),
+    (Fault.LINEAR_INSTEAD_OF_GREEN, "stretch"),
+    (Fault.SOFTER, "confined"),
+    (Fault.SWAPPED_LAME, "shear"),
+    (Fault.LINEAR_INSTEAD_OF_GREEN, "csm1"),
+    (Fault.SOFTER, "csm2"),
+    (Fault.MIRRORED, "csm2"),
+    (Fault.REVERSED_LOAD, "cantilever"),
+    (Fault.LINEAR_INSTEAD_OF_GREEN, "cantilever"),
 )
 REFERENCE_FAULTS = ("missing-reference", "stale-reference", "damaged-reference")
 _CASE_OF_REFERENCES = "block"
