@@ -139,8 +139,9 @@ def test_crashing(palpate_case):
         encoding="utf-8",
     )
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "palpate.validation.pytest_plugin",
-         "-p", "no:cacheprovider", str(tmp_path)],
+        # Where palpate is installed, its entry point has loaded the same plugin already.
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:palpate", "-p",
+         "palpate.validation.pytest_plugin", "-p", "no:cacheprovider", str(tmp_path)],
         capture_output=True, text=True, timeout=300, check=False, cwd=tmp_path,
     )  # fmt: skip
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
