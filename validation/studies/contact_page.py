@@ -32,7 +32,7 @@ def curve_table(found: Outcome) -> StudyTable:
         hertz = float(hertz_force(np.array(depth * RADIUS)))
         row = [f"{depth:g}", f"{1e3 * hertz:.4f}"]
         for forces in (linear, green):
-            row += [f"{1e3 * forces[k]:.4f}" if k < len(forces) else "-"]
+            row += [f"{1e3 * forces[k] + 0.0:.4f}" if k < len(forces) else "-"]
             row += [f"{forces[k] / hertz:.4f}" if 0 < k < len(forces) else "-"]
         rows.append(row)
     columns = ["d / R", "Hertz [mN]", "linear [mN]", "over Hertz", "Green [mN]", "over Hertz"]
@@ -77,6 +77,7 @@ def speed_table(found: Outcome) -> StudyTable:
 def draw(found: Outcome, hertz_limit: float) -> list[StudyFigure]:
     """Force against depth; distance from Hertz by mesh, and what penalties lack."""
     from matplotlib import pyplot
+    from matplotlib.ticker import NullFormatter
 
     from palpate.validation.report.plots import figure_svg
 
@@ -102,6 +103,10 @@ def draw(found: Outcome, hertz_limit: float) -> list[StudyFigure]:
     stiffness = [p.stiffness for p in found.penalties]
     right.loglog(stiffness, [100 * p.lack for p in found.penalties], "-o", ms=4)
     right.set_xlabel("penalty stiffness [Pa/m]")
+    # Labels of the steps between the powers of ten would lie on one another.
+    right.xaxis.set_minor_formatter(NullFormatter())
+    left.set_xticks(edges, [f"{edge:.3g}" for edge in edges])
+    left.xaxis.set_minor_formatter(NullFormatter())
     right.set_ylabel("force lacking [%]")
     for axes in (left, right):
         axes.grid(color="#dddddd", lw=0.6, which="both", alpha=0.6)
