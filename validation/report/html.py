@@ -16,9 +16,16 @@ from markupsafe import Markup
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
-from palpate.validation.evidence.error_budget import Budget, budget_rows, budget_svg, case_budgets
+from palpate.validation.evidence.error_budget import (
+    Budget,
+    budget_rows,
+    budget_svg,
+    case_budgets,
+    motion_budgets,
+)
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, Verdict, gravest
+from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import checks_svg
@@ -26,6 +33,8 @@ from palpate.validation.report.table_one import state_table, state_table_csv
 from palpate.validation.report.viewer_data import compared_pairs, viewer_json
 
 INDEX = "index.html"
+# Cells times steps; its budget costs about fifty times as much, some ten seconds.
+_CHEAP_MOTION = 2e7
 
 
 def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
@@ -91,8 +100,9 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         plot = Markup(checks_svg(result))
     except Exception as error:  # a plot must never take the verdict with it
         plot = Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
-    budgets = _budgets(result)
+    budgets, no_budget = _budgets(result)
     return {
+        "no_budget": no_budget,
         "budgets": budget_rows(budgets) if budgets else None,
         "budget_plots": [
             Markup(budget_svg([b for b in budgets if b.quantity == quantity]))
@@ -118,12 +128,31 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
     }
 
 
-def _budgets(result: CaseResult) -> list[Budget]:
-    """Where the candidate's error comes from; none where nothing moves or a state is missing."""
+def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
+    """Where the candidate's error comes from, or why that cannot be told.
+
+    Of a motion by running fastsim with one thing changed at a time, where that is cheap.
+    """
+    from palpate.fastsim.errors import FastsimError
+
+    problem, span = result.problem, result.problem.time
     try:
-        return case_budgets(result)
-    except InputError:
-        return []
+        if span is None:
+            budgets = case_budgets(result)
+            return budgets, "" if budgets else "there is no truth to hold the candidate against"
+        if span.time_step is None or problem.tools:
+            return [], "a motion without a stated step, or with tools"
+        cost = problem.mesh.num_cells * span.end_time / span.time_step
+        if cost > _CHEAP_MOTION:
+            return [], "runs on the finer mesh would take minutes"
+        budgets = []
+        for state in result.states:
+            if state.label == result.candidate and state.simulator != "reference":
+                twin = result.state(SAME_MESH, state.strain)
+                budgets += motion_budgets(problem, state.strain, candidate=state, twin=twin)
+        return budgets, ""
+    except (InputError, FastsimError) as error:
+        return [], str(error)
 
 
 def _closest(result: CaseResult) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.meshes.boundary_conditions import BodyForce
 from palpate.meshes.problem import Problem
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
@@ -46,6 +47,7 @@ def test_table_one_prints_the_paper_and_the_fitted_reference(kidney: CaseResult)
 def test_the_page_is_whole_and_offline(kidney: CaseResult, tmp_path: Path) -> None:
     text = html.write_report([kidney], tmp_path).read_text("utf-8")
     assert "10 of 10 checks passed" in text
+    assert "Error budget" in text
     assert "calibration, not a validation" in re.sub(r"\s+", " ", text)
     assert "default-src 'none'" in text
     assert not re.search(r"(src|href)=\"(?!data:)", text.replace('xlink:href="#', ""))
@@ -132,6 +134,18 @@ def test_a_motion_is_shown_time_by_time(tmp_path: Path, monkeypatch: pytest.Monk
     text = html.write_report([block], tmp_path).read_text("utf-8")
     assert "goes through the stored times" in text
     assert "in steps of 2.50e-04 s" in text
+    # On the mesh cut in eight this block, softer there, inverts at its clamp: no budget, and why.
+    assert "No budget: blew up after step" in text
+    calm = dataclasses.replace(
+        block,
+        problem=dataclasses.replace(
+            block.problem,
+            loads=(BodyForce((0.0, 0.0, -1000.0)),),
+            time=dataclasses.replace(block.problem.time, end_time=0.02, num_outputs=2),
+        ),
+    )
+    text = html.write_report([calm], tmp_path).read_text("utf-8")
+    assert "a quarter of the time step" in text
 
 
 def test_fifty_thousand_cells_stay_under_five_megabytes(
