@@ -28,7 +28,7 @@ pytestmark = [
 ]
 
 
-def largest_difference(problem, tmp_path, strain, degree):
+def largest_difference(problem, tmp_path, strain, degree, tolerance=1e-9):
     given, answer = tmp_path / "problem.npz", tmp_path / "result.npz"
     save_problem(given, problem)
     subprocess.run(
@@ -46,7 +46,7 @@ def largest_difference(problem, tmp_path, strain, degree):
     here = solve_static_in_child(problem, strain=strain, degree=degree, time_limit=500)
     assert there.versions["dolfinx"] != here.versions["dolfinx"], f"{OTHER} and {sys.executable}"
     for name in ("volume", "surface_area", "strain_energy", "smallest_det_f"):
-        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=1e-9), name
+        assert getattr(there, name) == pytest.approx(getattr(here, name), rel=tolerance), name
     scale = np.abs(here.displacement).max()
     return float(np.abs(there.displacement - here.displacement).max() / scale)
 
@@ -69,6 +69,9 @@ def test_the_other_version_gives_the_same_answer(box, tmp_path, strain, degree):
     assert largest_difference(problem, tmp_path, strain, degree) < 1e-9
 
 
+# A hundred times as long as high: the last digits of what bends it are lost in what stretches it,
+# which is (L / h)^2 as stiff.
+TOLERANCES = {"sze": 1e-8}
 STATIC = [name for name in builtin_cases() if load_case(name).problem.time is None]
 
 
@@ -76,4 +79,6 @@ STATIC = [name for name in builtin_cases() if load_case(name).problem.time is No
 @pytest.mark.parametrize("strain", list(Strain))
 @pytest.mark.parametrize("name", STATIC)
 def test_the_versions_agree_on_the_built_in_cases(tmp_path, name, strain):
-    assert largest_difference(load_case(name).problem, tmp_path, strain, 1) < 1e-9
+    tolerance = TOLERANCES.get(name, 1e-9)
+    problem = load_case(name).problem
+    assert largest_difference(problem, tmp_path, strain, 1, tolerance) < tolerance

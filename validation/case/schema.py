@@ -15,7 +15,9 @@ from palpate.validation.case.units import Units
 OWN_METRICS = ("smallest_det_f", "inverted_cells")
 # Held against a number of the case file: the candidate's answer, or the truth itself.
 PUBLISHED = "published_displacement"
-# Only against the reference on the same mesh.
+PUBLISHED_SWING = "published_oscillation"
+PUBLISHED_METRICS = (PUBLISHED, PUBLISHED_SWING)
+# Only against the reference on the same mesh: what reads the cells or the forces of a solution.
 SAME_MESH_METRICS = (
     "displacement_h1",
     "energy_norm",
@@ -23,15 +25,25 @@ SAME_MESH_METRICS = (
     "reaction_force",
     "tool_force",
     "strain_energy",
+)
+# Only where there is [time].
+MOTION_METRICS = (
     "trajectory_l2",
     "oscillation_amplitude",
     "oscillation_frequency",
     "oscillation_phase",
     "oscillation_damping",
     "oscillation_mean",
+    PUBLISHED_SWING,
 )
-# Only where there is [time].
-MOTION_METRICS = tuple(name for name in SAME_MESH_METRICS if name.startswith(("traj", "osc")))
+# What the truth of a motion can be asked for: its points over time, no integrals.
+MOVING_TRUTH = (
+    "displacement_l2",
+    "displacement_max",
+    "max_displacement",
+    *MOTION_METRICS,
+    PUBLISHED,
+)
 
 
 class GeometrySpec(Table):
@@ -213,32 +225,39 @@ class CheckSpec(Table):
         "smallest_det_f",
         "inverted_cells",
         "published_displacement",
+        "published_oscillation",
     ]
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
     strain: Strain | None = None
     limit: float
     reason: str = Field(min_length=1)
-    # Of published_displacement: a point of the mesh, which component, and the number there, in
-    # the case's length unit; the reason names the source.
+    # Of what is published: a point of the mesh, which component, and the number there, in the
+    # case's length unit, Hz or 1/s; the reason names the source.
     at: Vector | None = None
     component: Literal["x", "y", "z"] | None = None
+    quantity: Literal["amplitude", "frequency", "damping", "mean"] | None = None
     expected: float | None = None
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
-        is_published = self.metric == PUBLISHED
+        is_published = self.metric in PUBLISHED_METRICS
         if is_published and self.against == "same_mesh":
             raise ValueError(
-                f'{PUBLISHED} goes with against = "candidate", or "truth" for the reference\'s own'
+                f'{self.metric} goes with against = "candidate", or "truth" for the '
+                "reference's own"
             )
         if not is_published and (self.metric in OWN_METRICS) != (self.against == "candidate"):
-            own = ", ".join((*OWN_METRICS, PUBLISHED))
+            own = ", ".join((*OWN_METRICS, *PUBLISHED_METRICS))
             raise ValueError(f'{own} go with against = "candidate", and nothing else does')
         if self.metric in SAME_MESH_METRICS and self.against != "same_mesh":
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
         given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
         if (is_published and len(given) < 3) or (given and not is_published):
-            raise ValueError("at, component and expected go with published_displacement, all three")
+            raise ValueError(
+                f"at, component and expected go with {' and '.join(PUBLISHED_METRICS)}, all three"
+            )
+        if (self.metric == PUBLISHED_SWING) != (self.quantity is not None):
+            raise ValueError(f"quantity goes with {PUBLISHED_SWING}: {PUBLISHED_SWING} needs one")
         if is_published and not self.expected:
             raise ValueError("expected = 0 gives no scale; choose another component or point")
         if self.metric not in OWN_METRICS and self.limit <= 0.0:
@@ -284,10 +303,20 @@ class CaseSpec(Table):
                 raise ValueError("check tool_force needs [tool], and no [time]")
             if check.metric in MOTION_METRICS and self.time is None:
                 raise ValueError(f"check {check.metric} needs [time]")
-            if self.time is not None and check.against == "truth":
-                raise ValueError('a case with [time] has no truth; check against = "same_mesh"')
-        if self.time is not None and self.time.time_step is None and self.check:
-            raise ValueError(
-                "a motion is judged step by step: give time_step in [time], the same for all"
-            )
+            if self.time is None:
+                continue
+            if check.against == "truth" and check.metric not in MOVING_TRUTH:
+                raise ValueError(
+                    f"the truth of a case with [time] knows {', '.join(MOVING_TRUTH)}; "
+                    f'check {check.metric} against = "same_mesh"'
+                )
+            if check.against == "same_mesh" and self.time.time_step is None:
+                raise ValueError(
+                    f'check {check.metric} against = "same_mesh" is judged step by step: give '
+                    'time_step in [time], the same for all, or check against = "truth"'
+                )
+            if check.against == "truth" and self.tool:
+                raise ValueError(
+                    'a case with [time] and [tool] has no truth; check against = "same_mesh"'
+                )
         return self

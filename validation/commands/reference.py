@@ -32,7 +32,8 @@ def build(names: Cases = None) -> None:
 
     for name in _chosen(names):
         case = load_case(name)
-        found = solve_for_storing(case.problem, progress_lines())
+        wanted = {spec.against for spec in case.checks}
+        found = solve_for_storing(case.problem, progress_lines(), wanted=wanted)
         provenance: dict[str, Any] = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "command": f"palpate reference build {case.name}",

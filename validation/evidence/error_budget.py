@@ -7,8 +7,10 @@ Each term is what the candidate would gain by mending one thing and leaving all 
     time            a quarter of the time step
     solver          the same mesh, strain and step, solved by the reference
 
-Norms do not add; signed numbers do, but for the interaction: what is left of the total when all
-terms are taken off. A large interaction says that mending one thing alone will not do.
+Of an answer on a mesh of its own, which the reference does not solve on, discretisation and solver
+are one term. Norms do not add; signed numbers do, but for the interaction: what is left of the
+total when all terms are taken off. A large interaction says that mending one thing alone will not
+do.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.judging.results import CaseResult, State
+from palpate.validation.judging.results import OWN_MESH, CaseResult, State
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
 
 MODEL, DISCRETISATION, TIME, SOLVER = "model", "discretisation", "time", "solver"
@@ -128,9 +130,14 @@ def static_budgets(
         same_linear = read(same)
         if same_green is not None and same_linear is not None:
             terms[MODEL] = same_linear - same_green
-    terms[DISCRETISATION] = _less(read(same), read(fine))
     terms[TIME] = None
-    terms[SOLVER] = _less(own, read(same))
+    if OWN_MESH in candidate.details:
+        # Nothing was solved on that mesh but the candidate: its solver's error is in here.
+        terms[DISCRETISATION] = _less(own, read(fine))
+        terms[SOLVER] = None
+    else:
+        terms[DISCRETISATION] = _less(read(same), read(fine))
+        terms[SOLVER] = _less(own, read(same))
     return _budgets(_name(candidate), own, _sure(read(truth)), terms)
 
 
@@ -286,7 +293,8 @@ def _budgets(
 
 
 def _name(state: State) -> str:
-    return f"{state.label}, {state.strain} strain"
+    own_mesh = f", own mesh of {state.details[OWN_MESH]}" if OWN_MESH in state.details else ""
+    return f"{state.label}, {state.strain} strain{own_mesh}"
 
 
 def _less(value: Points | None, other: Points | None) -> Points | None:

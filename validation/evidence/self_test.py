@@ -54,6 +54,11 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.MIRRORED, "csm2"),
     (Fault.REVERSED_LOAD, "cantilever"),
     (Fault.LINEAR_INSTEAD_OF_GREEN, "cantilever"),
+    (Fault.LINEAR_INSTEAD_OF_GREEN, "sze"),
+    (Fault.WRONG_MASS, "wave"),
+    (Fault.SOFTER, "wave"),
+    (Fault.NO_DAMPING, "decay"),
+    (Fault.REVERSED_LOAD, "csm3"),
 )
 REFERENCE_FAULTS = ("missing-reference", "stale-reference", "damaged-reference")
 _CASE_OF_REFERENCES = "block"

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.case.schema import PUBLISHED, CheckSpec
+from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.case.units import Units
+from palpate.validation.judging.published import (
+    bar_of_published,
+    compare_published,
+    uncertainty_of_fit,
+)
 from palpate.validation.judging.results import CheckResult, State, Verdict
 from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
-
-# A point is there within this part of the body's size.
-_SAME_PLACE = 1e-6
 
 
 def decide(error: float, bar: float, limit: float) -> Verdict:
@@ -51,20 +50,19 @@ def judge_check(
         candidate: The candidate's state, or None with `failure` saying why.
         reference: The reference's, or None if there is none.
         bar: The reference's error bar, relative to the check's scale; of a published number that
-            the truth is held against, relative to the truth's largest displacement.
+            the truth is held against, that of `metric_of_bar`.
         failure: Why a state is missing.
         units: The case's, of published numbers; SI where None.
     """
     value: float | None = None
     scale, unit = "-", CATALOGUE[spec.metric].unit
-    if spec.metric == PUBLISHED and spec.against == "truth":
+    if spec.metric in PUBLISHED_METRICS and spec.against == "truth":
         scale = "the number expected"
         if reference is None:
             verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
         else:
-            value, message = _published(spec, problem, reference, units)
-            # No component at a point is farther off than the largest error of displacement.
-            bar *= reference.max_displacement / _expected_metres(spec, units)
+            value, message = compare_published(spec, problem, reference, units)
+            bar = bar_of_published(spec, problem, reference, bar, units)
             verdict = decide(value, bar, spec.limit)
             message = f"reference {message}" + (f" (+- {bar:.2g})" if bar else "")
     elif candidate is None:
@@ -79,10 +77,12 @@ def judge_check(
         value, scale, bar = float(count), "none", 0.0
         verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
         message = f"{count} inverted cell(s), at most {spec.limit:g}"
-    elif spec.metric == PUBLISHED:
-        error, message = _published(spec, problem, candidate, units)
-        value, scale, bar = error, "the number expected", 0.0
-        verdict = decide(error, 0.0, spec.limit)
+    elif spec.metric in PUBLISHED_METRICS:
+        error, message = compare_published(spec, problem, candidate, units)
+        value, scale = (error if math.isfinite(error) else None), "the number expected"
+        bar = uncertainty_of_fit(spec, problem, candidate, units)
+        verdict = decide(error, bar, spec.limit)
+        message += f" (+- {bar:.2g})" if bar else ""
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
@@ -106,32 +106,3 @@ def judge_check(
         reason=spec.reason,
         message=message,
     )
-
-
-def _expected_metres(spec: CheckSpec, units: Units | None) -> float:
-    """Size of the number expected [m]."""
-    assert spec.expected is not None
-    return abs((units or Units()).metres(spec.expected))
-
-
-def _published(
-    spec: CheckSpec, problem: Problem, state: State, units: Units | None
-) -> tuple[float, str]:
-    """Relative error of one component at one point, and a line on it.
-
-    Raises:
-        InputError: No point of the mesh lies there.
-    """
-    used = units or Units()
-    assert spec.at is not None
-    assert spec.component is not None
-    assert spec.expected is not None
-    place = np.array([used.metres(x) for x in spec.at])
-    apart = np.linalg.norm(problem.mesh.points - place, axis=1)
-    point = int(apart.argmin())
-    if apart[point] > _SAME_PLACE * float(np.ptp(problem.mesh.points, axis=0).max()):
-        raise InputError(f"check at {list(spec.at)}: no point of the mesh lies there; mesh it in")
-    found = float(state.displacement[point, "xyz".index(spec.component)]) / used.metres(1.0)
-    error = abs(found - spec.expected) / abs(spec.expected)
-    shown = f"{found:.8g} {used.length}, expected {spec.expected:.8g}: {error:.2g}"
-    return error, f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"

@@ -18,10 +18,11 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
-from palpate.validation.case.schema import PUBLISHED, CheckSpec
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
+from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.results import CaseResult, CheckResult, State, Verdict, gravest
-from palpate.validation.metrics import CATALOGUE, measure
+from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
 from palpate.validation.references.stored import (
     MissingReferenceError,
@@ -84,8 +85,7 @@ def judge_case(
         reference = (
             references.truth(strain) if is_truth else references.states.get((SAME_MESH, strain))
         )
-        measured = "displacement_max" if spec.metric == PUBLISHED else spec.metric
-        bar = references.bars.get((measured, strain), float("inf"))
+        bar = references.bars.get((metric_of_bar(spec), strain), float("inf"))
         checks.append(
             judge_check(
                 spec,
@@ -152,7 +152,8 @@ def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) 
         from palpate.reference.availability import is_available
 
         if is_available():
-            return solve_live(problem, progress, stored=stored)
+            wanted = {spec.against for spec in case.checks}
+            return solve_live(problem, progress, stored=stored, wanted=wanted)
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored
@@ -227,6 +228,7 @@ def _comparable(against: str, problem: Problem) -> list[str]:
         if metric.compare
         and (against == "same_mesh" or not metric.needs_same_mesh)
         and (not metric.needs_time or (problem.time and metric.name == "trajectory_l2"))
+        and (not problem.time or against == "same_mesh" or metric.name in MOVING_TRUTH_METRICS)
         and (not metric.needs_tools or problem.tools)
     ]
 

@@ -70,6 +70,10 @@ class Trajectory:
     displacements: NDArray[np.float64]
 
 
+# In a state's details: it was solved on another mesh than the case's, and which.
+OWN_MESH = "own_mesh"
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """One solution of a case, with the quantities that are judged.

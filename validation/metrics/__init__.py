@@ -1,6 +1,6 @@
 """How far apart two solutions are: each metric with its unit, its scale and its meaning."""
 
-from palpate.validation.metrics.catalogue import CATALOGUE, Metric, measure
+from palpate.validation.metrics.catalogue import CATALOGUE, MOVING_TRUTH_METRICS, Metric, measure
 from palpate.validation.metrics.fields import det_f, inverted_cells
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
@@ -18,6 +18,7 @@ from palpate.validation.metrics.pairs import (
 __all__ = [
     "CATALOGUE",
     "COMPARISONS",
+    "MOVING_TRUTH_METRICS",
     "SMALLEST_CHANGE",
     "Difference",
     "Metric",

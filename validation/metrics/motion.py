@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields as fields_of
 
 import numpy as np
@@ -14,7 +15,9 @@ from palpate.validation.metrics.pairs import Difference, l2_norm, ratio
 from palpate.validation.metrics.time_series import (
     OscillationError,
     fit_oscillation,
+    fit_uncertainty,
     oscillation_error,
+    oscillation_offset,
 )
 
 OSCILLATION = tuple(f"oscillation_{field.name}" for field in fields_of(OscillationError))
@@ -55,6 +58,26 @@ def oscillation(name: str, candidate: State, reference: State) -> Difference:
         return Difference(math.inf, 1.0, _SCALES[word])
     errors = oscillation_error(found, expected, float(np.ptp(theirs.times)))
     return Difference(float(getattr(errors, word)), 1.0, _SCALES[word])
+
+
+def oscillation_offsets(
+    states: Sequence[State],
+) -> tuple[tuple[OscillationError, ...], OscillationError]:
+    """Errors with their signs against the first of some states, where and along which it swings.
+
+    Returns:
+        Of every state, the first one's all 0; and how far the first one's fit may be off.
+
+    Raises:
+        InputError: One of them does not oscillate.
+    """
+    motions = [_trajectories(state, states[0])[0] for state in states]
+    point, axis = swinging_most(motions[0])
+    series = [(motion.times, motion.displacements[:, point] @ axis) for motion in motions]
+    swings = [fit_oscillation(*one) for one in series]
+    duration = float(np.ptp(motions[0].times))
+    offsets = tuple(oscillation_offset(swing, swings[0], duration) for swing in swings)
+    return offsets, fit_uncertainty(*series[0])
 
 
 def swinging_most(

@@ -8,7 +8,7 @@ Pereyra 1973), by Gauss-Newton from the best of a grid.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 # Less than this many periods do not tell frequency from damping.
 FEWEST_PERIODS = 1.5
 _FEWEST_SAMPLES = 12
+_SHIFTS = 12
+_WINDOWS = 8
 
 
 @dataclass(frozen=True)
@@ -83,15 +85,87 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
     if spread <= 1e-12 * float(np.abs(x).max()):
         raise InputError("the series does not oscillate")
     t = t - t[0]
-    span = float(t[-1])
-    w, g = _first_guess(t, x)
+    found = _refine(t, x, *_first_guess(t, x), spread)
+    periods = found.frequency * float(t[-1])
+    if periods < FEWEST_PERIODS:
+        raise InputError(f"{periods:.2g} periods in the series; {FEWEST_PERIODS} are needed")
+    return found
+
+
+def fit_uncertainty(times: ArrayLike, values: ArrayLike) -> OscillationError:
+    """How far a fit may be off because the series is not one cosine: other modes leak into it.
+
+    What the fit leaves over is moved along time, end to start, with the cosine's decay (that of
+    all modes under damping by mass), added to the cosine, and fitted again: had the rest come at
+    another phase, this is what would have been found (a bootstrap that keeps the rest's
+    frequencies; Politis and Romano 1992). Its mean stays, so the series is also fitted without
+    parts of its last period. Largest error of all.
+
+    Args:
+        times: As in `fit_oscillation`.
+        values: Likewise.
+
+    Raises:
+        InputError: As `fit_oscillation`.
+    """
+    t = np.asarray(times, dtype=np.float64)
+    x = np.asarray(values, dtype=np.float64)
+    fitted = fit_oscillation(t, x)
+    t = t - t[0]
+    w, g = 2.0 * math.pi * fitted.frequency, fitted.damping
+    rest = _misfit(t, x, w, g)
+    cosine, decay = x - rest, np.exp(np.clip(-g * t, -50.0, 50.0))
+    spread = float(np.sqrt(np.mean((x - x.mean()) ** 2)))
+    duration = float(t[-1])
+    errors = []
+    for shift in np.linspace(0, len(t), _SHIFTS + 1, dtype=int)[1:-1]:
+        again = _refine(t, cosine + decay * np.roll(rest / decay, shift), w, g, spread)
+        errors.append(oscillation_error(again, fitted, duration))
+    in_period = int(np.count_nonzero(t > duration - 1.0 / fitted.frequency))
+    for less in np.linspace(0, in_period, _WINDOWS + 1, dtype=int)[1:]:
+        again = _refine(t[:-less], x[:-less], w, g, spread)
+        errors.append(oscillation_error(again, fitted, duration))
+    return OscillationError(
+        **{
+            field.name: max(getattr(error, field.name) for error in errors)
+            for field in fields(OscillationError)
+        }
+    )
+
+
+def oscillation_error(
+    candidate: Oscillation, reference: Oscillation, duration: float
+) -> OscillationError:
+    """Sizes of the errors over a series of this duration [s]."""
+    offset = oscillation_offset(candidate, reference, duration)
+    return OscillationError(**{f.name: abs(getattr(offset, f.name)) for f in fields(offset)})
+
+
+def oscillation_offset(
+    candidate: Oscillation, reference: Oscillation, duration: float
+) -> OscillationError:
+    """The errors with their signs: candidate less reference."""
+    turns = (candidate.phase - reference.phase) / (2.0 * math.pi)
+    turns -= round(turns)
+    turns += (candidate.frequency - reference.frequency) * duration
+    return OscillationError(
+        amplitude=(candidate.amplitude - reference.amplitude) / reference.amplitude,
+        frequency=(candidate.frequency - reference.frequency) / reference.frequency,
+        phase=turns,
+        damping=(candidate.damping - reference.damping) / reference.frequency,
+        mean=(candidate.mean - reference.mean) / reference.amplitude,
+    )
+
+
+def _refine(t: Array, x: Array, w: float, g: float, spread: float) -> Oscillation:
+    """The best fit by Gauss-Newton from an angular frequency [rad/s] and a decay rate [1/s]."""
     best = _misfit(t, x, w, g)
     for _ in range(100):
-        steps = np.array([1e-6 * w, 1e-6 * w])
+        step = 1e-6 * w
         J = np.column_stack(
             [
-                (_misfit(t, x, w + steps[0], g) - _misfit(t, x, w - steps[0], g)) / (2 * steps[0]),
-                (_misfit(t, x, w, g + steps[1]) - _misfit(t, x, w, g - steps[1])) / (2 * steps[1]),
+                (_misfit(t, x, w + step, g) - _misfit(t, x, w - step, g)) / (2 * step),
+                (_misfit(t, x, w, g + step) - _misfit(t, x, w, g - step)) / (2 * step),
             ]
         )
         move = np.linalg.lstsq(J, -best, rcond=None)[0]
@@ -106,10 +180,6 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
         w, g, best = w + share * move[0], g + share * move[1], tried
         if float(np.abs(share * move).max()) <= 1e-13 * w:
             break
-    if w * span < FEWEST_PERIODS * 2.0 * math.pi:
-        raise InputError(
-            f"{w * span / (2.0 * math.pi):.2g} periods in the series; {FEWEST_PERIODS} are needed"
-        )
     c, a, b = _coefficients(t, x, w, g)
     return Oscillation(
         mean=c,
@@ -118,22 +188,6 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
         phase=math.atan2(-b, a),
         damping=g,
         misfit=float(np.sqrt(np.mean(best**2))) / spread,
-    )
-
-
-def oscillation_error(
-    candidate: Oscillation, reference: Oscillation, duration: float
-) -> OscillationError:
-    """Errors over a series of this duration [s]."""
-    turns = (candidate.phase - reference.phase) / (2.0 * math.pi)
-    turns -= round(turns)
-    turns += (candidate.frequency - reference.frequency) * duration
-    return OscillationError(
-        amplitude=abs(candidate.amplitude - reference.amplitude) / reference.amplitude,
-        frequency=abs(candidate.frequency - reference.frequency) / reference.frequency,
-        phase=abs(turns),
-        damping=abs(candidate.damping - reference.damping) / reference.frequency,
-        mean=abs(candidate.mean - reference.mean) / reference.amplitude,
     )
 
 

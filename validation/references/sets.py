@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +31,9 @@ TRUTH = "reference P2, refined"
 SAFETY_FACTOR = 3.0
 # Cells of the finest of three meshes for P2; more of them take hours.
 LARGEST_QUADRATIC = 40_000
+
+# What checks go against.
+BOTH = ("same_mesh", "truth")
 
 Bars = dict[tuple[str, Strain], float]
 
@@ -102,9 +105,13 @@ def solve_state(
 
 
 def solve_live(
-    problem: Problem, progress: Callable[[str], None], *, stored: ReferenceSet | None = None
+    problem: Problem,
+    progress: Callable[[str], None],
+    *,
+    stored: ReferenceSet | None = None,
+    wanted: Collection[str] = BOTH,
 ) -> ReferenceSet:
-    """Solve P1 and P2 on the case's mesh, with both strains.
+    """Solve P1 and P2 on the case's mesh, with both strains; of a motion what is `wanted`.
 
     A stored reference adds the truth on the refined mesh, with its bars. Without one the truth
     is P2 here, and the bar of each metric is the difference of P1 and P2, an upper estimate.
@@ -118,7 +125,9 @@ def solve_live(
     )
 
     if problem.time is not None:
-        return solve_motion_set(problem, progress)
+        from palpate.validation.references.motions import solve_motion_set
+
+        return solve_motion_set(problem, progress, wanted=wanted, stored=stored)
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
     for strain in Strain:
@@ -157,14 +166,6 @@ def solve_live(
     )
 
 
-def solve_motion_set(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
-    """The trajectories of a dynamic case, one for each strain measure."""
-    from palpate.validation.references.motions import solve_motion
-
-    states = {(SAME_MESH, strain): solve_motion(problem, strain, progress) for strain in Strain}
-    return ReferenceSet(states, {}, "P1 in motion by central differences on the case's mesh")
-
-
 def solve_tool_set(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
     """P1 on the case's mesh with its tools, one for each strain measure; no truth is stored.
 
@@ -190,20 +191,25 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
     return bars
 
 
-def solve_for_storing(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
+def solve_for_storing(
+    problem: Problem, progress: Callable[[str], None], *, wanted: Collection[str] = BOTH
+) -> ReferenceSet:
     """P1 on the case's mesh, P2 on finer ones for the truth, and what their sequences tell.
 
     Small bodies: P2 on three meshes, each cut in eight from the last; the finest is the truth, its
     bars are grid convergence indices. Others: P2 on two, bars by Roache's rule for two grids, held
     against P1 on three: where that sequence oscillates or has no believable order the bar is
     infinite, and where the two do not meet it is wide enough that they do. Refined meshes keep the
-    case's points first, so nothing is interpolated.
+    case's points first, so nothing is interpolated. Of a motion: see `motions`, and only what is
+    `wanted`.
 
     Raises:
         ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
     """
     if problem.time is not None:
-        return solve_motion_set(problem, progress)
+        from palpate.validation.references.motions import solve_motion_set
+
+        return solve_motion_set(problem, progress, wanted=wanted, is_for_storing=True)
     if problem.tools:
         return solve_tool_set(problem, progress)
     mesh = problem.mesh

@@ -27,6 +27,7 @@ from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, Verdict, gravest
 from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.report.credibility import credibility
+from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
@@ -100,9 +101,16 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         plot = Markup(checks_svg(result))
     except Exception as error:  # a plot must never take the verdict with it
         plot = Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
+    try:
+        motion_plot = Markup(motion_svg(result))
+    except Exception as error:  # likewise
+        motion_plot = Markup("<p>The plot could not be drawn ({}).</p>").format(
+            type(error).__name__
+        )
     budgets, no_budget = _budgets(result)
     return {
         "no_budget": no_budget,
+        "motion_plot": motion_plot,
         "budgets": budget_rows(budgets) if budgets else None,
         "budget_plots": [
             Markup(budget_svg([b for b in budgets if b.quantity == quantity]))

@@ -13,7 +13,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
-from palpate.validation.judging.results import State, Trajectory
+from palpate.validation.judging.results import OWN_MESH, State, Trajectory
 from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
@@ -164,8 +164,10 @@ def placed_state(
     if own is None or placed.own_displacement is None:
         return state
     there = make_state(own, placed.own_displacement[-1], label=name, simulator=name, strain=strain)
+    told[OWN_MESH] = f"{own.num_cells} cells"
     return dataclasses.replace(
         state,
+        details=told,
         volume=mesh.volume + (there.volume - own.volume),
         surface_area=mesh.surface_area + (there.surface_area - own.surface_area),
         smallest_det_f=there.smallest_det_f,

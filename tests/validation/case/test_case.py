@@ -97,6 +97,22 @@ rotation = { axis = [0.0, 2.0, 0.0], angle_deg = 90.0 }
 metric = "smallest"""
 
 
+SAME_STEPS = """
+[[check]]
+metric = "trajectory_l2"
+limit = 1e-9
+reason = "the same steps"
+
+"""
+TRUTH = """[[check]]
+metric = "{}"
+against = "truth"
+limit = 0.1
+reason = "no step stated"
+
+[[tool]]"""
+
+
 def moving_case(write_case: Write, *changes: tuple[str, str]) -> Path:
     tables = MOVING
     for old, new in changes:
@@ -156,7 +172,13 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
         (("time = 0.5\npos", "time = -0.5\npos"), ["backwards at knot 1"]),
         (("position = [1000.0, 500.0, 1101.0]", "position = [nan, 0, 0]"), ["finite"]),
         (("[0.0, 2.0, 0.0]", "[0.0, 0.0, 0.0]"), ["axis"]),
-        (("time_step = 1e-4\n", ""), ["step by step", "give time_step"]),
+        (
+            ("time_step = 1e-4\nmass_damping = 2.0\nnum_outputs = 5\n", SAME_STEPS),
+            ["step by step", "give time_step", 'against = "truth"'],
+        ),
+        (("[[tool]]", TRUTH.format("trajectory_l2")), ["[tool]", "has no truth"]),
+        (("[[tool]]", TRUTH.format("volume")), ["trajectory_l2", "volume", "same_mesh"]),
+        (("[[tool]]", TRUTH.format("published_oscillation")), ["all three"]),
         (
             ("[[tool]]", '[[check]]\nmetric = "tool_force"\nlimit = 1.0\nreason = "x"\n\n[[tool]]'),
             ["tool_force", "no [time]"],
@@ -183,7 +205,10 @@ def test_built_in_cases_are_whole() -> None:
         # The cases must see their faults: away from 0.25, and not symmetric.
         assert abs(problem.material.poissons_ratio - 0.25) > 0.02
         kinds = {(check.against, check.metric) for check in case.checks}
-        wanted = {"same_mesh"} if problem.time or problem.tools else {"same_mesh", "truth"}
+        wanted = {"same_mesh"} if problem.tools else {"truth"}
+        # Where no step is stated, no twin can take the same ones.
+        if not problem.tools and not (problem.time and problem.time.time_step is None):
+            wanted.add("same_mesh")
         assert wanted <= {against for against, _ in kinds}
         assert all(check.reason for check in case.checks)
 

@@ -38,6 +38,7 @@ from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.judging.results import State
 from palpate.validation.metrics import make_state
 from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.simulators.candidate import result_candidate
 
 CASES = ("kidney", "beam", "csm1")
 # What the project promises: within a tenth of what was seeded.
@@ -124,6 +125,28 @@ def test_a_finer_mesh_takes_off_what_discretisation_says(name: str) -> None:
     # Taken off, what is left on the finer mesh is what its own budget would say.
     left = probe.read(problem.mesh, fine)[0] - budget.truth
     assert term - gained == pytest.approx(left, rel=WITHIN)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_another_mesh_is_discretisations_error(name: str, tmp_path: Path) -> None:
+    """An answer on cells of half the size, brought as a file with its own mesh."""
+    problem = problem_of(name)
+    finer = refine_problem(problem)
+    fine = solve_static(finer).displacement
+    path = tmp_path / "other.npz"
+    np.savez(path, points=finer.mesh.points, cells=finer.mesh.cells, displacement=fine)
+    brought = result_candidate(path).solve(problem, Strain.GREEN, lambda _line: None)
+    seeded = budgets_of(name, brought)
+    healthy = budgets_of(name, solved(name))
+    for after, before in zip(seeded, healthy, strict=True):
+        # Cells twice the size are what the case's own answer has more: all of it, in its term.
+        known = after.value - before.value
+        found = (after.terms[DISCRETISATION] or 0.0) - (before.terms[DISCRETISATION] or 0.0)
+        assert abs(known) > 0.005 * abs(before.truth)
+        assert found == pytest.approx(known, rel=WITHIN)
+        assert after.terms[SOLVER] is None
+        assert f"{finer.mesh.num_cells} cells" in after.candidate
+        assert abs(after.interaction) < 1e-9 * abs(after.truth)
 
 
 def on_bricks(name: str, divisions: tuple[int, int, int], folder: Path) -> Problem:

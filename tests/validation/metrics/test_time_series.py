@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from palpate.meshes.errors import InputError
-from palpate.validation.metrics.time_series import fit_oscillation, oscillation_error
+from palpate.validation.metrics.time_series import (
+    OscillationError,
+    fit_oscillation,
+    fit_uncertainty,
+    oscillation_error,
+)
 
 TIMES = np.linspace(0.3, 2.3, 101)
+WORDS = [field.name for field in fields(OscillationError)]
 
 
 def cosine(
@@ -76,3 +83,25 @@ def test_noise_and_a_second_mode_move_the_fit_little_and_show_in_the_misfit() ->
 def test_what_tells_nothing_is_refused(times: object, values: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         fit_oscillation(times, values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ratio", [2.7, 4.3, 6.27])
+def test_another_mode_makes_the_fit_uncertain_by_about_what_it_does(ratio: float) -> None:
+    """A second mode a tenth as large, at every phase: errors stay near what is told."""
+    exact = fit_oscillation(TIMES, cosine())
+    worst = dict.fromkeys(WORDS, 0.0)
+    told = dict.fromkeys(WORDS, 0.0)
+    for phase in np.linspace(0.0, 2.0 * math.pi, 8, endpoint=False):
+        second = cosine(0.0, 0.2, 3.3 * ratio, float(phase))
+        series = cosine() + second
+        error = oscillation_error(fit_oscillation(TIMES, series), exact, 2.0)
+        uncertainty = fit_uncertainty(TIMES, series)
+        for word in WORDS:
+            worst[word] = max(worst[word], getattr(error, word))
+            told[word] = max(told[word], getattr(uncertainty, word))
+    for word in WORDS:
+        assert worst[word] <= 1.5 * told[word], word
+        assert told[word] <= 10.0 * worst[word], word
+    # Of one cosine alone there is nothing to be uncertain of.
+    alone = fit_uncertainty(TIMES, cosine())
+    assert all(getattr(alone, word) < 1e-7 for word in WORDS)

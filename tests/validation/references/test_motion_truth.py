@@ -1,0 +1,216 @@
+"""A motion has a truth: implicit, quadratic, with bars; it asks no time step of the candidate."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamics import simulate
+from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.validation.case import load_case
+from palpate.validation.evidence.grid_convergence import Convergence
+from palpate.validation.judging.checks import judge_check
+from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.judging.results import State, Trajectory, Verdict
+from palpate.validation.metrics import make_state, measure
+from palpate.validation.references import motions
+from palpate.validation.references.motions import assess_sequence, solve_motion_set
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH
+from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
+from palpate.validation.simulators.faults import Fault
+
+SPEED = math.sqrt(0.3 / (1.3 * 0.4) + 1.0 / 1.3)  # of confined waves, E = 1, nu = 0.3, rho = 1
+
+
+def truth_of(name: str) -> State:
+    case = load_case(name)
+    truth = find_references(case, live=False, progress=lambda _line: None).truth(case.strain)
+    assert truth is not None
+    assert truth.trajectory is not None
+    return truth
+
+
+def slower(state: State, factor: float) -> State:
+    """The same motion with time stretched."""
+    motion = state.trajectory
+    assert motion is not None
+    early = motion.times / factor
+    flat = motion.displacements.reshape(len(motion.times), -1)
+    fields = np.array([np.interp(early, motion.times, column) for column in flat.T]).T
+    moved = fields.reshape(motion.displacements.shape)
+    return dataclasses.replace(
+        state, displacement=moved[-1], trajectory=Trajectory(motion.times, moved)
+    )
+
+
+def test_the_numbers_of_the_wave_cases_are_the_closed_forms() -> None:
+    expected = {
+        (name, check.quantity): check.expected
+        for name in ("wave", "decay")
+        for check in load_case(name).checks
+        if check.metric == "published_oscillation"
+    }
+    omega = 0.5 * math.pi * SPEED  # L = 1
+    damped = math.sqrt(omega**2 - 0.1**2)
+    assert expected["wave", "frequency"] == pytest.approx(SPEED / 4.0, rel=1e-14)
+    assert expected["wave", "amplitude"] == pytest.approx(
+        16.0 * 1e-3 / (math.pi**3 * SPEED**2), rel=1e-14
+    )
+    assert expected["decay", "frequency"] == pytest.approx(damped / (2.0 * math.pi), rel=1e-14)
+    assert expected["decay", "damping"] == 0.1
+    span = load_case("wave").problem.time
+    assert span is not None
+    assert span.end_time == pytest.approx(20.0 / SPEED, rel=1e-14)  # five periods
+
+
+@pytest.mark.parametrize(
+    ("name", "fault", "metric"),
+    [
+        ("wave", Fault.WRONG_MASS, "published_oscillation"),
+        ("wave", Fault.SOFTER, "published_oscillation"),
+        ("wave", Fault.SWAPPED_LAME, "oscillation_frequency"),
+        ("decay", Fault.NO_DAMPING, "published_oscillation"),
+        ("decay", Fault.WRONG_MASS, "oscillation_frequency"),
+        ("wave", Fault.DROPPED_LOAD, "published_oscillation"),
+    ],
+)
+def test_faults_of_motion_are_seen_without_the_twin(name: str, fault: Fault, metric: str) -> None:
+    result = judge_case(load_case(name), candidate=fastsim_candidate(fault))
+    failed = [c for c in result.checks if c.verdict is Verdict.FAILED and c.against != "same_mesh"]
+    assert metric in {check.metric for check in failed}
+
+
+@pytest.mark.parametrize("name", ["wave", "decay", "csm3"])
+def test_the_truth_of_a_motion_is_held_to_the_published_numbers(name: str) -> None:
+    case = load_case(name)
+    truth = truth_of(name)
+    specs = [c for c in case.checks if c.against == "truth" and c.quantity == "frequency"]
+    specs = [spec for spec in specs if spec.metric == "published_oscillation"]
+    assert specs
+    for spec in specs:
+        for state, bar, wanted in (
+            (truth, 0.0, Verdict.PASSED),
+            (slower(truth, 1.02), 0.0, Verdict.FAILED),
+            (truth, math.inf, Verdict.INCONCLUSIVE),
+            (None, 0.0, Verdict.INCONCLUSIVE),
+        ):
+            found = judge_check(
+                spec, case.strain, case.problem, None, state, bar, "", case.spec.units
+            )
+            assert found.verdict is wanted, found.message
+
+
+def test_a_candidate_that_does_not_swing_has_failed() -> None:
+    case = load_case("wave")
+    still = truth_of("wave")
+    assert still.trajectory is not None
+    rest = Trajectory(still.trajectory.times, 0.0 * still.trajectory.displacements)
+    still = dataclasses.replace(still, trajectory=rest)
+    spec = next(c for c in case.checks if c.quantity == "amplitude" and c.against == "candidate")
+    found = judge_check(spec, case.strain, case.problem, still, None, 0.0, "", case.spec.units)
+    assert found.verdict is Verdict.FAILED
+    assert "oscillate" in found.message
+
+
+def test_a_candidate_with_steps_of_its_own_is_judged_by_the_truth(tmp_path: Path) -> None:
+    case = load_case("decay")
+    span = case.problem.time
+    assert span is not None
+    assert span.time_step is not None
+    own = dataclasses.replace(span, time_step=span.time_step / 3.0, num_outputs=400)
+    run = simulate(dataclasses.replace(case.problem, time=own), strain=case.strain)
+    path = tmp_path / "result.npz"
+    np.savez(path, displacement=run.displacements, times=run.times)
+    result = judge_case(case, candidate=result_candidate(path))
+    by_kind = {(c.metric, c.against): c.verdict for c in result.checks}
+    assert by_kind["trajectory_l2", "truth"] is Verdict.PASSED
+    assert by_kind["oscillation_frequency", "truth"] is Verdict.PASSED
+    # The twin takes the case's steps: other ones are seen there, as they should.
+    assert by_kind["trajectory_l2", "same_mesh"] is Verdict.FAILED
+
+
+def swinging(frequency: float) -> tuple[Problem, State]:
+    problem = load_case("wave").problem
+    assert problem.time is not None
+    times = np.linspace(0.0, problem.time.end_time, problem.time.num_outputs + 1)
+    shape = 1e-3 * problem.mesh.points * [1.0, 0.0, 0.0]
+    fields = np.cos(2.0 * math.pi * frequency * times)[:, None, None] * shape
+    state = make_state(
+        problem.mesh, fields[-1], label="x", simulator="reference", strain=Strain.GREEN,
+        trajectory=Trajectory(times, fields),
+    )  # fmt: skip
+    return problem, state
+
+
+def test_steps_of_second_order_give_a_bar_that_holds_the_limit() -> None:
+    def run(step: float) -> State:
+        return swinging(0.3 * (1.0 - 0.01 * step**2))[1]
+
+    problem, exact = swinging(0.3)
+    found = assess_sequence(problem, [run(step) for step in (0.25, 0.5, 1.0)])
+    frequency = found["oscillation_frequency"]
+    assert frequency.order == pytest.approx(2.0, abs=0.01)
+    for metric in ("oscillation_frequency", "oscillation_phase", "trajectory_l2"):
+        error = measure(metric, problem, run(0.25), exact).value
+        bar = found[metric].error_bar
+        assert bar is not None
+        assert error <= bar <= 1.5 * error
+    # First order is not what the method has: no conclusion from far outside.
+    odd = [swinging(0.3 * (1.0 - 0.01 * step**0.3))[1] for step in (0.25, 0.5, 1.0)]
+    assess = assess_sequence(problem, odd)["oscillation_frequency"]
+    assert assess.behaviour is Convergence.ORDER_OUT_OF_RANGE
+    assert assess.error_bar is None
+
+
+def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = load_case("wave")
+    stored = find_references(case, live=False, progress=lambda _line: None)
+    calls: list[tuple[str, Strain]] = []
+
+    def twin(_problem: Problem, strain: Strain, _progress: object) -> State:
+        calls.append(("twin", strain))
+        return stored.states[SAME_MESH, strain]
+
+    def implicit(_problem: Problem, strain: Strain, *_rest: object, **_options: object) -> State:
+        calls.append(("implicit", strain))
+        return stored.states[QUADRATIC, strain]
+
+    monkeypatch.setattr(motions, "solve_twin", twin)
+    monkeypatch.setattr(motions, "solve_implicit", implicit)
+
+    def say(_line: str) -> None:
+        pass
+
+    found = solve_motion_set(case.problem, say, wanted={"same_mesh", "candidate"}, stored=stored)
+    assert {who for who, _ in calls} == {"twin"}
+    assert found.truth(Strain.GREEN) is None
+    calls.clear()
+    found = solve_motion_set(case.problem, say, wanted={"truth"}, stored=stored)
+    assert not calls
+    assert found.truth(Strain.LINEAR) is not None
+    assert found.bars == stored.bars
+    found = solve_motion_set(case.problem, say, wanted={"truth"})
+    assert {who for who, _ in calls} == {"implicit"}
+    assert found.states.keys() == {(QUADRATIC, strain) for strain in Strain}
+
+
+@pytest.mark.dolfinx
+def test_the_bar_of_a_live_truth_holds_what_finer_steps_and_cells_find() -> None:
+    case = load_case("block-motion")
+    span = TimeSpan(0.1, None, 4.0, 20)
+    problem = dataclasses.replace(case.problem, time=span)
+
+    def say(_line: str) -> None:
+        pass
+
+    found = solve_motion_set(problem, say, wanted={"truth"})
+    better = motions.solve_implicit(problem, Strain.GREEN, 6, say)
+    truth = found.truth(Strain.GREEN)
+    assert truth is not None
+    for metric in ("trajectory_l2", "displacement_max"):
+        error = measure(metric, problem, truth, better).value
+        assert 0.0 < error <= found.bars[metric, Strain.GREEN]

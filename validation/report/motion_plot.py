@@ -1,0 +1,87 @@
+"""A motion over time, where the reference swings most: candidate, references, and what is apart."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Strain
+from palpate.validation.judging.results import CaseResult, State
+from palpate.validation.metrics.motion import swinging_most
+from palpate.validation.references.sets import SAME_MESH
+
+_MILLI = 1e3
+
+
+def motion_svg(result: CaseResult) -> str:
+    """Displacement over time and its error as SVG text; empty where nothing moves over time."""
+    from matplotlib import pyplot
+
+    from palpate.validation.report.plots import figure_svg
+
+    moving = [state for state in result.states if state.trajectory is not None]
+    references = [s for s in moving if s.simulator == "reference" and s.strain is Strain.GREEN]
+    candidates = [s for s in moving if s.simulator != "reference"]
+    if not candidates:
+        return ""
+    # The truth, where there is one, says where to look.
+    leading = sorted(references, key=lambda s: s.label == SAME_MESH) or candidates
+    assert leading[0].trajectory is not None
+    point, axis = swinging_most(leading[0].trajectory)
+    place = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
+    along = ", ".join(f"{a:.2f}" for a in axis)
+    with mpl.rc_context({"font.size": 10, "svg.fonttype": "none", "font.family": "sans-serif"}):
+        figure, (above, below) = pyplot.subplots(
+            2, 1, figsize=(8.4, 4.6), sharex=True, height_ratios=(2, 1)
+        )
+        for state in references:
+            is_twin = state.label == SAME_MESH
+            times, path = _path(state, point, axis)
+            above.plot(
+                times, path, color="#888888" if is_twin else "black", lw=3.0 if is_twin else 1.6,
+                alpha=0.6 if is_twin else 1.0, label=f"{state.label}, Green strain",
+            )  # fmt: skip
+        for state in candidates:
+            is_green = state.strain is Strain.GREEN
+            times, path = _path(state, point, axis)
+            name = f"{state.label}, {'Green' if is_green else 'linear'} strain"
+            colour = "#2f6f8f" if is_green else "#c98a12"
+            above.plot(times, path, color=colour, lw=1.3, ls="-" if is_green else "--", label=name)
+            if is_green:
+                for other in references:
+                    _draw_error(below, state, other, point)
+        above.set_ylabel("displacement [mm]")
+        below.set_ylabel("error [mm]")
+        below.set_xlabel(f"time [s]; at ({place}) mm along ({along})")
+        below.set_yscale("log")
+        for axes in (above, below):
+            axes.grid(color="#dddddd", lw=0.6)
+            for side in ("top", "right"):
+                axes.spines[side].set_visible(False)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(
+                    frameon=False, fontsize=8, ncols=4,
+                    loc="lower center", bbox_to_anchor=(0.5, 0.98),
+                )  # fmt: skip
+        figure.tight_layout()
+        return figure_svg(figure)
+
+
+def _path(state: State, point: int, axis: Points) -> tuple[Points, Points]:
+    """Times [s] and displacement of the point along the axis [mm]."""
+    assert state.trajectory is not None
+    path: Points = _MILLI * state.trajectory.displacements[:, point] @ axis
+    return state.trajectory.times, path
+
+
+def _draw_error(axes: mpl.axes.Axes, state: State, other: State, point: int) -> None:
+    assert state.trajectory is not None
+    assert other.trajectory is not None
+    ours, theirs = state.trajectory.displacements, other.trajectory.displacements
+    if ours.shape != theirs.shape:
+        return
+    apart = _MILLI * np.linalg.norm(ours[:, point] - theirs[:, point], axis=1)
+    colour = "#888888" if other.label == SAME_MESH else "black"
+    shown = np.where(apart > 0.0, apart, np.nan)
+    axes.plot(state.trajectory.times, shown, color=colour, lw=1.1, label=f"to {other.label}")
