@@ -18,6 +18,7 @@ from palpate.meshes.boundary_conditions import (
     Pressure,
     Traction,
 )
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
@@ -42,8 +43,20 @@ class Fault(StrEnum):
     NAN = "nan"
 
 
+# They spoil what only a motion has.
+_OF_MOTION = (Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.TRANSPOSED_GRADIENT)
+
+
 def spoil_problem(problem: Problem, fault: Fault) -> Problem:
-    """The problem as the faulty candidate understands it."""
+    """The problem as the faulty candidate understands it.
+
+    Raises:
+        InputError: A fault of motion in a static problem: nothing would be spoiled.
+    """
+    if fault in _OF_MOTION and problem.time is None:
+        raise InputError(
+            f"fault {fault}: a case without [time] cannot show it; try block-motion or wave"
+        )
     material = problem.material
     E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
     match fault:
@@ -58,7 +71,8 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
         case Fault.WRONG_MASS:
             # Weight is a load of its own here: only inertia changes.
             return dataclasses.replace(problem, material=Material(E, nu, 1.02 * rho))
-        case Fault.NO_DAMPING if problem.time is not None:
+        case Fault.NO_DAMPING:
+            assert problem.time is not None
             span = dataclasses.replace(problem.time, mass_damping=0.0)
             return dataclasses.replace(problem, time=span)
         case Fault.DROPPED_LOAD:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.exchange.nodal_loads import (
@@ -59,6 +60,7 @@ def simulate_in_numpy(problem: Problem, *, is_transposed: bool) -> Trajectory:
     """The trajectory from rest; the problem states its time step, its loads are dead and constant.
 
     Raises:
+        InputError: No time span, or no step in it.
         CandidateFailedError: Displacements grow beyond any body: the transposed force pushes the
             wrong way where the body turns, and feeds its swing.
 
@@ -66,8 +68,8 @@ def simulate_in_numpy(problem: Problem, *, is_transposed: bool) -> Trajectory:
         Only for small meshes: some thousand cells x steps each millisecond.
     """
     span = problem.time
-    assert span is not None
-    assert span.time_step is not None
+    if span is None or span.time_step is None:
+        raise InputError("this fault steps a motion: it needs time_step in [time] of the case")
     per_output = round(span.end_time / span.num_outputs / span.time_step)
     dt = span.end_time / span.num_outputs / per_output
     force = _Force(problem, is_transposed)
