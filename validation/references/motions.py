@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,16 +18,15 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.evidence.grid_convergence import (
     Convergence,
     GridConvergence,
     assess_grid_convergence,
 )
-from palpate.validation.judging.results import State, Trajectory
+from palpate.validation.judging.results import State
 from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
-from palpate.validation.metrics.pairs import make_state
+from palpate.validation.references.motion_runs import Progress, solve_implicit, solve_twin
 from palpate.validation.references.sequences import as_data, bar_of
 from palpate.validation.references.sets import (
     BOTH,
@@ -39,7 +37,6 @@ from palpate.validation.references.sets import (
     ReferenceSet,
 )
 
-Progress = Callable[[str], None]
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
 STORED_STEPS = (1, 2, 4)
@@ -48,100 +45,8 @@ LIVE_STEPS = (1, 2)
 _ORDER = 2.0
 # Cells of the finest of three meshes that are still stepped through.
 _LARGEST_MOVING = 6_000
-# Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
-_SPECTRAL_RADIUS = 0.9
 # Relative: seven digits kept, and solves to 1e-9 of the forces, step upon step.
 _NOISE = 1e-6
-_TIME_LIMIT = 4 * 3600.0
-
-
-def solve_twin(problem: Problem, strain: Strain, progress: Progress) -> State:
-    """The trajectory of linear tetrahedra, from rest, with the case's time step.
-
-    Raises:
-        InputError: The case states no time step: then there is nothing to be equal to.
-        ReferenceFailedError: No FEniCSx, or the run failed.
-    """
-    from palpate.reference.child import run_task
-    from palpate.reference.result import ExplicitResult
-    from palpate.reference.tasks import ExplicitTask
-
-    if problem.time is None or problem.time.time_step is None:
-        raise InputError("a dynamic case needs time_step in [time] for its reference")
-    progress(f"{SAME_MESH} in motion, {strain} strain, {problem.mesh.num_cells} cells")
-    start = time.perf_counter()
-    found = run_task(ExplicitTask(strain), problem)
-    assert isinstance(found, ExplicitResult)
-    return make_state(
-        problem.mesh,
-        found.displacements[-1],
-        label=SAME_MESH,
-        simulator="reference",
-        strain=strain,
-        seconds=time.perf_counter() - start,
-        details={"time_step": found.time_step, "num_steps": found.num_steps},
-        trajectory=Trajectory(found.times, found.displacements),
-    )
-
-
-def solve_implicit(
-    problem: Problem,
-    strain: Strain,
-    steps_per_output: int,
-    progress: Progress,
-    *,
-    degree: int = 2,
-    at: TetMesh | None = None,
-) -> State:
-    """The trajectory by the implicit reference, from rest.
-
-    Args:
-        problem: With a time span; its own time step is not used.
-        strain: Strain measure.
-        steps_per_output: Steps from one output to the next, >= 1.
-        progress: Called with one line now and then.
-        degree: Of the elements.
-        at: The mesh whose points are kept; one it was refined from has them first.
-
-    Raises:
-        InputError: Tools, or a load that cannot be used.
-        ReferenceFailedError: No FEniCSx, or a step without an answer.
-    """
-    from palpate.reference.child import run_task
-    from palpate.reference.result import ImplicitResult
-    from palpate.reference.tasks import ImplicitTask
-
-    span = problem.time
-    assert span is not None
-    step = span.end_time / span.num_outputs / steps_per_output
-    progress(
-        f"{QUADRATIC if degree == 2 else SAME_MESH} in motion, implicit, steps of {step:g} s, "
-        f"{strain} strain, {problem.mesh.num_cells} cells"
-    )
-    stepped = dataclasses.replace(problem, time=dataclasses.replace(span, time_step=step))
-    start = time.perf_counter()
-    task = ImplicitTask(strain, degree, _SPECTRAL_RADIUS)
-    found = run_task(task, stepped, time_limit=_TIME_LIMIT)
-    assert isinstance(found, ImplicitResult)
-    mesh = at or problem.mesh
-    # A truth in seven digits: its error bar is far above, and the file half as large.
-    kept = found.displacements[:, : mesh.num_points].astype(np.float32).astype(np.float64)
-    return make_state(
-        mesh,
-        kept[-1],
-        label=QUADRATIC,
-        simulator="reference",
-        strain=strain,
-        degree=degree,
-        seconds=time.perf_counter() - start,
-        details={
-            "time_step": found.time_step,
-            "newton_iterations": found.newton_iterations,
-            "largest_energy_error": float(np.abs(found.energy_errors).max()),
-            "versions": dict(found.versions),
-        },
-        trajectory=Trajectory(found.times, kept),
-    )
 
 
 def solve_motion_set(
@@ -162,17 +67,29 @@ def solve_motion_set(
         is_for_storing: Three time steps and a refined mesh for the error bars; otherwise two
             steps, and linear tetrahedra for the mesh's part, an upper estimate.
 
+    Returns:
+        States, bars, and why one is missing: a run that found no answer leaves the others be.
+
     Raises:
         InputError: Tools, which the reference's motions do not have yet.
-        ReferenceFailedError: A run failed.
+        ReferenceUnavailableError: No FEniCSx here.
+        ReferenceFailedError: A run failed, and the set is for storing: nothing incomplete is.
     """
+    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
+    failures: dict[tuple[str, Strain], str] = {}
     parts: list[str] = []
     convergence: dict[str, Any] = {}
     if "same_mesh" in wanted:
         for strain in Strain:
-            states[SAME_MESH, strain] = solve_twin(problem, strain, progress)
+            try:
+                states[SAME_MESH, strain] = solve_twin(problem, strain, progress)
+            except ReferenceFailedError as error:
+                if is_for_storing or isinstance(error, ReferenceUnavailableError):
+                    raise
+                failures[SAME_MESH, strain] = f"{SAME_MESH} in motion: {error}"
         parts.append("P1 in motion by central differences on the case's mesh")
     if "truth" in wanted:
         held = {} if stored is None else _truths(stored)
@@ -183,11 +100,17 @@ def solve_motion_set(
         else:
             solve = _truth_for_storing if is_for_storing else _truth_here
             for strain in Strain:
-                truth, found, told = solve(problem, strain, progress)
+                try:
+                    truth, found, told = solve(problem, strain, progress)
+                except ReferenceFailedError as error:
+                    if is_for_storing or isinstance(error, ReferenceUnavailableError):
+                        raise
+                    failures[QUADRATIC, strain] = f"{QUADRATIC} in motion: {error}"
+                    continue
                 states[truth.label, strain] = truth
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
                 convergence[strain.value] = told
-            cut = " cut in eight" if truth.label == TRUTH else ""
+            cut = " cut in eight" if (TRUTH, Strain.GREEN) in states else ""
             parts.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
     versions: Mapping[str, Any] = next(
         (s.details["versions"] for s in states.values() if "versions" in s.details), {}
@@ -195,7 +118,7 @@ def solve_motion_set(
     provenance: dict[str, Any] = {"versions": versions}
     if convergence:
         provenance["convergence"] = convergence
-    return ReferenceSet(states, bars, "; ".join(parts), provenance=provenance)
+    return ReferenceSet(states, bars, "; ".join(parts), failures, provenance)
 
 
 def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:

@@ -11,6 +11,7 @@ import pytest
 
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.reference.errors import ReferenceStepError, ReferenceUnavailableError
 from palpate.validation.case import load_case
 from palpate.validation.evidence.grid_convergence import Convergence
 from palpate.validation.judging.checks import judge_check
@@ -196,6 +197,31 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
     found = solve_motion_set(case.problem, say, wanted={"truth"})
     assert {who for who, _ in calls} == {"implicit"}
     assert found.states.keys() == {(QUADRATIC, strain) for strain in Strain}
+
+
+def test_a_motion_without_an_answer_is_told_and_never_stored(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case = load_case("wave")
+
+    def lost(*_given: object, **_options: object) -> State:
+        raise ReferenceStepError(0.06, 1e-4, "a cell would invert", case.problem.mesh.points)
+
+    def unavailable(*_given: object, **_options: object) -> State:
+        raise ReferenceUnavailableError("no FEniCSx")
+
+    def say(_line: str) -> None:
+        pass
+
+    monkeypatch.setattr(motions, "solve_implicit", lost)
+    found = solve_motion_set(case.problem, say, wanted={"truth"})
+    assert found.truth(Strain.GREEN) is None
+    assert "a cell would invert" in found.failure("truth", Strain.GREEN)
+    with pytest.raises(ReferenceStepError):
+        solve_motion_set(case.problem, say, wanted={"truth"}, is_for_storing=True)
+    monkeypatch.setattr(motions, "solve_twin", unavailable)
+    with pytest.raises(ReferenceUnavailableError):
+        solve_motion_set(case.problem, say, wanted={"same_mesh"})
 
 
 @pytest.mark.dolfinx
