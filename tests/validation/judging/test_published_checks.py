@@ -61,6 +61,18 @@ def test_the_numbers_in_the_cases_are_the_closed_forms() -> None:
     assert alpha == pytest.approx(1.0, rel=1e-12)
 
 
+def test_szes_cantilever_is_the_published_one() -> None:
+    # P = 4 at the end of 10 x 1 x 0.1, E = 1.2e6, nu = 0; beside W, U those of the elastica.
+    sze = load_case("sze").problem
+    (load,) = sze.loads
+    assert isinstance(load, Traction)
+    assert load.traction[2] * 1.0 * 0.1 == pytest.approx(4.0, rel=1e-12)
+    assert np.ptp(sze.mesh.points, axis=0) == pytest.approx([10.0, 1.0, 0.1])
+    assert (sze.material.youngs_modulus, sze.material.poissons_ratio) == (1.2e6, 0.0)
+    numbers = [c.expected for c in load_case("sze").checks if c.expected is not None]
+    assert numbers == pytest.approx([6.698, 6.6996418, -3.286, -3.2894124], rel=1e-12)
+
+
 def test_the_loads_of_confined_stretch_and_shear_are_the_closed_forms() -> None:
     confined, shear = load_case("confined").problem, load_case("shear").problem
     # P = a (lmbda + 2 mu)(a^2 - 1)/2 at a = 1.1; code_aster SSNV121 has 31 096.154 MPa.
@@ -96,7 +108,7 @@ def test_under_a_given_load_a_softer_law_is_seen_without_a_reference(name: str) 
     assert published(Fault.DROPPED_LOAD, name) is Verdict.FAILED
 
 
-@pytest.mark.parametrize("name", ["csm1", "csm2"])
+@pytest.mark.parametrize("name", ["csm1", "csm2", "csm3"])
 def test_the_turek_hron_mesh_is_the_studys(name: str) -> None:
     problem = load_case(name).problem
     mesh, supports, place = bar_body((20, 4, 1))
@@ -108,7 +120,7 @@ def test_the_turek_hron_mesh_is_the_studys(name: str) -> None:
     (load,) = problem.loads
     assert isinstance(load, BodyForce)
     assert load.force_density == (0.0, -2000.0, 0.0)
-    mu = {"csm1": 0.5e6, "csm2": 2e6}[name]
+    mu = {"csm1": 0.5e6, "csm2": 2e6, "csm3": 0.5e6}[name]
     assert problem.material.youngs_modulus == pytest.approx(2.8 * mu, rel=1e-14)
     at = next(c.at for c in load_case(name).checks if c.at)
     assert np.abs(1e3 * mesh.points[place] - at).max() < 1e-12
@@ -141,7 +153,7 @@ def truth_of(name: str) -> tuple[Problem, State, list[CheckSpec]]:
     return case.problem, truth, [c for c in checks if c.against == "truth"]
 
 
-@pytest.mark.parametrize("name", ["confined", "shear", "csm1", "csm2", "cantilever"])
+@pytest.mark.parametrize("name", ["confined", "shear", "csm1", "csm2", "cantilever", "sze"])
 def test_the_truth_is_judged_as_well(name: str) -> None:
     problem, truth, specs = truth_of(name)
     units = load_case(name).spec.units
