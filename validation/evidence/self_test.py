@@ -55,6 +55,7 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.REVERSED_LOAD, "cantilever"),
     (Fault.LINEAR_INSTEAD_OF_GREEN, "cantilever"),
     (Fault.LINEAR_INSTEAD_OF_GREEN, "sze"),
+    (Fault.SOFTER, "column"),
     (Fault.WRONG_MASS, "wave"),
     (Fault.SOFTER, "wave"),
     (Fault.NO_DAMPING, "decay"),

@@ -19,7 +19,7 @@ from palpate.validation.studies.validity_modes import stretch_under
 
 MATERIAL = Material(1.0, 0.3)
 LENGTH, WIDTH = 1.0, 0.5
-# f L / (lmbda + 2 mu): stretched by 1.29 where it is held.
+# f L / (lmbda + 2 mu): stretched by 1.276 where it is held.
 LOAD = 0.4
 
 

@@ -61,6 +61,24 @@ def test_the_numbers_in_the_cases_are_the_closed_forms() -> None:
     assert alpha == pytest.approx(1.0, rel=1e-12)
 
 
+def test_the_columns_number_is_the_integral_of_its_stretch() -> None:
+    column = load_case("column").problem
+    (load,) = column.loads
+    assert isinstance(load, BodyForce)
+    E, nu = column.material.youngs_modulus, column.material.poissons_ratio
+    modulus = E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    assert load.force_density[0] / modulus == pytest.approx(0.4, rel=1e-12)
+    # (lmbda + 2 mu) a (a^2 - 1) / 2 = f (1 - x), by bisection, and Gauss's rule for a - 1.
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    places = 0.5 + 0.5 * nodes
+    low, high = np.ones_like(places), np.full_like(places, 2.0)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        is_above = middle * (middle**2 - 1.0) / 2.0 > 0.4 * (1.0 - places)
+        low, high = np.where(is_above, low, middle), np.where(is_above, middle, high)
+    assert expected_of("column", "x") == pytest.approx(0.5 * float(weights @ (low - 1.0)), rel=1e-9)
+
+
 def test_szes_cantilever_is_the_published_one() -> None:
     # P = 4 at the end of 10 x 1 x 0.1, E = 1.2e6, nu = 0; beside W, U those of the elastica.
     sze = load_case("sze").problem
@@ -94,7 +112,7 @@ def test_the_loads_of_confined_stretch_and_shear_are_the_closed_forms() -> None:
     assert np.abs(moved - np.outer(0.5 * y, [1.0, 0.0, 0.0])).max() < size
 
 
-@pytest.mark.parametrize("name", ["stretch", "confined", "shear"])
+@pytest.mark.parametrize("name", ["stretch", "confined", "shear", "column"])
 def test_fastsim_keeps_it_and_faults_do_not(name: str) -> None:
     assert published(Fault.NONE, name) is Verdict.PASSED
     assert published(Fault.LINEAR_INSTEAD_OF_GREEN, name) is Verdict.FAILED
@@ -102,7 +120,7 @@ def test_fastsim_keeps_it_and_faults_do_not(name: str) -> None:
     assert published(Fault.UNIT_ERROR, name) is Verdict.FAILED
 
 
-@pytest.mark.parametrize("name", ["confined", "shear"])
+@pytest.mark.parametrize("name", ["confined", "shear", "column"])
 def test_under_a_given_load_a_softer_law_is_seen_without_a_reference(name: str) -> None:
     assert published(Fault.SOFTER, name) is Verdict.FAILED
     assert published(Fault.DROPPED_LOAD, name) is Verdict.FAILED
@@ -153,7 +171,9 @@ def truth_of(name: str) -> tuple[Problem, State, list[CheckSpec]]:
     return case.problem, truth, [c for c in checks if c.against == "truth"]
 
 
-@pytest.mark.parametrize("name", ["confined", "shear", "csm1", "csm2", "cantilever", "sze"])
+@pytest.mark.parametrize(
+    "name", ["confined", "shear", "csm1", "csm2", "cantilever", "sze", "column"]
+)
 def test_the_truth_is_judged_as_well(name: str) -> None:
     problem, truth, specs = truth_of(name)
     units = load_case(name).spec.units
