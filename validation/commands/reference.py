@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import datetime
 import getpass
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
 
+if TYPE_CHECKING:
+    from palpate.validation.case import Case
+
 app = typer.Typer(help="Stored references.", no_args_is_help=True)
 
-Cases = Annotated[list[str] | None, typer.Argument(help="built-in names; all where none is named")]
+Cases = Annotated[
+    list[str] | None,
+    typer.Argument(help="built-in names, or .toml files; all built-in ones where none is named"),
+]
 
 
 def _chosen(names: list[str] | None) -> list[str]:
@@ -40,24 +47,27 @@ def build(names: Cases = None) -> None:
             "palpate": _version(),
             **found.provenance,
         }
-        path = store(case.name, case.problem, found, provenance, path=pending_path(case.name))
+        beside = _beside(case)
+        path = pending_path(case.name, beside)
+        store(case.name, case.problem, found, provenance, path=path)
         print(path)
-        for line in describe_changes(accepted_path(case.name), path):
+        for line in describe_changes(accepted_path(case.name, beside), path):
             print(f"  {line}")
-        print(f"  not used before `palpate reference accept {case.name} --reason TEXT`")
+        print(f"  not used before `palpate reference accept {name} --reason TEXT`")
 
 
 @app.command()
 def check(names: Cases = None) -> None:
     """Check that the accepted references belong to their cases; exit code 2 where one does not."""
     from palpate.validation.case import load_case
-    from palpate.validation.references.stored import load_stored
+    from palpate.validation.references.stored import load_stored, references_folder
 
     troubles = []
     for name in _chosen(names):
         case = load_case(name)
         try:
-            stored = load_stored(case.name, case.problem)
+            folder = references_folder(_beside(case))
+            stored = load_stored(case.name, case.problem, folder=folder)
         except InputError as error:
             troubles.append(str(error))
             continue
@@ -72,7 +82,7 @@ def check(names: Cases = None) -> None:
 
 @app.command()
 def accept(
-    names: Annotated[list[str], typer.Argument(help="built-in names")],
+    names: Annotated[list[str], typer.Argument(help="built-in names, or .toml files")],
     reason: Annotated[str, typer.Option(help="why the new one is right; kept with it")],
     by: Annotated[str | None, typer.Option(help="who says so; default: the user's name")] = None,
 ) -> None:
@@ -85,16 +95,23 @@ def accept(
         raise InputError("--reason is empty; say why the new reference is right")
     for name in names:
         case = load_case(name)
-        changes = describe_changes(accepted_path(case.name), pending_path(case.name))
+        beside = _beside(case)
+        pending = pending_path(case.name, beside)
+        changes = describe_changes(accepted_path(case.name, beside), pending)
         acceptance = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "by": by or getpass.getuser(),
             "reason": reason.strip(),
             "changes": changes,
         }
-        print(accept_pending(case.name, case.problem, acceptance))
+        print(accept_pending(case.name, case.problem, acceptance, beside=beside))
         for line in changes:
             print(f"  {line}")
+
+
+def _beside(case: Case) -> Path | None:
+    """References of one's own case lie beside it."""
+    return None if case.is_builtin else case.folder
 
 
 def _version() -> str:

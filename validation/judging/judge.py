@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import os
 import platform
 import sys
 from collections.abc import Callable
@@ -169,14 +168,11 @@ def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) 
 
 def _load_stored(case: Case) -> ReferenceSet | None:
     """A built-in case's reference; of one's own case, what lies in `references` beside it."""
-    if case.is_builtin:
-        return load_stored(case.name, case.problem)
-    folder = case.folder / "references"
-    if os.environ.get("PALPATE_REFERENCES"):
-        folder = references_folder()
-    if not (folder / f"{case.name}.npz").is_file():
+    folder = references_folder(None if case.is_builtin else case.folder)
+    if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
         return None
-    return load_stored(case.name, case.problem, folder=folder)
+    called = case.name if case.is_builtin else case_file(case)
+    return load_stored(case.name, case.problem, folder=folder, called=called)
 
 
 def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:

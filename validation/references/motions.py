@@ -33,6 +33,7 @@ from palpate.validation.references.sets import (
     QUADRATIC,
     SAFETY_FACTOR,
     SAME_MESH,
+    SHARPER,
     TRUTH,
     ReferenceSet,
 )
@@ -112,6 +113,10 @@ def solve_motion_set(
                 convergence[strain.value] = told
             cut = " cut in eight" if (TRUTH, Strain.GREEN) in states else ""
             parts.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
+            if not is_for_storing:
+                parts.append(
+                    f"its error bars: differences from a longer step and from P1, {SHARPER}"
+                )
     versions: Mapping[str, Any] = next(
         (s.details["versions"] for s in states.values() if "versions" in s.details), {}
     )

@@ -37,10 +37,16 @@ class StaleReferenceError(InputError):
     """The stored reference belongs to another mesh, material, support, load or schema."""
 
 
-def references_folder() -> Path:
-    """Where stored references lie; PALPATE_REFERENCES names another folder."""
+def references_folder(beside: Path | None = None) -> Path:
+    """Where stored references lie; PALPATE_REFERENCES names another folder.
+
+    Args:
+        beside: Folder of one's own case: they lie in `references` there. Built-in cases where None.
+    """
     chosen = os.environ.get("PALPATE_REFERENCES")
-    return Path(chosen) if chosen else Path(__file__).parent
+    if chosen:
+        return Path(chosen)
+    return Path(__file__).parent if beside is None else beside / "references"
 
 
 def problem_key(problem: Problem) -> str:
@@ -52,14 +58,14 @@ def problem_key(problem: Problem) -> str:
     return digest.hexdigest()
 
 
-def accepted_path(name: str) -> Path:
+def accepted_path(name: str, beside: Path | None = None) -> Path:
     """File of a case's accepted references, which verdicts use."""
-    return references_folder() / f"{name}.npz"
+    return references_folder(beside) / f"{name}.npz"
 
 
-def pending_path(name: str) -> Path:
+def pending_path(name: str, beside: Path | None = None) -> Path:
     """File of a case's references that were built and wait to be accepted."""
-    return references_folder() / f"{name}.pending.npz"
+    return references_folder(beside) / f"{name}.pending.npz"
 
 
 def store(
@@ -101,13 +107,22 @@ def store(
             arrays[f"displacements_{index}"] = state.trajectory.displacements
     arrays["header"] = np.array(json.dumps(header, sort_keys=True, allow_nan=False))
     path = path or accepted_path(name)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     return path
 
 
-def load_stored(name: str, problem: Problem, *, folder: Path | None = None) -> ReferenceSet:
-    """Read a case's stored references, from `folder` if given, and check that they belong to it.
+def load_stored(
+    name: str, problem: Problem, *, folder: Path | None = None, called: str = ""
+) -> ReferenceSet:
+    """Read a case's stored references and check that they belong to it.
+
+    Args:
+        name: Of the case.
+        problem: Of the case now.
+        folder: Where they lie; that of the built-in cases where None.
+        called: What the case is called on the command line, if not by its name.
 
     Raises:
         MissingReferenceError: There are none, or the file is damaged.
@@ -115,8 +130,8 @@ def load_stored(name: str, problem: Problem, *, folder: Path | None = None) -> R
     """
     path = (folder or references_folder()) / f"{name}.npz"
     remedy = (
-        f"make it with `palpate reference build {name}` where FEniCSx is installed, then "
-        f"`palpate reference accept {name} --reason TEXT`"
+        f"make it with `palpate reference build {called or name}` where FEniCSx is installed, then "
+        f"`palpate reference accept {called or name} --reason TEXT`"
     )
     if not path.is_file():
         raise MissingReferenceError(f"no stored reference for {name!r}; {remedy}")
@@ -138,19 +153,22 @@ def load_stored(name: str, problem: Problem, *, folder: Path | None = None) -> R
     return references
 
 
-def accept_pending(name: str, problem: Problem, acceptance: dict[str, Any]) -> Path:
+def accept_pending(
+    name: str, problem: Problem, acceptance: dict[str, Any], *, beside: Path | None = None
+) -> Path:
     """Make what was built for a case its accepted references.
 
     Args:
         name: Of the case.
         problem: Of the case now.
         acceptance: Who, why, when and what changed; kept in the provenance.
+        beside: See `references_folder`.
 
     Raises:
         MissingReferenceError: Nothing was built, or it is damaged.
         StaleReferenceError: The case has changed since it was built.
     """
-    pending = pending_path(name)
+    pending = pending_path(name, beside)
     if not pending.is_file():
         raise MissingReferenceError(
             f"nothing was built for {name!r}; run `palpate reference build {name}` first"
@@ -162,7 +180,7 @@ def accept_pending(name: str, problem: Problem, acceptance: dict[str, Any]) -> P
             f"run `palpate reference build {name}` again"
         )
     provenance = {**references.provenance, "accepted": acceptance}
-    path = store(name, problem, references, provenance)
+    path = store(name, problem, references, provenance, path=accepted_path(name, beside))
     pending.unlink()
     return path
 

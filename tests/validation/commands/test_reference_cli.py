@@ -8,8 +8,9 @@ import shutil
 import pytest
 
 from palpate.meshes.problem import Material, Strain
-from palpate.validation.case import QUICK, builtin_cases, load_case
+from palpate.validation.case import QUICK, builtin_cases, builtin_folder, load_case
 from palpate.validation.cli import main
+from palpate.validation.references import sets
 from palpate.validation.references.changes import describe_changes
 from palpate.validation.references.stored import (
     MissingReferenceError,
@@ -59,6 +60,32 @@ def build_softer(name="block"):
 def test_every_built_in_case_has_a_reference_that_belongs_to_it():
     for name in builtin_cases():
         assert load_stored(name, load_case(name).problem).states
+
+
+def test_references_of_ones_own_case_are_kept_beside_it(tmp_path, monkeypatch, capsys):
+    for suffix in (".toml", ".vtu"):
+        shutil.copy(builtin_folder() / f"block{suffix}", tmp_path)
+    path = str((tmp_path / "block.toml").rename(tmp_path / "mine.toml"))
+    solved = read_reference(accepted_path("block"))[0]
+    monkeypatch.setattr(sets, "solve_for_storing", lambda *_given, **_options: solved)
+    monkeypatch.chdir(tmp_path)
+    assert palpate(monkeypatch, "gate", path) == 2
+    assert "no reference is stored" in capsys.readouterr().err
+    assert palpate(monkeypatch, "reference", "build", path) == 0
+    assert (tmp_path / "references" / "mine.pending.npz").is_file()
+    assert palpate(monkeypatch, "gate", path) == 2
+    assert palpate(monkeypatch, "reference", "accept", path, "--reason", "first") == 0
+    assert palpate(monkeypatch, "reference", "check", path) == 0
+    assert palpate(monkeypatch, "gate", path) == 0
+    assert sorted(p.name for p in (tmp_path / "references").iterdir()) == ["mine.npz"]
+    assert not (references_folder() / "mine.npz").exists()
+    capsys.readouterr()
+    # What to do is said with the name that the command line takes.
+    text = (tmp_path / "mine.toml").read_text("utf-8")
+    changed = text.replace("youngs_modulus = 10.0", "youngs_modulus = 11.0")
+    (tmp_path / "mine.toml").write_text(changed, encoding="utf-8")
+    assert palpate(monkeypatch, "gate", path) == 2
+    assert "reference build mine.toml" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("folder")
