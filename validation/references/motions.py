@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -76,54 +77,55 @@ def solve_motion_set(
         ReferenceUnavailableError: No FEniCSx here.
         ReferenceFailedError: A run failed, and the set is for storing: nothing incomplete is.
     """
-    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
     failures: dict[tuple[str, Strain], str] = {}
-    parts: list[str] = []
+    origin: list[str] = []
     convergence: dict[str, Any] = {}
     if "same_mesh" in wanted:
+        origin.append("P1 in motion by central differences on the case's mesh")
         for strain in Strain:
-            try:
+            with _told(failures, (SAME_MESH, strain), is_for_storing):
                 states[SAME_MESH, strain] = solve_twin(problem, strain, progress)
-            except ReferenceFailedError as error:
-                if is_for_storing or isinstance(error, ReferenceUnavailableError):
-                    raise
-                failures[SAME_MESH, strain] = f"{SAME_MESH} in motion: {error}"
-        parts.append("P1 in motion by central differences on the case's mesh")
-    if "truth" in wanted:
-        held = {} if stored is None else _truths(stored)
-        if held and stored is not None:
-            states |= held
-            bars |= stored.bars
-            parts.append("the truth stored: P2 in motion, implicit")
-        else:
-            solve = _truth_for_storing if is_for_storing else _truth_here
-            for strain in Strain:
-                try:
-                    truth, found, told = solve(problem, strain, progress)
-                except ReferenceFailedError as error:
-                    if is_for_storing or isinstance(error, ReferenceUnavailableError):
-                        raise
-                    failures[QUADRATIC, strain] = f"{QUADRATIC} in motion: {error}"
-                    continue
+    held = {} if stored is None else _truths(stored)
+    if "truth" in wanted and held and stored is not None:
+        origin.append("the truth stored: P2 in motion, implicit")
+        states |= held
+        bars |= stored.bars
+    elif "truth" in wanted:
+        solve = _truth_for_storing if is_for_storing else _truth_here
+        for strain in Strain:
+            with _told(failures, (QUADRATIC, strain), is_for_storing):
+                truth, found, told = solve(problem, strain, progress)
                 states[truth.label, strain] = truth
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
                 convergence[strain.value] = told
-            cut = " cut in eight" if (TRUTH, Strain.GREEN) in states else ""
-            parts.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
-            if not is_for_storing:
-                parts.append(
-                    f"its error bars: differences from a longer step and from P1, {SHARPER}"
-                )
+        cut = " cut in eight" if (TRUTH, Strain.GREEN) in states else ""
+        origin.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
+        if not is_for_storing:
+            origin.append(f"its error bars: differences from a longer step and P1, {SHARPER}")
     versions: Mapping[str, Any] = next(
         (s.details["versions"] for s in states.values() if "versions" in s.details), {}
     )
     provenance: dict[str, Any] = {"versions": versions}
     if convergence:
         provenance["convergence"] = convergence
-    return ReferenceSet(states, bars, "; ".join(parts), failures, provenance)
+    return ReferenceSet(states, bars, "; ".join(origin), failures, provenance)
+
+
+@contextmanager
+def _told(
+    failures: dict[tuple[str, Strain], str], place: tuple[str, Strain], is_for_storing: bool
+) -> Iterator[None]:
+    """A run that fails is told, unless its answer is for storing, or no run can succeed here."""
+    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+
+    try:
+        yield
+    except ReferenceFailedError as error:
+        if is_for_storing or isinstance(error, ReferenceUnavailableError):
+            raise
+        failures[place] = f"{place[0]} in motion: {error}"
 
 
 def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:
