@@ -121,8 +121,9 @@ def fit_uncertainty(times: ArrayLike, values: ArrayLike) -> OscillationError:
     for shift in np.linspace(0, len(t), _SHIFTS + 1, dtype=int)[1:-1]:
         again = _refine(t, cosine + decay * np.roll(rest / decay, shift), w, g, spread)
         errors.append(oscillation_error(again, fitted, duration))
-    in_period = int(np.count_nonzero(t > duration - 1.0 / fitted.frequency))
-    for less in np.linspace(0, in_period, _WINDOWS + 1, dtype=int)[1:]:
+    # A quarter at most: less than a period and a half tells nothing.
+    in_period = min(int(np.count_nonzero(t > duration - 1.0 / fitted.frequency)), len(t) // 4)
+    for less in np.unique(np.linspace(1, in_period, _WINDOWS, dtype=int)):
         again = _refine(t[:-less], x[:-less], w, g, spread)
         errors.append(oscillation_error(again, fitted, duration))
     return OscillationError(

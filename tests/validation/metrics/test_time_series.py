@@ -105,3 +105,16 @@ def test_another_mode_makes_the_fit_uncertain_by_about_what_it_does(ratio: float
     # Of one cosine alone there is nothing to be uncertain of.
     alone = fit_uncertainty(TIMES, cosine())
     assert all(getattr(alone, word) < 1e-7 for word in WORDS)
+
+
+@pytest.mark.parametrize("count", [12, 15, 30])
+@pytest.mark.parametrize("periods", [1.6, 2.0, 4.0])
+def test_a_short_series_is_uncertain_and_never_a_crash(count: int, periods: float) -> None:
+    times = np.linspace(0.0, 1.0, count)
+    wave = 1.0 + np.exp(-times) * np.cos(2.0 * math.pi * periods * times + 0.3)
+    rough = wave + 0.05 * np.sin(37.0 * np.arange(count) ** 2)
+    clean, noisy = fit_uncertainty(times, wave), fit_uncertainty(times, rough)
+    for word in WORDS:
+        assert getattr(clean, word) < 1e-6
+        assert np.isfinite(getattr(noisy, word))
+    assert noisy.amplitude > 1e-3
