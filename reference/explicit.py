@@ -18,7 +18,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import require_no_tools
+from palpate.reference.contact.forward_increments import SteppedTools
 from palpate.reference.equilibrium import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
 from palpate.reference.fenicsx import ufl
@@ -52,15 +52,14 @@ def simulate_explicit(
         The trajectory; every number in it is finite.
 
     Raises:
-        InputError: No time span or step, outputs that are not whole steps apart, or a load or
-            support that cannot be used.
+        InputError: No time span or step, outputs that are not whole steps apart, or a load,
+            support or tool that cannot be used.
         ReferenceBlowUpError: A value stopped being finite; carries the last good state.
 
     Note:
         Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
         Conditionally stable: dt < 2 / omega_max.
     """
-    require_no_tools(problem, "the explicit twin")
     span = problem.time
     if span is None or span.time_step is None:
         raise InputError("the explicit twin needs a time span with its time_step given")
@@ -80,23 +79,29 @@ def simulate_explicit(
     speed = body.space.from_points(zero if velocity is None else velocity)
     acceleration = twin.force(now, 0.0) / twin.mass - span.mass_damping * speed
     before = now - dt * speed + 0.5 * dt**2 * acceleration
+    mobility = dt**2 / (twin.mass * (1.0 + half))
+    tools = SteppedTools(problem, body.space, twin.held, mobility)
+    tools.require_outside(now)
     states, energies = [body.space.at_points(now)], [body.strain_energy(now)]
+    felt = [tools.mean_forces()]
     for step in range(per_output * span.num_outputs):
         force = twin.force(now, step * dt)
         ahead = (dt**2 * force / twin.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
-        ahead = twin.at_supports(ahead, (step + 1) * dt)
+        ahead = tools.keep_out(twin.at_supports(ahead, (step + 1) * dt), (step + 1) * dt)
         if not np.isfinite(ahead).all():
             raise ReferenceBlowUpError(step, step * dt, body.space.at_points(now))
         now, before = ahead, now
         if (step + 1) % per_output == 0:
             states.append(body.space.at_points(now))
             energies.append(body.strain_energy(now))
+            felt.append(tools.mean_forces())
     return ExplicitResult(
         times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
         displacements=np.array(states),
         strain_energies=np.array(energies),
         time_step=dt,
         num_steps=per_output * span.num_outputs,
+        tool_forces=np.array(felt).swapaxes(0, 1),
     )
 
 
@@ -110,7 +115,7 @@ class _Twin:
         self.body = ElasticBody(space, problem.material, strain, problem.inclusions)
         self.mass = row_sums_of_mass(self.body, problem)
         self._loads = LoadsOverTime(self.body, problem, loads_by, supports_by)
-        self.at_supports = self._loads.at_supports
+        self.at_supports, self.held = self._loads.at_supports, self._loads.held
 
     def force(self, displacement: Points, time: float) -> Points:
         """F(t) - R(a) [N]."""

@@ -191,6 +191,8 @@ class ExplicitResult:
         strain_energies: Integral of psi(F) at those times [J], shape (num_outputs + 1,).
         time_step: [s].
         num_steps: Steps done.
+        tool_forces: On each tool, mean since the output before [N], shape
+            (num_tools, num_outputs + 1, 3); the first is zero.
     """
 
     times: Points
@@ -198,6 +200,7 @@ class ExplicitResult:
     strain_energies: Points
     time_step: float
     num_steps: int
+    tool_forces: Points = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 def save_result(path: str | Path, result: Any) -> None:

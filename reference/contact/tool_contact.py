@@ -69,15 +69,7 @@ class ToolContact:
     def __init__(
         self, space: TransferredSpace, tool: RigidTool, held: HeldDofs, youngs_modulus: float
     ) -> None:
-        if tool.friction_coefficient > 0.0:
-            raise InputError(
-                f"friction_coefficient = {tool.friction_coefficient:g}: the reference's contact is "
-                "frictionless; set 0"
-            )
-        if tool.drive is not None:
-            raise InputError(
-                "the reference moves a tool along its path; give the path instead of a force"
-            )
+        require_frictionless_on_path(tool)
         self.tool = tool
         self.points = find_contact_points(space, tool.contact_facets, held)
         self._num_dofs = 3 * space.num_blocks
@@ -168,6 +160,19 @@ def create_contacts(
         m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
     )
     return tuple(ToolContact(space, tool, held, stiffest) for tool in problem.tools)
+
+
+def require_frictionless_on_path(tool: RigidTool) -> None:
+    """Raise InputError for a tool with friction, or one that is driven by a force."""
+    if tool.friction_coefficient > 0.0:
+        raise InputError(
+            f"friction_coefficient = {tool.friction_coefficient:g}: the reference's contact is "
+            "frictionless; set 0"
+        )
+    if tool.drive is not None:
+        raise InputError(
+            "the reference moves a tool along its path; give the path instead of a force"
+        )
 
 
 def require_no_tools(problem: Problem, what: str) -> None:

@@ -299,8 +299,8 @@ class CaseSpec(Table):
     @model_validator(mode="after")
     def _motion_needs_time(self) -> CaseSpec:
         for check in self.check:
-            if check.metric == "tool_force" and (not self.tool or self.time is not None):
-                raise ValueError("check tool_force needs [tool], and no [time]")
+            if check.metric == "tool_force" and not self.tool:
+                raise ValueError("check tool_force needs [tool]")
             if check.metric in MOTION_METRICS and self.time is None:
                 raise ValueError(f"check {check.metric} needs [time]")
             if self.time is None:

@@ -60,6 +60,8 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.SOFTER, "wave"),
     (Fault.NO_DAMPING, "decay"),
     (Fault.REVERSED_LOAD, "csm3"),
+    (Fault.SOFTER, "slide"),
+    (Fault.WRONG_MASS, "slide"),
 )
 REFERENCE_FAULTS = ("missing-reference", "stale-reference", "damaged-reference")
 _CASE_OF_REFERENCES = "block"

@@ -58,9 +58,10 @@ def local_volume(problem: Problem, candidate: State, reference: State) -> Differ
 
 
 def tool_force(problem: Problem, candidate: State, reference: State) -> Difference:
-    """Largest error of the force on a tool at the end of its path.
+    """Largest error of the force on a tool: at the end of its path, or over time.
 
-    Infinite where a simulator does not tell the force on each tool of the problem.
+    In motion of its means from output to output: with rigid contact the force of a single step
+    chatters. Infinite where a simulator does not tell the force on each tool of the problem.
     """
     del problem
     name = "largest force of the reference on a tool"
@@ -68,8 +69,8 @@ def tool_force(problem: Problem, candidate: State, reference: State) -> Differen
     if ours is None or theirs is None or np.shape(ours) != np.shape(theirs) or not len(theirs):
         return Difference(math.inf, math.nan, name)
     wanted = np.asarray(theirs, dtype=np.float64)
-    error = np.linalg.norm(np.asarray(ours, dtype=np.float64) - wanted, axis=1).max()
-    return ratio(float(error), float(np.linalg.norm(wanted, axis=1).max()), name)
+    error = np.linalg.norm(np.asarray(ours, dtype=np.float64) - wanted, axis=-1).max()
+    return ratio(float(error), float(np.linalg.norm(wanted, axis=-1).max()), name)
 
 
 def det_f(mesh: TetMesh, displacement: Points) -> Points:

@@ -45,7 +45,11 @@ def solve_twin(problem: Problem, strain: Strain, progress: Progress) -> State:
         simulator="reference",
         strain=strain,
         seconds=time.perf_counter() - start,
-        details={"time_step": found.time_step, "num_steps": found.num_steps},
+        details={
+            "time_step": found.time_step,
+            "num_steps": found.num_steps,
+            **({"tool_forces": found.tool_forces.tolist()} if problem.tools else {}),
+        },
         trajectory=Trajectory(found.times, found.displacements),
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import matplotlib as mpl
 import numpy as np
 
@@ -32,9 +34,16 @@ def motion_svg(result: CaseResult) -> str:
     place = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
     along = ", ".join(f"{a:.2f}" for a in axis)
     with mpl.rc_context({"font.size": 10, "svg.fonttype": "none", "font.family": "sans-serif"}):
-        figure, (above, below) = pyplot.subplots(
-            2, 1, figsize=(8.4, 4.6), sharex=True, height_ratios=(2, 1)
-        )
+        has_tools = bool(result.problem.tools)
+        figure, panels = pyplot.subplots(
+            2 + has_tools, 1, figsize=(8.4, 4.6 + 1.9 * has_tools), sharex=True,
+            height_ratios=(2, 1, 1.4)[: 2 + has_tools],
+        )  # fmt: skip
+        above, below = panels[:2]
+        if has_tools:
+            for state in (*references, *candidates):
+                _draw_forces(panels[2], state)
+            panels[2].set_ylabel("force on tool [N]")
         for state in references:
             is_twin = state.label == SAME_MESH
             times, path = _path(state, point, axis)
@@ -53,9 +62,9 @@ def motion_svg(result: CaseResult) -> str:
                     _draw_error(below, state, other, point)
         above.set_ylabel("displacement [mm]")
         below.set_ylabel("error [mm]")
-        below.set_xlabel(f"time [s]; at ({place}) mm along ({along})")
+        panels[-1].set_xlabel(f"time [s]; at ({place}) mm along ({along})")
         below.set_yscale("log")
-        for axes in (above, below):
+        for axes in panels:
             axes.grid(color="#dddddd", lw=0.6)
             for side in ("top", "right"):
                 axes.spines[side].set_visible(False)
@@ -66,6 +75,24 @@ def motion_svg(result: CaseResult) -> str:
                 )  # fmt: skip
         figure.tight_layout()
         return figure_svg(figure)
+
+
+def _draw_forces(axes: mpl.axes.Axes, state: State) -> None:
+    """Size of the mean force on each tool from output to output."""
+    forces = np.asarray(state.details.get("tool_forces", ()), dtype=np.float64)
+    if state.trajectory is None or forces.ndim != 3:
+        return
+    is_green = state.strain is Strain.GREEN
+    if state.simulator == "reference":
+        style: dict[str, Any] = {"color": "#888888", "lw": 3.0, "alpha": 0.6}
+    else:
+        colour = "#2f6f8f" if is_green else "#c98a12"
+        style = {"color": colour, "lw": 1.3, "ls": "-" if is_green else "--"}
+    for number, history in enumerate(np.linalg.norm(forces, axis=2), start=1):
+        axes.plot(
+            state.trajectory.times[1:], history[1:], **style,
+            label=f"tool {number}, {state.label}, {'Green' if is_green else 'linear'} strain",
+        )  # fmt: skip
 
 
 def _path(state: State, point: int, axis: Points) -> tuple[Points, Points]:

@@ -94,5 +94,7 @@ def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
         "critical_time_step": result.critical_time_step,
         "num_steps": result.num_steps,
     }
+    if problem.tools:
+        details["tool_forces"] = [track.mean_forces.tolist() for track in result.tools]
     motion = Trajectory(result.times, result.displacements)
     return Answer(result.displacements[-1], 0.0, details, motion)

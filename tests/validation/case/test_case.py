@@ -179,10 +179,6 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
         (("[[tool]]", TRUTH.format("trajectory_l2")), ["[tool]", "has no truth"]),
         (("[[tool]]", TRUTH.format("volume")), ["trajectory_l2", "volume", "same_mesh"]),
         (("[[tool]]", TRUTH.format("published_oscillation")), ["all three"]),
-        (
-            ("[[tool]]", '[[check]]\nmetric = "tool_force"\nlimit = 1.0\nreason = "x"\n\n[[tool]]'),
-            ["tool_force", "no [time]"],
-        ),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
         (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
         (("region = { box", "region = { group = 'a', box"), ["inclusion", "a ball"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -55,3 +56,16 @@ def test_a_static_state_has_no_motion_to_judge() -> None:
     still = make_state(MESH, 0 * MESH.points, label="x", simulator="x", strain=Strain.GREEN)
     with pytest.raises(InputError, match="time"):
         measure("trajectory_l2", PROBLEM, still, swinging())
+
+
+def test_the_force_on_a_tool_is_compared_over_time() -> None:
+    felt = [[[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [1.0, 0.0, 4.0]]]
+    reference = dataclasses.replace(swinging(), details={"tool_forces": felt})
+    other = [[[0.0, 0.0, 0.0], [0.0, 0.3, 2.4], [1.0, 0.0, 4.0]]]
+    candidate = dataclasses.replace(swinging(), details={"tool_forces": other})
+    found = measure("tool_force", PROBLEM, candidate, reference)
+    assert found.value == pytest.approx(0.5 / math.sqrt(17.0), rel=1e-14)
+    # The last one only, or none: nothing that could be compared.
+    for told in ({"tool_forces": [felt[0][-1]]}, {}):
+        short = dataclasses.replace(candidate, details=told)
+        assert measure("tool_force", PROBLEM, short, reference).value == math.inf

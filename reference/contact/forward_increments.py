@@ -1,0 +1,117 @@
+"""Rigid tools in explicit steps: multipliers that end the step ahead on the tool.
+
+A node that a step would leave inside a tool gets the force that leaves it on the surface instead.
+With lumped mass the multipliers do not know of each other, and each is had in closed form:
+
+    p = -g / (n . W n),   correction W n p,   W = dt^2 / (m (1 + lambda dt / 2))
+
+with the gap g and the normal n where the node would have ended, W = 0 along held components. N. J.
+Carpenter, R. L. Taylor, M. G. Katona, Lagrange constraints for transient finite element surface
+contact, Int. J. Numer. Meth. Engng 32 (1991) 103-128.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import RigidTool
+from palpate.reference.contact.contact_points import find_contact_points
+from palpate.reference.contact.tool_contact import require_frictionless_on_path
+from palpate.reference.contact.tool_distance import tool_distance
+from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.supports import HeldDofs
+
+# A node with held components leaves the tool along another line than its normal, in some goes.
+_MOST_CORRECTIONS = 6
+
+
+class SteppedTools:
+    """The tools of one explicit run.
+
+    Args:
+        problem: With its tools.
+        space: Of degree 1.
+        held: Degrees of freedom that are held, shape (n,).
+        mobility: W above, of every degree of freedom [m/N], flat.
+
+    Raises:
+        InputError: A tool with friction, driven by a force, given by a surface, or inside the body
+            at the start.
+    """
+
+    def __init__(
+        self, problem: Problem, space: TransferredSpace, held: Indices, mobility: Points
+    ) -> None:
+        loose = mobility.copy()
+        loose[held] = 0.0
+        all_held = HeldDofs(held, np.zeros(len(held)))
+        self._tools = [_SteppedTool(tool, space, all_held, loose) for tool in problem.tools]
+        self._steps = 0
+
+    def require_outside(self, displacement: Points) -> None:
+        """Raise InputError where a tool is in the body at the start."""
+        for number, tool in enumerate(self._tools, start=1):
+            depth = -float(tool.gaps(displacement, 0.0).min(initial=0.0))
+            if depth > 0.0:
+                raise InputError(
+                    f"tool {number} is {depth:g} m deep in the body at the start; begin its path "
+                    "outside"
+                )
+
+    def keep_out(self, ahead: Points, time: float) -> Points:
+        """A displacement at a time with no node inside a tool, one tool after the other."""
+        self._steps += 1
+        for tool in self._tools:
+            ahead = tool.keep_out(ahead, time)
+        return ahead
+
+    def mean_forces(self) -> Points:
+        """On each tool since this was last asked [N], shape (num_tools, 3)."""
+        means = np.array([tool.sum_of_forces for tool in self._tools]).reshape(-1, 3)
+        means = means / max(self._steps, 1)
+        self._steps = 0
+        for tool in self._tools:
+            tool.sum_of_forces = np.zeros(3)
+        return means
+
+
+class _SteppedTool:
+    def __init__(
+        self, tool: RigidTool, space: TransferredSpace, held: HeldDofs, mobility: Points
+    ) -> None:
+        require_frictionless_on_path(tool)
+        self._tool = tool
+        self._points = find_contact_points(space, tool.contact_facets, held)
+        self._mobility = mobility.reshape(-1, 3)[self._points.nodes]
+        self._is_free = np.ptp(self._mobility, axis=1) <= 1e-12 * self._mobility.max(axis=1)
+        self.sum_of_forces = np.zeros(3)
+
+    def gaps(self, displacement: Points, time: float) -> Points:
+        position, rotation = self._tool.path.pose_at(time)
+        places = self._points.places(displacement)
+        return tool_distance(self._tool.shape, position, rotation, places).gap
+
+    def keep_out(self, ahead: Points, time: float) -> Points:
+        position, rotation = self._tool.path.pose_at(time)
+        places = self._points.places(ahead)
+        forces = np.zeros_like(places)
+        rows = np.arange(len(places))
+        for _ in range(_MOST_CORRECTIONS):
+            at = tool_distance(self._tool.shape, position, rotation, places[rows])
+            give = np.einsum("ni,ni,ni->n", self._mobility[rows], at.normal, at.normal)
+            is_pushed = (at.gap < 0.0) & (give > 0.0)
+            rows, give = rows[is_pushed], give[is_pushed]
+            if not len(rows):
+                break
+            push = (-at.gap[is_pushed] / give)[:, None] * at.normal[is_pushed]
+            forces[rows] += push
+            places[rows] += self._mobility[rows] * push
+            rows = rows[~self._is_free[rows]]
+        self.sum_of_forces -= forces.sum(axis=0)
+        out = ahead.reshape(-1, 3).copy()
+        out[self._points.nodes] = places - self._points.rest
+        flat: Points = out.ravel()
+        return flat

@@ -1,0 +1,91 @@
+"""Tools in explicit steps against the twin on FEniCSx: motion and force on the tool."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamics import simulate
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    PlaneShape,
+    RigidTool,
+    SphereShape,
+    ToolPath,
+    ToolShape,
+)
+from palpate.reference.availability import is_available
+from palpate.validation.case import load_case
+
+if is_available():
+    from palpate.reference.explicit import simulate_explicit
+
+pytestmark = pytest.mark.dolfinx
+
+# Rounding, step upon step; a contact that is switched otherwise would show as 1e-4 and more.
+ALIKE = 1e-11
+LYING = (0.5**0.5, 0.0, 0.5**0.5, 0.0)
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+DOWN = (0.0, 1.0, 0.0, 0.0)
+
+
+def tool(shape: ToolShape, positions: list[list[float]], turn: tuple[float, ...]) -> RigidTool:
+    """Positions [mm] at 0, 0.2 and 0.4 s."""
+    places = 1e-3 * np.array(positions)
+    return RigidTool(shape, ToolPath(np.array([0.0, 0.2, 0.4]), places, np.array([turn] * 3)))
+
+
+TOOLS = {
+    "sphere": tool(SphereShape(0.012), [[24, 17, 32.5], [25, 18, 29], [36, 22, 29]], UPRIGHT),
+    "capsule": tool(CapsuleShape(0.006, 0.01), [[24, 17, 26.5], [25, 18, 23], [36, 22, 23]], LYING),
+    "plane": tool(PlaneShape(), [[24, 17, 20.5], [25, 18, 18], [25, 18, 18.5]], DOWN),
+    "box": tool(BoxShape((0.008,) * 3), [[24, 17, 28.5], [25, 18, 25], [25, 18, 26]], UPRIGHT),
+}
+SECOND = tool(SphereShape(0.006), [[46, 30, 26.5], [45, 29, 24], [45, 29, 24.5]], UPRIGHT)
+
+
+def slab(*tools: RigidTool, supports: tuple[Support, ...] = ()) -> Problem:
+    problem = load_case("press").problem
+    return dataclasses.replace(
+        problem,
+        tools=tools,
+        supports=(*problem.supports, *supports),
+        time=TimeSpan(0.4, 5e-4, 5.0, 20),
+    )
+
+
+def assert_alike(problem: Problem, strain: Strain) -> None:
+    ours = simulate(problem, strain=strain)
+    theirs = simulate_explicit(problem, strain=strain)
+    assert ours.num_steps == theirs.num_steps
+    largest = np.abs(theirs.displacements).max()
+    assert largest > 1e-3
+    assert np.abs(ours.displacements - theirs.displacements).max() <= ALIKE * largest
+    for track, forces in zip(ours.tools, theirs.tool_forces, strict=True):
+        most = np.abs(forces).max()
+        assert most > 1e-2
+        assert np.abs(track.mean_forces - forces).max() <= ALIKE * most
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("name", list(TOOLS))
+def test_one_tool(name: str, strain: Strain) -> None:
+    assert_alike(slab(TOOLS[name]), strain)
+
+
+def test_two_tools_at_once() -> None:
+    assert_alike(slab(TOOLS["sphere"], SECOND), Strain.GREEN)
+
+
+def test_vertices_that_are_held_in_part() -> None:
+    mesh = load_case("press").problem.mesh
+    top = np.flatnonzero(mesh.points[:, 2] > 0.0199).astype(np.int32)
+    assert_alike(
+        slab(TOOLS["sphere"], supports=(Support(top, components=(False, True, False)),)),
+        Strain.GREEN,
+    )
