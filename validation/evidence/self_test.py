@@ -60,6 +60,8 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.SOFTER, "wave"),
     (Fault.NO_DAMPING, "decay"),
     (Fault.REVERSED_LOAD, "csm3"),
+    (Fault.DROPPED_TOOL, "press"),
+    (Fault.DROPPED_TOOL, "slide"),
     (Fault.SOFTER, "slide"),
     (Fault.WRONG_MASS, "slide"),
 )

@@ -32,6 +32,7 @@ class Fault(StrEnum):
     WRONG_MASS = "wrong-mass"
     NO_DAMPING = "no-damping"
     DROPPED_LOAD = "dropped-load"
+    DROPPED_TOOL = "dropped-tool"
     REVERSED_LOAD = "reversed-load"
     MIRRORED = "mirrored"
     MIRRORED_MESH = "mirrored-mesh"
@@ -51,12 +52,17 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
     """The problem as the faulty candidate understands it.
 
     Raises:
-        InputError: A fault of motion in a static problem: nothing would be spoiled.
+        InputError: A fault of motion in a static problem, or of loads or tools where there are
+            none: nothing would be spoiled.
     """
     if fault in _OF_MOTION and problem.time is None:
         raise InputError(
             f"fault {fault}: a case without [time] cannot show it; try block-motion or wave"
         )
+    if fault in (Fault.DROPPED_LOAD, Fault.REVERSED_LOAD) and not problem.loads:
+        raise InputError(f"fault {fault}: a case without [[load]] cannot show it; try beam")
+    if fault is Fault.DROPPED_TOOL and not problem.tools:
+        raise InputError(f"fault {fault}: a case without [tool] cannot show it; try press or slide")
     material = problem.material
     E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
     match fault:
@@ -77,6 +83,8 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
             return dataclasses.replace(problem, time=span)
         case Fault.DROPPED_LOAD:
             return dataclasses.replace(problem, loads=problem.loads[:-1])
+        case Fault.DROPPED_TOOL:
+            return dataclasses.replace(problem, tools=problem.tools[:-1])
         case Fault.REVERSED_LOAD:
             return dataclasses.replace(problem, loads=tuple(map(_reversed, problem.loads)))
         case Fault.MIRRORED_MESH:

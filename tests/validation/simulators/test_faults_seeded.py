@@ -110,6 +110,13 @@ def test_a_gate_that_sees_nothing_fails_the_self_test(monkeypatch: pytest.Monkey
     assert result.verdict == "failed"
 
 
+def test_a_fault_of_what_is_not_there_is_refused(problem: Problem) -> None:
+    with pytest.raises(InputError, match="press or slide"):
+        faults.spoil_problem(problem, Fault.DROPPED_TOOL)
+    with pytest.raises(InputError, match="try beam"):
+        faults.spoil_problem(dataclasses.replace(problem, loads=()), Fault.REVERSED_LOAD)
+
+
 @pytest.mark.parametrize("fault", [Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.TRANSPOSED_GRADIENT])
 def test_a_fault_of_motion_is_refused_where_nothing_moves(problem: Problem, fault: Fault) -> None:
     with pytest.raises(InputError, match="block-motion"):
