@@ -240,3 +240,28 @@ def test_the_bar_of_a_live_truth_holds_what_finer_steps_and_cells_find() -> None
     for metric in ("trajectory_l2", "displacement_max"):
         error = measure(metric, problem, truth, better).value
         assert 0.0 < error <= found.bars[metric, Strain.GREEN]
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("name", ["block-motion", "decay", "slide", "wave"])
+def test_this_version_finds_the_stored_twin(name: str) -> None:
+    """Whichever version stored it: 0.5.2 and 0.11 both run this."""
+    case = load_case(name)
+    stored = find_references(case, live=False, progress=lambda _line: None)
+    kept = stored.states[SAME_MESH, case.strain]
+    found = motions.solve_twin(case.problem, case.strain, lambda _line: None)
+    assert measure("trajectory_l2", case.problem, found, kept).value < 1e-11
+    if case.problem.tools:
+        assert measure("tool_force", case.problem, found, kept).value < 1e-11
+
+
+@pytest.mark.dolfinx
+@pytest.mark.slow
+def test_this_version_finds_the_stored_truth() -> None:
+    case = load_case("wave")
+    kept = truth_of("wave")
+    found = motions.solve_implicit(
+        case.problem, Strain.LINEAR, motions.STORED_STEPS[-1], lambda _line: None
+    )
+    # Kept in seven digits.
+    assert measure("trajectory_l2", case.problem, found, kept).value < 1e-7
