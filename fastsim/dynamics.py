@@ -135,12 +135,13 @@ def simulate(
     if num_threads < 1:
         raise InputError(f"num_threads = {num_threads}: needs at least 1")
     critical = sharp_critical_time_step(mesh, only_material(problem), strain=strain)
+    mass = lumped_mass(mesh, problem.material.density)
     tools = None
     if problem.tools:
         tools = ExplicitTools(
             problem,
             contact,
-            lumped_mass(mesh, problem.material.density),
+            mass,
             critical_time_step=critical,
             time_step=span.time_step,
         )
@@ -150,7 +151,7 @@ def simulate(
         bodies = BodyContact(
             problem,
             body_contact,
-            lumped_mass(mesh, problem.material.density),
+            mass,
             critical_time_step=critical,
             time_step=span.time_step,
         )

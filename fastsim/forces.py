@@ -138,6 +138,15 @@ def lumped_mass(mesh: TetMesh, density: float) -> Points:
     return mass
 
 
+def lumped_areas(mesh: TetMesh, facets: np.ndarray[tuple[int, ...], np.dtype[np.int32]]) -> Points:
+    """A third of the rest area of each of these facets to its corners [m2], (num_points,)."""
+    areas = np.zeros(mesh.num_points)
+    share = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
+    for k in range(3):
+        np.add.at(areas, facets[:, k], share)
+    return areas
+
+
 def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], Points]:
     """Which components are free (1) or held (0), and the held values [m]; (num_points, 3) each.
 

@@ -13,17 +13,17 @@ where up to two vertices press on a cell at a time. Momentum and moment are kept
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.collision.detection import VertexCellDetector
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.forces import lame_parameters, only_material
+from palpate.fastsim.forces import lame_parameters, lumped_areas, only_material
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_modes import connected_parts
 from palpate.meshes.tet_mesh import TetMesh
 
 # Cells' layers as stiff as the default penalty, and what the step may shrink by: see contact_law.
@@ -67,14 +67,8 @@ class BodyContact:
         mesh = problem.mesh
         self._mesh = mesh
         corners = mesh.points[mesh.boundary_facets]
-        area = 0.5 * np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
-        lumped = np.zeros(mesh.num_points)
-        for k in range(3):
-            np.add.at(lumped, mesh.boundary_facets[:, k], area / 3.0)
         self._vertices = np.unique(mesh.boundary_facets).astype(np.int32)
-        self._areas = lumped[self._vertices]
+        self._areas = lumped_areas(mesh, mesh.boundary_facets)[self._vertices]
         lightest = float((mass[self._vertices] / self._areas).min())
         squared = (2.0 / critical_time_step) ** 2
         if law.stiffness is not None:
@@ -97,14 +91,12 @@ class BodyContact:
     def attach(self, run: _core.ExplicitRun32 | _core.ExplicitRun64) -> None:
         """Give the contact to a run."""
         mesh = self._mesh
-        # From 0, as many as there are.
-        number = np.unique(parts(mesh), return_inverse=True)[1].astype(np.int32)
         run.set_body_touch(
             np.ascontiguousarray(mesh.points),
             np.ascontiguousarray(mesh.cells),
             self._vertices,
             np.ascontiguousarray(mesh.boundary_facets),
-            number,
+            connected_parts(mesh).astype(np.int32),
             self.stiffness * self._areas,
             chosen_instruction_set(),
         )
@@ -116,25 +108,10 @@ def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points
     vertices, first = np.unique(found.vertices, return_index=True)
     cells = mesh.cells[found.cells[first]]
     places = (found.weights[first][:, :, None] * mesh.points[cells]).sum(axis=1)
-    part, depths = parts(mesh), np.zeros(len(vertices))
+    part, depths = connected_parts(mesh), np.zeros(len(vertices))
     for number in np.unique(part[cells[:, 0]]):
         facets = mesh.boundary_facets[part[mesh.boundary_facets[:, 0]] == number]
         surface = _core.SurfaceDistance(np.array(mesh.points), np.ascontiguousarray(facets))
         here = part[cells[:, 0]] == number
         depths[here] = surface.closest(np.ascontiguousarray(places[here]))[1]
     return vertices.astype(np.int32), depths
-
-
-def parts(mesh: TetMesh) -> NDArray[np.int64]:
-    """Number of the body each point belongs to: its smallest point."""
-    number = np.arange(mesh.num_points)
-    while True:
-        least = number[mesh.cells].min(axis=1)
-        after = number.copy()
-        for k in range(4):
-            np.minimum.at(after, mesh.cells[:, k], least)
-        # Each point also takes the number of the one it is called after.
-        after = after[after]
-        if np.array_equal(after, number):
-            return number
-        number = after

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.forces import constraints
+from palpate.fastsim.forces import constraints, lumped_areas
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
@@ -63,13 +63,7 @@ class ToolContact:
         self.shape = core_shape(tool.shape)
         facets = tool.contact_facets if len(tool.contact_facets) else mesh.boundary_facets
         self.facets = _checked_facets(facets, mesh.num_points)
-        corners = mesh.points[self.facets]
-        area = 0.5 * np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
-        lumped = np.zeros(mesh.num_points)
-        for k in range(3):
-            np.add.at(lumped, self.facets[:, k], area / 3.0)
+        lumped = lumped_areas(mesh, self.facets)
         is_free = constraints(problem)[0].any(axis=1)
         self.vertices = np.flatnonzero((lumped > 0.0) & is_free).astype(np.int32)
         self.areas = lumped[self.vertices]

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import smooth_ramp
-from palpate.fastsim.contact.body_contact import overlap_depths, parts
+from palpate.fastsim.contact.body_contact import overlap_depths
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.forces import lumped_mass
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.rigid_modes import connected_parts
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
 
@@ -61,7 +62,7 @@ def collide() -> Collision:
         np.vstack([low.points, high.points + np.array([0.03, 0.05, 0.41])]),
         np.vstack([low.cells, high.cells + low.num_points]).astype(np.int32),
     )
-    flying = parts(mesh) != 0
+    flying = connected_parts(mesh) != 0
     speed = np.zeros_like(mesh.points)
     speed[flying, 2] = -1.0
     problem = Problem(mesh, MATERIAL, (), (), TimeSpan(0.4, num_outputs=40))
