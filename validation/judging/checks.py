@@ -7,11 +7,7 @@ import math
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.case.units import Units
-from palpate.validation.judging.published import (
-    bar_of_published,
-    compare_published,
-    uncertainty_of_fit,
-)
+from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult, State, Verdict
 from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
 
@@ -29,6 +25,11 @@ def decide(error: float, bar: float, limit: float) -> Verdict:
     if error + bar <= limit:
         return Verdict.PASSED
     return Verdict.FAILED if error - bar > limit else Verdict.INCONCLUSIVE
+
+
+def _number(value: float) -> float | None:
+    """What outputs can hold: None where there is no number."""
+    return value if math.isfinite(value) else None
 
 
 def judge_check(
@@ -61,10 +62,10 @@ def judge_check(
         if reference is None:
             verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
         else:
-            value, message = compare_published(spec, problem, reference, units)
-            bar = bar_of_published(spec, problem, reference, bar, units)
-            verdict = decide(value, bar, spec.limit)
-            message = f"reference {message}" + (f" (+- {bar:.2g})" if bar else "")
+            compared = compare_published(spec, problem, reference, units)
+            value, bar = _number(compared.error), bar * compared.share
+            verdict = decide(compared.error, bar, spec.limit)
+            message = f"reference {compared.message}" + (f" (+- {bar:.2g})" if bar else "")
     elif candidate is None:
         verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
     elif spec.metric == "smallest_det_f":
@@ -78,18 +79,18 @@ def judge_check(
         verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
         message = f"{count} inverted cell(s), at most {spec.limit:g}"
     elif spec.metric in PUBLISHED_METRICS:
-        error, message = compare_published(spec, problem, candidate, units)
-        value, scale = (error if math.isfinite(error) else None), "the number expected"
-        bar = uncertainty_of_fit(spec, problem, candidate, units)
-        verdict = decide(error, bar, spec.limit)
-        message += f" (+- {bar:.2g})" if bar else ""
+        compared = compare_published(spec, problem, candidate, units)
+        value, scale = _number(compared.error), "the number expected"
+        bar = compared.uncertainty
+        verdict = decide(compared.error, bar, spec.limit)
+        message = compared.message + (f" (+- {bar:.2g})" if bar else "")
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
         difference = measure(spec.metric, problem, candidate, reference)
         scale = difference.scale_name
         verdict = decide(difference.value, bar, spec.limit)
-        value = difference.value if math.isfinite(difference.value) else None
+        value = _number(difference.value)
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
         shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
         message = f"{shown} {sign} {spec.limit:g}"

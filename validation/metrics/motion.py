@@ -77,7 +77,7 @@ def oscillation_offsets(
     swings = [fit_oscillation(*one) for one in series]
     duration = float(np.ptp(motions[0].times))
     offsets = tuple(oscillation_offset(swing, swings[0], duration) for swing in swings)
-    return offsets, fit_uncertainty(*series[0])
+    return offsets, fit_uncertainty(*series[0], swings[0])
 
 
 def swinging_most(

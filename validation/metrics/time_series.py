@@ -92,7 +92,9 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
     return found
 
 
-def fit_uncertainty(times: ArrayLike, values: ArrayLike) -> OscillationError:
+def fit_uncertainty(
+    times: ArrayLike, values: ArrayLike, fitted: Oscillation | None = None
+) -> OscillationError:
     """How far a fit may be off because the series is not one cosine: other modes leak into it.
 
     What the fit leaves over is moved along time, end to start, with the cosine's decay (that of
@@ -104,13 +106,14 @@ def fit_uncertainty(times: ArrayLike, values: ArrayLike) -> OscillationError:
     Args:
         times: As in `fit_oscillation`.
         values: Likewise.
+        fitted: What `fit_oscillation` found of them; it is asked where None.
 
     Raises:
         InputError: As `fit_oscillation`.
     """
     t = np.asarray(times, dtype=np.float64)
     x = np.asarray(values, dtype=np.float64)
-    fitted = fit_oscillation(t, x)
+    fitted = fitted or fit_oscillation(t, x)
     t = t - t[0]
     w, g = 2.0 * math.pi * fitted.frequency, fitted.damping
     rest = _misfit(t, x, w, g)
