@@ -10,40 +10,20 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
 from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table, Vector
 from palpate.validation.case.units import Units
+from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS
 
-# The candidate's own, without a reference.
-OWN_METRICS = ("smallest_det_f", "inverted_cells")
 # Held against a number of the case file: the candidate's answer, or the truth itself.
 PUBLISHED = "published_displacement"
 PUBLISHED_SWING = "published_oscillation"
 PUBLISHED_METRICS = (PUBLISHED, PUBLISHED_SWING)
-# Only against the reference on the same mesh: what reads the cells or the forces of a solution.
-SAME_MESH_METRICS = (
-    "displacement_h1",
-    "energy_norm",
-    "local_volume",
-    "reaction_force",
-    "tool_force",
-    "strain_energy",
+# The candidate's own, without a reference.
+OWN_METRICS = tuple(
+    metric.name
+    for metric in CATALOGUE.values()
+    if metric.compare is None and metric.name not in PUBLISHED_METRICS
 )
-# Only where there is [time].
-MOTION_METRICS = (
-    "trajectory_l2",
-    "oscillation_amplitude",
-    "oscillation_frequency",
-    "oscillation_phase",
-    "oscillation_damping",
-    "oscillation_mean",
-    PUBLISHED_SWING,
-)
-# What the truth of a motion can be asked for: its points over time, no integrals.
-MOVING_TRUTH = (
-    "displacement_l2",
-    "displacement_max",
-    "max_displacement",
-    *MOTION_METRICS,
-    PUBLISHED,
-)
+# What the truth of a motion can be asked for.
+MOVING_TRUTH = (*MOVING_TRUTH_METRICS, *PUBLISHED_METRICS)
 
 
 class GeometrySpec(Table):
@@ -140,57 +120,57 @@ class InclusionSpec(Table):
         return self
 
 
-class SupportSpec(Table):
+class OverTime(Table):
+    """What acts from the start, or by a factor over time."""
+
+    amplitude: AmplitudeSpec | None = None
+
+
+class SupportSpec(OverTime):
     """What is held."""
 
     region: RegionSpec
     components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     displacement: Vector = (0.0, 0.0, 0.0)
-    amplitude: AmplitudeSpec | None = None
 
 
-class ForceSpec(Table):
+class ForceSpec(OverTime):
     """A total force, spread evenly over the region's area."""
 
     kind: Literal["force"]
     region: RegionSpec
     force: Vector
-    amplitude: AmplitudeSpec | None = None
 
 
-class TractionSpec(Table):
+class TractionSpec(OverTime):
     """Force per rest area."""
 
     kind: Literal["traction"]
     region: RegionSpec
     traction: Vector
-    amplitude: AmplitudeSpec | None = None
 
 
-class PressureSpec(Table):
+class PressureSpec(OverTime):
     """Pressure that follows the surface; > 0 pushes inwards."""
 
     kind: Literal["pressure"]
     region: RegionSpec
     pressure: float
-    amplitude: AmplitudeSpec | None = None
 
 
-class GravitySpec(Table):
+class GravitySpec(OverTime):
     """Weight: density times an acceleration [m/s2]."""
 
     kind: Literal["gravity"]
     acceleration: Vector
-    amplitude: AmplitudeSpec | None = None
 
 
-class PointForceSpec(Table):
+class PointForceSpec(OverTime):
     """A force on the point nearest to a place."""
 
     kind: Literal["point_force"]
     region: RegionSpec
     force: Vector
-    amplitude: AmplitudeSpec | None = None
 
 
 LoadSpec = Annotated[
@@ -249,7 +229,7 @@ class CheckSpec(Table):
         if not is_published and (self.metric in OWN_METRICS) != (self.against == "candidate"):
             own = ", ".join((*OWN_METRICS, *PUBLISHED_METRICS))
             raise ValueError(f'{own} go with against = "candidate", and nothing else does')
-        if self.metric in SAME_MESH_METRICS and self.against != "same_mesh":
+        if CATALOGUE[self.metric].needs_same_mesh and self.against != "same_mesh":
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
         given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
         if (is_published and len(given) < 3) or (given and not is_published):
@@ -299,9 +279,10 @@ class CaseSpec(Table):
     @model_validator(mode="after")
     def _motion_needs_time(self) -> CaseSpec:
         for check in self.check:
-            if check.metric == "tool_force" and not self.tool:
-                raise ValueError("check tool_force needs [tool]")
-            if check.metric in MOTION_METRICS and self.time is None:
+            metric = CATALOGUE[check.metric]
+            if metric.needs_tools and not self.tool:
+                raise ValueError(f"check {check.metric} needs [tool]")
+            if metric.needs_time and self.time is None:
                 raise ValueError(f"check {check.metric} needs [time]")
             if self.time is None:
                 continue
