@@ -12,6 +12,7 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import lame_by_cell
 from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
@@ -100,12 +101,8 @@ class Equilibrium(ElasticBody):
         self.has_followers = bool(loads.followers)
         du = ufl.TrialFunction(space.space)
         self._tangent = fenicsx.form(ufl.derivative(self.virtual_work, self.u, du))
-        self._followers = [fenicsx.form(work) for work in loads.followers]
-        # The tangent of R has the tangent of the load with a minus sign and the load factor.
-        self._load_factor = fem.Constant(space.transferred.mesh, PETSc.ScalarType(0.0))
-        self._follower_tangents = [
-            fenicsx.form(-self._load_factor * ufl.derivative(work, self.u, du))
-            for work in loads.followers
+        self._followers = [
+            FollowerLoad(space.transferred.mesh, work, self.u, du) for work in loads.followers
         ]
         self.contacts = create_contacts(problem, space, self.held)
         self._matrix = fenicsx.create_matrix(self._tangent)
@@ -116,8 +113,8 @@ class Equilibrium(ElasticBody):
         force: Points = self.dead_force.copy()
         if self.has_followers:
             self.set_displacement(displacement)
-            for compiled in self._followers:
-                force += fenicsx.assemble_vector(compiled)
+            for follower in self._followers:
+                force += follower.force()
         return force
 
     def contact_force(self, displacement: Points) -> Points:
@@ -130,11 +127,10 @@ class Equilibrium(ElasticBody):
     def tangent(self, displacement: Points, load_factor: float) -> Any:
         """dR/du as a PETSc matrix without supports; the same object each time."""
         self.set_displacement(displacement)
-        self._load_factor.value = load_factor
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
-        for compiled in self._follower_tangents:
-            fenicsx.assemble_into_matrix(self._matrix, compiled)
+        for follower in self._followers:
+            follower.add_tangent(self._matrix, load_factor)
         for contact in self.contacts:
             contact.add_tangent(self._matrix, displacement)
         return self._matrix

@@ -10,9 +10,9 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.reference import fenicsx
 from palpate.reference.equilibrium import ElasticBody
-from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.fenicsx import ufl
+from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.loads import apply_loads
 from palpate.reference.supports import hold
 
@@ -44,7 +44,7 @@ class LoadsOverTime:
         space = body.space
         self._body = body
         self._dead: list[tuple[Amplitude, Points]] = []
-        self._followers: list[tuple[Amplitude, Any, Any, Any]] = []
+        self._followers: list[tuple[Amplitude, FollowerLoad]] = []
         own: Amplitudes = [load.amplitude for load in problem.loads]
         factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
         du = ufl.TrialFunction(space.space)
@@ -52,9 +52,8 @@ class LoadsOverTime:
             applied = apply_loads(space, [load], body.u, body.v, body.strain)
             self._dead.append((factor, applied.dead))
             for work in applied.followers:
-                scale = fem.Constant(space.transferred.mesh, PETSc.ScalarType(0.0))
-                tangent = fenicsx.form(-scale * ufl.derivative(work, body.u, du))
-                self._followers.append((factor, fenicsx.form(work), scale, tangent))
+                follower = FollowerLoad(space.transferred.mesh, work, body.u, du)
+                self._followers.append((factor, follower))
         together = hold(space, problem.supports)  # refuses supports that disagree
         self.held: Indices = together.dofs
         self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), together.dofs)
@@ -79,15 +78,14 @@ class LoadsOverTime:
             force += factor(time) * dead
         if self._followers:
             self._body.set_displacement(displacement)
-        for factor, work, _, _ in self._followers:
-            force += factor(time) * fenicsx.assemble_vector(work)
+        for factor, follower in self._followers:
+            force += factor(time) * follower.force()
         return force
 
     def add_tangent(self, matrix: Any, share: float, time: float) -> None:
         """Add minus the derivative of the forces, times a share; the body holds its place."""
-        for factor, _, scale, tangent in self._followers:
-            scale.value = share * factor(time)
-            fenicsx.assemble_into_matrix(matrix, tangent)
+        for factor, follower in self._followers:
+            follower.add_tangent(matrix, share * factor(time))
 
     def at_supports(self, displacement: Points, time: float) -> Points:
         """The displacement with its held components where they are at that time [m]."""

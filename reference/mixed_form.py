@@ -28,6 +28,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.kinematics import (
     deformation_gradient,
     engineering_strain,
@@ -112,11 +113,7 @@ class MixedEquilibrium:
         self.dead_force[self._dofs] = plain.dead
         works = apply_loads(self.space, followers, self.u, v, strain).followers
         self.has_followers = bool(works)
-        self._followers = [fenicsx.form(w) for w in works]
-        self._load_factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
-        self._follower_tangents = [
-            fenicsx.form(-self._load_factor * ufl.derivative(w, self._state, trial)) for w in works
-        ]
+        self._followers = [FollowerLoad(mesh, w, self._state, trial) for w in works]
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
@@ -143,8 +140,8 @@ class MixedEquilibrium:
         force: Points = self.dead_force.copy()
         if self.has_followers:
             self.set_displacement(displacement)
-            for compiled in self._followers:
-                force += fenicsx.assemble_vector(compiled)
+            for follower in self._followers:
+                force += follower.force()
         return force
 
     def contact_force(self, _displacement: Points) -> Points:
@@ -154,9 +151,8 @@ class MixedEquilibrium:
     def tangent(self, displacement: Points, load_factor: float) -> Any:
         """dR/d(u, p) as a PETSc matrix without supports; the same object each time."""
         self.set_displacement(displacement)
-        self._load_factor.value = load_factor
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
-        for compiled in self._follower_tangents:
-            fenicsx.assemble_into_matrix(self._matrix, compiled)
+        for follower in self._followers:
+            follower.add_tangent(self._matrix, load_factor)
         return self._matrix

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -96,21 +96,10 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         pictures[name] = path.rename(folder / f"{result.name}-{name}.png")
     (folder / f"{result.name}-states.csv").write_text(state_table_csv(result), encoding="utf-8")
     problem = result.problem
-    try:
-        # The SVG is our own drawing; the text in it is a fixed list of metric names.
-        plot = Markup(checks_svg(result))
-    except Exception as error:  # a plot must never take the verdict with it
-        plot = Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
-    try:
-        motion_plot = Markup(motion_svg(result))
-    except Exception as error:  # likewise
-        motion_plot = Markup("<p>The plot could not be drawn ({}).</p>").format(
-            type(error).__name__
-        )
     budgets, no_budget = _budgets(result)
     return {
         "no_budget": no_budget,
-        "motion_plot": motion_plot,
+        "motion_plot": _drawn(motion_svg, result),
         "budgets": budget_rows(budgets) if budgets else None,
         "budget_plots": [
             Markup(budget_svg([b for b in budgets if b.quantity == quantity]))
@@ -120,7 +109,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "pictures": {name: _data_url(path) for name, path in pictures.items()},
         "scene": Markup(viewer_json(result)) if result.states else "",
         "pairs": compared_pairs(result),
-        "plot": plot,
+        "plot": _drawn(checks_svg, result),
         "time": problem.time,
         "is_motion": problem.time is not None,
         "slider": "share of the displacement" if problem.time is None else "time",
@@ -134,6 +123,14 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "credibility": credibility(result),
         "provenance": json.dumps(dict(result.provenance), indent=2, allow_nan=False),
     }
+
+
+def _drawn(draw: Callable[[CaseResult], str], result: CaseResult) -> Markup:
+    """Our own drawing, whose texts are escaped; a plot must never take the verdict with it."""
+    try:
+        return Markup(draw(result))
+    except Exception as error:
+        return Markup("<p>The plot could not be drawn ({}).</p>").format(type(error).__name__)
 
 
 def _budgets(result: CaseResult) -> tuple[list[Budget], str]:

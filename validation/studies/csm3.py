@@ -13,7 +13,6 @@ harmonic of the whole run.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -27,7 +26,8 @@ from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
-from palpate.validation.judging.results import Verdict
+from palpate.validation.report.study_page import StudyFigure, StudyTable
+from palpate.validation.studies.study_folder import judged, leave_study
 
 # Layers of cells over the bar's height, time step [s]: steps on one mesh, then the mesh halved.
 RUNS = ((2, 0.04), (2, 0.02), (2, 0.01), (2, 0.005), (4, 0.01))
@@ -166,14 +166,7 @@ def farthest(found: Swing, published: Published) -> float:
 
 
 def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Run the sequence; leave report.html, results.json and swing.csv."""
-    from palpate.validation.report.study_page import (
-        Finding,
-        StudyFigure,
-        StudyTable,
-        write_study_page,
-    )
-
+    """Run the sequence; leave report.html, results.json, swing.csv and swing.svg."""
     rows: list[Swing] = []
     paths: dict[tuple[int, float], Points] = {}
     for num_layers, time_step in RUNS:
@@ -198,10 +191,7 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         ("frequency converges with second order in the time step",
          f"order {order:.2f}", abs(order - 2.0) <= 0.3),
     )  # fmt: skip
-    findings = [
-        Finding(claim, told, Verdict.PASSED if is_met else Verdict.FAILED)
-        for claim, told, is_met in claims
-    ]
+    findings = [judged(*claim) for claim in claims]
     columns = ("layers", "step [s]", "mean x", "amplitude x", "mean y", "amplitude y",
                "frequency", "level y", "first harmonic y", "energy error")  # fmt: skip
     table = [
@@ -213,21 +203,25 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         )
         for r in rows
     ]  # fmt: skip
-    write_study_page(
-        folder / "report.html",
+    return leave_study(
+        folder,
+        console,
+        name="csm3",
         title="Turek-Hron CSM3",
         about=(__doc__ or "").split("\n\n")[1:],
         findings=findings,
-        figures=[StudyFigure(_figure(paths), "Displacement of A along y, 0 to 4 s.")],
-        tables=[
-            StudyTable("Point A, millimetres and 1/s; last period, then whole run", columns, table)
-        ],
+        figures={"swing": StudyFigure(_figure(paths), "Displacement of A along y, 0 to 4 s.")},
+        tables={
+            "swing": StudyTable(
+                "Point A, millimetres and 1/s; last period, then whole run", columns, table
+            )
+        },
+        numbers={
+            "rows": [asdict(r) for r in rows],
+            "frequency": limit,
+            "order": order if math.isfinite(order) else None,
+        },
     )
-    data = {"rows": [asdict(r) for r in rows], "frequency": limit, "order": order}
-    (folder / "results.json").write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-    for finding in findings:
-        console.print(f"{finding.verdict}: {finding.claim}: {finding.found}")
-    return 0 if all(f.verdict is Verdict.PASSED for f in findings) else 1
 
 
 def _figure(paths: dict[tuple[int, float], Points]) -> str:
@@ -242,6 +236,6 @@ def _figure(paths: dict[tuple[int, float], Points]) -> str:
         axes.plot(times[shown], path[shown, 1], lw=1.0, label=f"{num_layers} layers, {dt:g} s")
     axes.set_xlabel("t [s]")
     axes.set_ylabel("u_y of A [mm]")
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     figure.tight_layout()
     return figure_svg(figure)
