@@ -40,8 +40,8 @@ def palpate_case() -> JudgeCase:
         from palpate.validation.case import load_case
         from palpate.validation.judging.judge import judge_case
         from palpate.validation.judging.outputs import check_name
-        from palpate.validation.judging.results import Verdict
         from palpate.validation.simulators.candidate import candidate_for, result_candidate
+        from palpate.validation.states import Verdict
 
         if simulator is not None and result is not None:
             raise ValueError("palpate_case takes a simulator or a result, not both")

@@ -26,8 +26,9 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.judging.results import OWN_MESH, CaseResult, State
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
+from palpate.validation.states import State
 
 MODEL, DISCRETISATION, TIME, SOLVER = "model", "discretisation", "time", "solver"
 # How much finer the time step is that stands for none.
@@ -131,7 +132,7 @@ def static_budgets(
         if same_green is not None and same_linear is not None:
             terms[MODEL] = same_linear - same_green
     terms[TIME] = None
-    if OWN_MESH in candidate.details:
+    if candidate.own is not None:
         # Nothing was solved on that mesh but the candidate: its solver's error is in here.
         terms[DISCRETISATION] = _less(own, read(fine))
         terms[SOLVER] = None
@@ -293,7 +294,7 @@ def _budgets(
 
 
 def _name(state: State) -> str:
-    own_mesh = f", own mesh of {state.details[OWN_MESH]}" if OWN_MESH in state.details else ""
+    own_mesh = f", own mesh of {state.own.mesh.num_cells} cells" if state.own else ""
     return f"{state.label}, {state.strain} strain{own_mesh}"
 
 

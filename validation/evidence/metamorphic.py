@@ -22,9 +22,10 @@ from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import Case
 from palpate.validation.evidence import relations
 from palpate.validation.judging.checks import decide
-from palpate.validation.judging.results import CaseResult, CheckResult, Verdict, gravest
+from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate
+from palpate.validation.states import Verdict, gravest
 
 # Both answers are solved to 1e-10; a body that bends easily shows a hundred times that.
 LIMIT = 1e-8

@@ -18,10 +18,11 @@ from palpate.meshes.errors import InputError
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.results import CaseResult, CheckResult, Verdict, gravest
+from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.references.stored import references_folder
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.states import Verdict, gravest
 
 TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.WRONG_MASS, "block-motion"),

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.results import CaseResult, CheckResult, Verdict
+from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.states import Verdict
 
 _MOST = 10
 _KINDS = {Verdict.FAILED: "error", Verdict.INCONCLUSIVE: "warning"}

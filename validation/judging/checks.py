@@ -8,8 +8,9 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
-from palpate.validation.judging.results import CheckResult, State, Verdict
+from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
+from palpate.validation.states import State, Verdict
 
 
 def decide(error: float, bar: float, limit: float) -> Verdict:

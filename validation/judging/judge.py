@@ -20,7 +20,7 @@ from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.published import metric_of_bar
-from palpate.validation.judging.results import CaseResult, CheckResult, State, Verdict, gravest
+from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
 from palpate.validation.references.stored import (
@@ -32,6 +32,7 @@ from palpate.validation.references.stored import (
 )
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
+from palpate.validation.states import State, Verdict, gravest
 
 
 def judge_case(
@@ -74,8 +75,7 @@ def judge_case(
         except CandidateFailedError as error:
             failures[strain] = str(error)
             continue
-        if "exchange" in candidates[strain].details:
-            notes.append(str(candidates[strain].details["exchange"]))
+        notes.extend(candidates[strain].remarks)
 
     checks: list[CheckResult] = []
     for spec in specs:

@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from palpate.validation.judging.results import CaseResult, CheckResult, Verdict
+from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.states import Verdict
 
 _COLOUR = {Verdict.PASSED: "green", Verdict.FAILED: "red", Verdict.INCONCLUSIVE: "yellow"}
 # Job summaries are cut off at 1 MiB; nobody reads more rows than this.

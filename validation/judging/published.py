@@ -11,8 +11,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.case.schema import PUBLISHED, CheckSpec
 from palpate.validation.case.units import Units
-from palpate.validation.judging.results import State
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
+from palpate.validation.states import State
 
 # A point is there within this part of the body's size.
 _SAME_PLACE = 1e-6

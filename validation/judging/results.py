@@ -1,33 +1,14 @@
-"""What judging a case gives: states, checks, a verdict. Plain data for every output."""
+"""What judging a case gives: checks and a verdict. Plain data for every output."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
-
-
-class Verdict(StrEnum):
-    """Outcome of a check or a case."""
-
-    PASSED = "passed"
-    FAILED = "failed"
-    INCONCLUSIVE = "inconclusive"
-
-
-def gravest(verdicts: list[Verdict]) -> Verdict:
-    """Failed before inconclusive before passed; no verdict at all is inconclusive."""
-    for verdict in (Verdict.FAILED, Verdict.INCONCLUSIVE):
-        if verdict in verdicts:
-            return verdict
-    return Verdict.PASSED if verdicts else Verdict.INCONCLUSIVE
+from palpate.validation.states import State, Verdict
 
 
 @dataclass(frozen=True)
@@ -60,51 +41,6 @@ class CheckResult:
     verdict: Verdict
     reason: str
     message: str
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Displacement over time: times [s], (num_times,); displacements [m], (num_times, n, 3)."""
-
-    times: Points
-    displacements: NDArray[np.float64]
-
-
-# In a state's details: it was solved on another mesh than the case's, and which.
-OWN_MESH = "own_mesh"
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """One solution of a case, with the quantities that are judged.
-
-    Attributes:
-        label: For people: "fastsim", "reference P1", "reference P2".
-        simulator: "fastsim", "reference", or the name of another.
-        strain: Strain measure.
-        degree: Degree of the elements.
-        displacement: [m], shape (num_points, 3), at the points of the case's mesh.
-        volume: Deformed volume [m3].
-        surface_area: Deformed area of the boundary [m2].
-        smallest_det_f: [-].
-        max_displacement: Largest displacement of a point [m].
-        seconds: Time the solve took; 0 when stored.
-        details: Iterations, residuals, versions.
-        trajectory: In dynamic cases; `displacement` is its last state then.
-    """
-
-    label: str
-    simulator: str
-    strain: Strain
-    degree: int
-    displacement: Points
-    volume: float
-    surface_area: float
-    smallest_det_f: float
-    max_displacement: float
-    seconds: float = 0.0
-    details: Mapping[str, Any] = field(default_factory=dict)
-    trajectory: Trajectory | None = None
 
 
 @dataclass(frozen=True, eq=False)

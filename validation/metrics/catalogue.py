@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.judging.results import State
 from palpate.validation.metrics import fields, motion, pairs, surfaces
 from palpate.validation.metrics.pairs import Difference
+from palpate.validation.states import State
 
 Compare = Callable[[Problem, State, State], Difference]
 

@@ -9,13 +9,13 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.judging.results import State
 from palpate.validation.metrics.elasticity import (
     displacement_gradients,
     strain_energy,
     support_reactions,
 )
 from palpate.validation.metrics.pairs import SMALLEST_CHANGE, Difference, ratio
+from palpate.validation.states import State
 
 
 def gradient_norm(mesh: TetMesh, displacement: Points) -> float:
@@ -65,12 +65,11 @@ def tool_force(problem: Problem, candidate: State, reference: State) -> Differen
     """
     del problem
     name = "largest force of the reference on a tool"
-    ours, theirs = (s.details.get("tool_forces") for s in (candidate, reference))
-    if ours is None or theirs is None or np.shape(ours) != np.shape(theirs) or not len(theirs):
+    ours, theirs = candidate.tool_forces, reference.tool_forces
+    if ours is None or theirs is None or ours.shape != theirs.shape or not len(theirs):
         return Difference(math.inf, math.nan, name)
-    wanted = np.asarray(theirs, dtype=np.float64)
-    error = np.linalg.norm(np.asarray(ours, dtype=np.float64) - wanted, axis=-1).max()
-    return ratio(float(error), float(np.linalg.norm(wanted, axis=-1).max()), name)
+    error = np.linalg.norm(ours - theirs, axis=-1).max()
+    return ratio(float(error), float(np.linalg.norm(theirs, axis=-1).max()), name)
 
 
 def det_f(mesh: TetMesh, displacement: Points) -> Points:

@@ -10,7 +10,6 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.metrics.pairs import Difference, l2_norm, ratio
 from palpate.validation.metrics.time_series import (
     OscillationError,
@@ -19,6 +18,7 @@ from palpate.validation.metrics.time_series import (
     oscillation_error,
     oscillation_offset,
 )
+from palpate.validation.states import State, Trajectory
 
 OSCILLATION = tuple(f"oscillation_{field.name}" for field in fields_of(OscillationError))
 _SCALES = {

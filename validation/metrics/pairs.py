@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.judging.results import State, Trajectory
+from palpate.validation.states import State, Trajectory
 
 # Where the reference hardly changes volume or area, errors are scaled by this part of the rest
 # value instead: a change below it is not what such a check is about.
@@ -104,8 +106,11 @@ def make_state(
     strain: Strain,
     degree: int = 1,
     seconds: float = 0.0,
-    details: dict[str, object] | None = None,
+    details: Mapping[str, object] | None = None,
     trajectory: Trajectory | None = None,
+    tool_forces: NDArray[np.float64] | None = None,
+    versions: Mapping[str, str] | None = None,
+    remarks: tuple[str, ...] = (),
 ) -> State:
     """Measure a linear displacement field: volume, area, smallest det F by geometry alone."""
     moved = mesh.points + displacement
@@ -126,4 +131,7 @@ def make_state(
         seconds=seconds,
         details=details or {},
         trajectory=trajectory,
+        tool_forces=tool_forces,
+        versions=versions or {},
+        remarks=remarks,
     )

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
-from palpate.validation.judging.results import State
 from palpate.validation.metrics.pairs import Difference, ratio
+from palpate.validation.states import State
 
 Array = NDArray[np.float64]
 _CHUNK = 256

@@ -11,9 +11,9 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
+from palpate.validation.states import State, Trajectory
 
 Progress = Callable[[str], None]
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
@@ -48,8 +48,8 @@ def solve_twin(problem: Problem, strain: Strain, progress: Progress) -> State:
         details={
             "time_step": found.time_step,
             "num_steps": found.num_steps,
-            **({"tool_forces": found.tool_forces.tolist()} if problem.tools else {}),
         },
+        tool_forces=found.tool_forces if problem.tools else None,
         trajectory=Trajectory(found.times, found.displacements),
     )
 
@@ -108,7 +108,7 @@ def solve_implicit(
             "time_step": found.time_step,
             "newton_iterations": found.newton_iterations,
             "largest_energy_error": float(np.abs(found.energy_errors).max()),
-            "versions": dict(found.versions),
         },
+        versions=dict(found.versions),
         trajectory=Trajectory(found.times, kept),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,7 +24,6 @@ from palpate.validation.evidence.grid_convergence import (
     GridConvergence,
     assess_grid_convergence,
 )
-from palpate.validation.judging.results import State
 from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
 from palpate.validation.references.motion_runs import Progress, solve_implicit, solve_twin
@@ -38,6 +37,7 @@ from palpate.validation.references.sets import (
     TRUTH,
     ReferenceSet,
 )
+from palpate.validation.states import State
 
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
@@ -104,9 +104,7 @@ def solve_motion_set(
         origin.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
         if not is_for_storing:
             origin.append(f"its error bars: differences from a longer step and P1, {SHARPER}")
-    versions: Mapping[str, Any] = next(
-        (s.details["versions"] for s in states.values() if "versions" in s.details), {}
-    )
+    versions = next((dict(s.versions) for s in states.values() if s.versions), {})
     provenance: dict[str, Any] = {"versions": versions}
     if convergence:
         provenance["convergence"] = convergence

@@ -16,8 +16,8 @@ from numpy.linalg import norm
 
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.evidence.grid_convergence import GridConvergence, assess_grid_convergence
-from palpate.validation.judging.results import State
 from palpate.validation.metrics import COMPARISONS
+from palpate.validation.states import State
 
 # Of displacements in the interior; at clamped edges less, which a quarter of it allows for.
 EXPECTED_ORDER = 2.0

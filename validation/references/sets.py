@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from numpy.linalg import norm
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.judging.results import State
 from palpate.validation.metrics import COMPARISONS
 from palpate.validation.references.sequences import (
     SIGNED,
@@ -21,6 +21,7 @@ from palpate.validation.references.sequences import (
     bar_of,
     widen,
 )
+from palpate.validation.states import State
 
 SAME_MESH = "reference P1"
 QUADRATIC = "reference P2"
@@ -96,13 +97,9 @@ def solve_state(
         details={
             "relative_residual": result.relative_residual,
             "newton_iterations": result.newton_iterations,
-            "versions": dict(result.versions),
-            **(
-                {"tool_forces": [list(tool.forces[-1]) for tool in result.tools]}
-                if result.tools
-                else {}
-            ),
         },
+        tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
+        versions=dict(result.versions),
     )
 
 
@@ -149,7 +146,7 @@ def solve_live(
                     break
             except ReferenceFailedError as error:
                 failures[label, strain] = f"{label}: {error}"
-    versions: dict[str, str] = next((s.details["versions"] for s in states.values()), {})
+    versions = next((dict(s.versions) for s in states.values()), {})
     if stored is not None:
         states |= {place: s for place, s in stored.states.items() if place[0] == TRUTH}
         return ReferenceSet(
@@ -175,7 +172,7 @@ def solve_tool_set(problem: Problem, progress: Callable[[str], None]) -> Referen
     a few have no believable order, and finer ones take hours.
     """
     states = {(SAME_MESH, strain): solve_state(problem, strain, 1, progress) for strain in Strain}
-    versions = states[SAME_MESH, Strain.GREEN].details["versions"]
+    versions = dict(states[SAME_MESH, Strain.GREEN].versions)
     return ReferenceSet(
         states, {}, "stored: P1 on the case's mesh", provenance={"versions": versions}
     )
@@ -252,7 +249,7 @@ def solve_for_storing(
         "stored: P1 and P2 on the case's mesh, and P2 on that mesh cut in eight "
         f"{cut} as the truth",
         provenance={
-            "versions": states[TRUTH, Strain.GREEN].details["versions"],
+            "versions": dict(states[TRUTH, Strain.GREEN].versions),
             "sequence": f"degree {2 if is_small else 1}, three meshes, each cut in eight",
             "grid_convergence": convergence,
         },

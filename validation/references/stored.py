@@ -22,8 +22,8 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
-from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.states import State, Trajectory
 
 SCHEMA = 1
 _SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
@@ -97,7 +97,7 @@ def store(
                 "label": state.label,
                 "strain": state.strain.value,
                 "degree": state.degree,
-                "details": dict(state.details),
+                "details": _details(state),
                 **{scalar: getattr(state, scalar) for scalar in _SCALARS},
             }
         )
@@ -111,6 +111,13 @@ def store(
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     return path
+
+
+def _details(state: State) -> dict[str, Any]:
+    """Details of a state with what else the header of schema 1 keeps among them."""
+    forces = None if state.tool_forces is None else state.tool_forces.tolist()
+    more = {"tool_forces": forces, "versions": dict(state.versions)}
+    return {**state.details, **{name: value for name, value in more.items() if value}}
 
 
 def load_stored(
@@ -216,14 +223,17 @@ def _unpacked(
 ) -> ReferenceSet:
     states = {}
     for entry, displacement, motion in zip(header["states"], fields, motions, strict=True):
-        strain = Strain(entry["strain"])
+        strain, details = Strain(entry["strain"]), dict(entry["details"])
+        forces, versions = details.pop("tool_forces", None), details.pop("versions", {})
         states[entry["label"], strain] = State(
             label=entry["label"],
             simulator="reference",
             strain=strain,
             degree=entry["degree"],
             displacement=displacement,
-            details=entry["details"],
+            details=details,
+            tool_forces=None if forces is None else np.array(forces, dtype=np.float64),
+            versions=versions,
             trajectory=motion,
             **{scalar: entry[scalar] for scalar in _SCALARS},
         )

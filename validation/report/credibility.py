@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.validation.judging.results import CaseResult, CheckResult, Verdict
+from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.states import Verdict
 
 _CODE, _CALCULATION = "verification: code", "verification: calculation"
 _MODEL, _COMPARATOR = "validation: model", "validation: comparator"

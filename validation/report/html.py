@@ -24,7 +24,7 @@ from palpate.validation.evidence.error_budget import (
     motion_budgets,
 )
 from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.results import CaseResult, Verdict, gravest
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.motion_plot import motion_svg
@@ -32,6 +32,7 @@ from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
 from palpate.validation.report.viewer_data import compared_pairs, viewer_json
+from palpate.validation.states import Verdict, gravest
 
 INDEX = "index.html"
 # Cells times steps; its budget costs about fifty times as much, some ten seconds.

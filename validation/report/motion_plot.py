@@ -9,9 +9,10 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
-from palpate.validation.judging.results import CaseResult, State
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.motion import swinging_most
 from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.states import State
 
 _MILLI = 1e3
 
@@ -79,8 +80,8 @@ def motion_svg(result: CaseResult) -> str:
 
 def _draw_forces(axes: mpl.axes.Axes, state: State) -> None:
     """Size of the mean force on each tool from output to output."""
-    forces = np.asarray(state.details.get("tool_forces", ()), dtype=np.float64)
-    if state.trajectory is None or forces.ndim != 3:
+    forces = state.tool_forces
+    if state.trajectory is None or forces is None or forces.ndim != 3:
         return
     is_green = state.strain is Strain.GREEN
     if state.simulator == "reference":

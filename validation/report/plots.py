@@ -8,7 +8,8 @@ import math
 import matplotlib as mpl
 
 from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.results import CaseResult, Verdict
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.states import Verdict
 
 mpl.use("Agg")
 _COLOUR = {Verdict.PASSED: "#2f8f4e", Verdict.FAILED: "#b5332e", Verdict.INCONCLUSIVE: "#c98a12"}

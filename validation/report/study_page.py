@@ -9,7 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from palpate.validation.judging.results import Verdict
+from palpate.validation.states import Verdict
 
 
 @dataclass(frozen=True)

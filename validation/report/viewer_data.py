@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.judging.results import CaseResult, State
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.states import State
 
 _MILLI = 1e3
 _STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.meshes.arrays import Points
-from palpate.validation.judging.results import Trajectory
+from palpate.validation.states import Trajectory
 
 Progress = Callable[[str], None]
 
@@ -17,9 +20,13 @@ class CandidateFailedError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A candidate's displacement [m] with how it got there, and over time in dynamic cases."""
+    """A candidate's displacement [m] with how it got there, and over time in dynamic cases.
+
+    `tool_forces` as in `State`.
+    """
 
     displacement: Points
     seconds: float
     details: dict[str, object]
     trajectory: Trajectory | None = None
+    tool_forces: NDArray[np.float64] | None = None

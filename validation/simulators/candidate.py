@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
-from palpate.validation.judging.results import OWN_MESH, State, Trajectory
 from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import OutsideSimulator, require_answers
+from palpate.validation.states import OwnMesh, State, Trajectory
 
 Solve = Callable[[Problem, Strain, Progress], State]
 
@@ -54,6 +55,7 @@ def fastsim_candidate(fault: Fault = Fault.NONE) -> Candidate:
             seconds=answer.seconds,
             details=answer.details,
             trajectory=answer.trajectory,
+            tool_forces=answer.tool_forces,
         )
 
     seeded = f"A fault is seeded into the candidate: {fault}."
@@ -78,10 +80,8 @@ def outside_candidate(simulator: OutsideSimulator) -> Candidate:
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         answer = simulator.run(problem, strain, progress)
-        details = {**answer.about, "command": simulator.command}
-        state = placed_state(
-            problem, answer.placed, simulator.name, strain, answer.seconds, details
-        )
+        told = {"command": simulator.command}
+        state = placed_state(problem, answer.placed, simulator.name, strain, answer.seconds, told)
         return with_motion(state, problem, answer.result, answer.placed)
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
@@ -97,7 +97,7 @@ def result_candidate(path: str | Path) -> Candidate:
         result = read_result(path)
         require_answers(result, problem, strain)
         placed = place(result, problem)
-        state = placed_state(problem, placed, name, strain, 0.0, dict(result.about))
+        state = placed_state(problem, placed, name, strain, 0.0, {})
         return with_motion(state, problem, result, placed)
 
     return Candidate(name, solve, False, (f"Result: {Path(path).name}.",))
@@ -109,6 +109,9 @@ def with_motion(state: State, problem: Problem, result: ResultFile, placed: Plac
     Raises:
         ResultFileError: No times, or they do not cover the case's.
     """
+    told = dict(result.about)
+    forces = _tool_forces(result, told.pop("tool_forces", None))
+    state = dataclasses.replace(state, details={**state.details, **told}, tool_forces=forces)
     span = problem.time
     if span is None:
         return state
@@ -131,9 +134,37 @@ def with_motion(state: State, problem: Problem, result: ResultFile, placed: Plac
         simulator=state.simulator,
         strain=state.strain,
         seconds=state.seconds,
-        details=dict(state.details),
+        details=state.details,
+        tool_forces=state.tool_forces,
+        remarks=state.remarks,
     )
-    return dataclasses.replace(last, trajectory=Trajectory(wanted, states))
+    return dataclasses.replace(
+        last,
+        trajectory=Trajectory(wanted, states),
+        sent=Trajectory(given, fields),
+        own=state.own,
+    )
+
+
+def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | None:
+    """What the result says of the force on its tools, as numbers.
+
+    Raises:
+        ResultFileError: It is no array of numbers.
+    """
+    if given is None:
+        return None
+    try:
+        forces = np.array(given)
+    except ValueError as error:
+        raise ResultFileError(result.path, f"`tool_forces` is ragged ({error})") from error
+    if forces.dtype.kind not in "fiu" or forces.ndim not in (2, 3) or forces.shape[-1] != 3:
+        raise ResultFileError(
+            result.path,
+            f"`tool_forces` holds {forces.dtype} of shape {forces.shape}; it needs numbers, "
+            "(num_tools, 3) or (num_tools, num_outputs, 3) [N]",
+        )
+    return forces.astype(np.float64)
 
 
 def placed_state(
@@ -142,14 +173,13 @@ def placed_state(
     name: str,
     strain: Strain,
     seconds: float,
-    details: dict[str, object],
+    details: Mapping[str, object],
 ) -> State:
     """The state of a result, its last one where it has times.
 
     On a mesh of its own, volume and area are the case's at rest plus the change on its own, so
     that a slightly different body at rest is no error; det F is that of its own cells.
     """
-    told = {**details, **({"exchange": " ".join(placed.notes)} if placed.notes else {})}
     mesh = problem.mesh
     state = make_state(
         mesh,
@@ -158,16 +188,16 @@ def placed_state(
         simulator=name,
         strain=strain,
         seconds=seconds,
-        details=told,
+        details=details,
+        remarks=placed.notes,
     )
     own = placed.own_mesh
     if own is None or placed.own_displacement is None:
         return state
     there = make_state(own, placed.own_displacement[-1], label=name, simulator=name, strain=strain)
-    told[OWN_MESH] = f"{own.num_cells} cells"
     return dataclasses.replace(
         state,
-        details=told,
+        own=OwnMesh(own, placed.own_displacement),
         volume=mesh.volume + (there.volume - own.volume),
         surface_area=mesh.surface_area + (there.surface_area - own.surface_area),
         smallest_det_f=there.smallest_det_f,

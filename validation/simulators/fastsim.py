@@ -10,7 +10,6 @@ import time
 import numpy as np
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.judging.results import Trajectory
 from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
 from palpate.validation.simulators.faults import (
     Fault,
@@ -19,6 +18,7 @@ from palpate.validation.simulators.faults import (
     spoil_strain,
 )
 from palpate.validation.simulators.transposed import simulate_in_numpy
+from palpate.validation.states import Trajectory
 
 
 def run_fastsim(
@@ -55,7 +55,7 @@ def run_fastsim(
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
-    return Answer(displacement, seconds, answer.details, spoiled)
+    return Answer(displacement, seconds, answer.details, spoiled, answer.tool_forces)
 
 
 def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer:
@@ -80,9 +80,8 @@ def _run_tools(problem: Problem, strain: Strain, progress: Progress) -> Answer:
         "newton_iterations": result.iterations,
         "linear_iterations": result.linear_iterations,
         "relative_residual": result.residual_history[-1],
-        "tool_forces": result.forces[-1].tolist(),
     }
-    return Answer(result.displacements[-1], 0.0, details)
+    return Answer(result.displacements[-1], 0.0, details, tool_forces=result.forces[-1])
 
 
 def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
@@ -94,7 +93,6 @@ def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
         "critical_time_step": result.critical_time_step,
         "num_steps": result.num_steps,
     }
-    if problem.tools:
-        details["tool_forces"] = [track.mean_forces.tolist() for track in result.tools]
+    forces = np.array([track.mean_forces for track in result.tools]) if problem.tools else None
     motion = Trajectory(result.times, result.displacements)
-    return Answer(result.displacements[-1], 0.0, details, motion)
+    return Answer(result.displacements[-1], 0.0, details, motion, forces)

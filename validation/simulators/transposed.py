@@ -19,9 +19,9 @@ from palpate.validation.exchange.nodal_loads import (
     lumped_mass,
     nodal_force,
 )
-from palpate.validation.judging.results import Trajectory
 from palpate.validation.metrics.elasticity import shape_gradients
 from palpate.validation.simulators.answer import CandidateFailedError
+from palpate.validation.states import Trajectory
 
 # Displacements beyond so many body sizes are a blow-up.
 _FAR = 10.0

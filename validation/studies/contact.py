@@ -18,8 +18,8 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.reference.availability import is_available
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import Finding
+from palpate.validation.states import Verdict
 from palpate.validation.studies import contact_page as page
 from palpate.validation.studies import contact_scenes as scenes
 from palpate.validation.studies.contact_bodies import collide, fold

@@ -29,7 +29,6 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.benchmarks.children import interpreters
 from palpate.validation.exchange.point_location import locate
-from palpate.validation.judging.results import Verdict
 from palpate.validation.metrics import l2_norm
 from palpate.validation.report.study_page import (
     Finding,
@@ -40,6 +39,7 @@ from palpate.validation.report.study_page import (
 from palpate.validation.run_folder import MARK
 from palpate.validation.simulators import CandidateFailedError, adapters
 from palpate.validation.simulators.outside import OutsideSimulator
+from palpate.validation.states import Verdict
 
 SIZE = (0.08, 0.02, 0.02)
 DIVISIONS = (1, 2, 3, 4, 6)

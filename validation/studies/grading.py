@@ -15,8 +15,8 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.reference.availability import is_available
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import Finding, StudyFigure, StudyTable
+from palpate.validation.states import Verdict
 from palpate.validation.studies.grading_curves import Curves, Point, cells_for_error, follow
 from palpate.validation.studies.grading_growth import (
     EXPONENT_TOLERANCE,

@@ -29,7 +29,6 @@ from palpate.meshes.problem import Material
 from palpate.meshes.quality import dihedral_angles, edge_length_deviation
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -38,6 +37,7 @@ from palpate.validation.report.study_page import (
     write_study_page,
 )
 from palpate.validation.run_folder import MARK
+from palpate.validation.states import Verdict
 from palpate.validation.studies.meshing_picture import draw
 
 EDGE_LENGTH = 7e-3  # [m]

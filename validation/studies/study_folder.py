@@ -14,7 +14,6 @@ from typing import Any
 import matplotlib as mpl
 from rich.console import Console
 
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -23,6 +22,7 @@ from palpate.validation.report.study_page import (
     write_study_page,
 )
 from palpate.validation.run_folder import MARK
+from palpate.validation.states import Verdict
 
 CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}
 

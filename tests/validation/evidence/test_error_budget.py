@@ -35,10 +35,10 @@ from palpate.validation.evidence.error_budget import (
 )
 from palpate.validation.evidence.grid_convergence import assess_grid_convergence
 from palpate.validation.judging.judge import find_references, judge_case
-from palpate.validation.judging.results import State
 from palpate.validation.metrics import make_state
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.states import State
 
 CASES = ("kidney", "beam", "csm1")
 # What the project promises: within a tenth of what was seeded.

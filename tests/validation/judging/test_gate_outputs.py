@@ -16,9 +16,10 @@ from palpate.validation.judging import outputs
 from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.result_changes import describe_since, read_accepted, with_changes
-from palpate.validation.judging.results import CaseResult, Verdict
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.states import Verdict
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,9 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.evidence.grid_convergence import assess_grid_convergence
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
-from palpate.validation.judging.results import State, Verdict
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.states import State, Verdict
 from palpate.validation.studies.csm3 import bar_body
 
 STRETCH = builtin_folder() / "stretch.toml"

@@ -15,8 +15,8 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.results import State, Verdict
 from palpate.validation.metrics import CATALOGUE, elasticity, fields, make_state, measure
+from palpate.validation.states import State, Verdict
 
 E, NU = 1000.0, 0.25
 LMBDA, MU = 400.0, 400.0  # both are E / 2.5 at Poisson's ratio 0.25

@@ -11,8 +11,8 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.benchmarks.bodies import brick_box
-from palpate.validation.judging.results import State, Trajectory
 from palpate.validation.metrics import make_state, measure
+from palpate.validation.states import State, Trajectory
 
 MESH = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
 PROBLEM = Problem(MESH, Material(1.0, 0.3), (), ())
@@ -60,12 +60,12 @@ def test_a_static_state_has_no_motion_to_judge() -> None:
 
 def test_the_force_on_a_tool_is_compared_over_time() -> None:
     felt = [[[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [1.0, 0.0, 4.0]]]
-    reference = dataclasses.replace(swinging(), details={"tool_forces": felt})
+    reference = dataclasses.replace(swinging(), tool_forces=np.array(felt))
     other = [[[0.0, 0.0, 0.0], [0.0, 0.3, 2.4], [1.0, 0.0, 4.0]]]
-    candidate = dataclasses.replace(swinging(), details={"tool_forces": other})
+    candidate = dataclasses.replace(swinging(), tool_forces=np.array(other))
     found = measure("tool_force", PROBLEM, candidate, reference)
     assert found.value == pytest.approx(0.5 / math.sqrt(17.0), rel=1e-14)
     # The last one only, or none: nothing that could be compared.
-    for told in ({"tool_forces": [felt[0][-1]]}, {}):
-        short = dataclasses.replace(candidate, details=told)
+    for given in (np.array([felt[0][-1]]), None):
+        short = dataclasses.replace(candidate, tool_forces=given)
         assert measure("tool_force", PROBLEM, short, reference).value == math.inf

@@ -13,7 +13,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation import metrics
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import decide, judge_check
-from palpate.validation.judging.results import State, Verdict, gravest
+from palpate.validation.states import State, Verdict, gravest
 
 MESH = refine_uniformly(TetMesh(np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2, 3]]))
 PROBLEM = Problem(MESH, Material(1000.0, 0.3), (), ())

@@ -16,13 +16,13 @@ from palpate.validation.case import load_case
 from palpate.validation.evidence.grid_convergence import Convergence
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
-from palpate.validation.judging.results import State, Trajectory, Verdict
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references import motions
 from palpate.validation.references.motions import assess_sequence, solve_motion_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
 from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.states import State, Trajectory, Verdict
 
 SPEED = math.sqrt(0.3 / (1.3 * 0.4) + 1.0 / 1.3)  # of confined waves, E = 1, nu = 0.3, rho = 1
 

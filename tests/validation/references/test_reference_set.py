@@ -17,9 +17,9 @@ from palpate.reference.errors import (
 )
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.results import State, Verdict
 from palpate.validation.references import sets as reference_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, solve_live
+from palpate.validation.states import State, Verdict
 
 WriteCase = Callable[..., Path]
 LOST = ReferenceNotConvergedError(0.504, "a cell would invert", 0.33)

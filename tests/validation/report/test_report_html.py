@@ -17,11 +17,12 @@ from palpate.meshes.problem import Problem
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.results import CaseResult, Verdict
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.table_one import state_table
 from palpate.validation.report.viewer_data import compared_pairs, viewer_json
+from palpate.validation.states import Verdict
 
 
 @pytest.fixture(scope="module")

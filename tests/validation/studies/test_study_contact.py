@@ -10,8 +10,8 @@ import pytest
 
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.meshes.problem import Material, Strain
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import write_study_page
+from palpate.validation.states import Verdict
 from palpate.validation.studies import contact, contact_page
 from palpate.validation.studies import contact_scenes as scenes
 from palpate.validation.studies.contact_bodies import Collision, Fold

@@ -13,7 +13,7 @@ import pytest
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
-from palpate.validation.judging.results import Verdict
+from palpate.validation.states import Verdict
 from palpate.validation.studies import manufactured
 from palpate.validation.studies.column import MATERIAL, column, confined_modulus, exact_column
 from palpate.validation.studies.convergence import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from palpate.validation.judging.results import Verdict
+from palpate.validation.states import Verdict
 from palpate.validation.studies import frontier
 from palpate.validation.studies.frontier import Row, find_faults, frontier_svg
 

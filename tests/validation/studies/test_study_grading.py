@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import write_study_page
+from palpate.validation.states import Verdict
 from palpate.validation.studies import grading, grading_curves
 from palpate.validation.studies.grading_growth import Growth, count_cells
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.judging.results import Verdict
+from palpate.validation.states import Verdict
 from palpate.validation.studies import meshing
 
 EPS = np.finfo(float).eps

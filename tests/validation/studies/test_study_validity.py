@@ -13,8 +13,8 @@ from rich.console import Console
 
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem
-from palpate.validation.judging.results import Verdict
 from palpate.validation.report.study_page import Finding
+from palpate.validation.states import Verdict
 from palpate.validation.studies.elastica import elastica_error, elastica_shape
 from palpate.validation.studies.study_folder import judged, leave_study
 from palpate.validation.studies.validity import judge_bending, judge_checks, judge_modes

@@ -1,0 +1,97 @@
+"""What everybody in this room passes on: a solution, a motion, a verdict. Plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Strain
+from palpate.meshes.tet_mesh import TetMesh
+
+
+class Verdict(StrEnum):
+    """Outcome of a check or a case; only a check can be skipped, with a reason."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    INCONCLUSIVE = "inconclusive"
+    SKIPPED = "skipped"
+
+
+def gravest(verdicts: Sequence[Verdict]) -> Verdict:
+    """Failed before inconclusive before passed; nothing but skipped checks is inconclusive."""
+    for verdict in (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.PASSED):
+        if verdict in verdicts:
+            return verdict
+    return Verdict.INCONCLUSIVE
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Displacement over time: times [s], (num_times,); displacements [m], (num_times, n, 3)."""
+
+    times: Points
+    displacements: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnMesh:
+    """An answer on a mesh of the candidate's own.
+
+    Attributes:
+        mesh: At rest, points [m].
+        displacements: [m], (num_times, mesh.num_points, 3); one state in statics.
+    """
+
+    mesh: TetMesh
+    displacements: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One solution of a case, with the quantities that are judged.
+
+    Attributes:
+        label: For people: "fastsim", "reference P1", "reference P2".
+        simulator: "fastsim", "reference", or the name of another.
+        strain: Strain measure.
+        degree: Degree of the elements.
+        displacement: [m], shape (num_points, 3), at the points of the case's mesh.
+        volume: Deformed volume [m3].
+        surface_area: Deformed area of the boundary [m2].
+        smallest_det_f: [-].
+        max_displacement: Largest displacement of a point [m].
+        seconds: Time the solve took; 0 when stored.
+        details: Iterations, residuals: told to people, never judged.
+        trajectory: In dynamic cases, at the case's output times; `displacement` is its last state.
+        sent: In dynamic cases of an outside simulator, every state it sent, at its own times.
+        own: Where the candidate answered on a mesh of its own: that mesh, at the times of `sent`.
+        tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
+            (num_tools, num_outputs, 3), means from output to output.
+        versions: Of the libraries that solved it, by name.
+        remarks: What was done to the answer to compare it, a sentence each.
+    """
+
+    label: str
+    simulator: str
+    strain: Strain
+    degree: int
+    displacement: Points
+    volume: float
+    surface_area: float
+    smallest_det_f: float
+    max_displacement: float
+    seconds: float = 0.0
+    details: Mapping[str, Any] = field(default_factory=dict)
+    trajectory: Trajectory | None = None
+    sent: Trajectory | None = None
+    own: OwnMesh | None = None
+    tool_forces: NDArray[np.float64] | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
