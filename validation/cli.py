@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
@@ -19,10 +18,11 @@ from palpate.validation.commands import reference as reference_cli
 from palpate.validation.commands.audit import audit
 from palpate.validation.commands.bench import bench
 from palpate.validation.commands.exchange import compare, export
+from palpate.validation.commands.gate import gate
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.simulators import Fault
-from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.commands.report import report
+from palpate.validation.commands.study import study
 
 # Exit codes, the same for every verb (README).
 USAGE, INTERNAL = 2, 4
@@ -35,17 +35,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(reference_cli.app, name="reference")
-
-Cases = Annotated[list[str], typer.Argument(help="built-in names, or paths to .toml files")]
-OptionalCases = Annotated[
-    list[str] | None, typer.Argument(help="built-in names, or paths to .toml files")
-]
-Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
-OptionalFile = Annotated[Path | None, typer.Option()]
-Command = Annotated[
-    str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
-]
-TimeLimit = Annotated[float, typer.Option(help="of the simulator, in seconds")]
 
 
 class Simulator(StrEnum):
@@ -100,144 +89,10 @@ def solve(
     print(f"{output}: displacement [m] of {problem.mesh.num_points} points, {used} strain")
 
 
-@app.command()
-def gate(
-    names: OptionalCases = None,
-    json: OptionalFile = None,
-    junit: OptionalFile = None,
-    summary: OptionalFile = None,
-    live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
-    fault: Annotated[Fault, typer.Option(help="seed a fault, to see the gate go red")] = Fault.NONE,
-    simulator: Command = None,
-    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
-    metamorphic: Annotated[
-        bool, typer.Option(help="judge by relations that need no reference")
-    ] = False,
-    self_test: Annotated[bool, typer.Option(help="seed faults; the gate must go red")] = False,
-    quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
-    every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
-    since: Annotated[
-        Path | None, typer.Option(help="an accepted results.json: tell what changed")
-    ] = None,
-) -> None:
-    """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
-    from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.validation.case import QUICK, builtin_cases, load_case
-    from palpate.validation.evidence.metamorphic import judge_relations
-    from palpate.validation.evidence.self_test import run_self_test
-    from palpate.validation.judging import outputs
-    from palpate.validation.judging.annotations import github_annotations
-    from palpate.validation.judging.judge import exit_code, judge_case
-    from palpate.validation.judging.result_changes import read_accepted, with_changes
-    from palpate.validation.simulators.candidate import candidate_for
-
-    candidate = candidate_for(simulator, time_limit, fault)
-    accepted = read_accepted(since) if since else None
-    if self_test + quick + every + bool(names) != 1:
-        raise InputError("name the cases, or say one of --quick, --all and --self-test")
-    chosen = QUICK if quick else builtin_cases() if every else names or ()
-    loaded = [load_case(name) for name in chosen]
-    progress = progress_lines()
-    if self_test:
-        results = [run_self_test(progress)]
-    elif metamorphic:
-        results = [judge_relations(case, candidate, progress) for case in loaded]
-    else:
-        results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
-    if accepted is not None:
-        results = with_changes(results, accepted)
-    texts = {
-        json: outputs.results_json(results, _version()),
-        junit: outputs.junit_xml(results),
-        summary: outputs.summary_markdown(results),
-    }
-    for path, text in texts.items():
-        if path is not None:
-            write_text_atomically(path, text)
-    outputs.print_results(results, Console(highlight=False))
-    if os.environ.get("GITHUB_ACTIONS") == "true":
-        print("\n".join(github_annotations(results)))
-    raise typer.Exit(exit_code(results))
-
-
-@app.command()
-def report(
-    output: Folder,
-    names: OptionalCases = None,
-    every: Annotated[bool, typer.Option("--all", help="every built-in case, and an index")] = False,
-    simulator: Command = None,
-    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
-    pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
-) -> None:
-    """Solve with both, judge, and write the report with everything beside it.
-
-    One case gives report.html; several give a page each, and index.html.
-    """
-    from palpate.validation.case import builtin_cases, load_case
-    from palpate.validation.judging import outputs
-    from palpate.validation.judging.judge import exit_code, judge_case
-    from palpate.validation.report.html import write_report
-    from palpate.validation.report.pdf import print_pdf, require_browser
-    from palpate.validation.run_folder import MARK, run_folder
-    from palpate.validation.simulators.candidate import candidate_for
-
-    if every == bool(names):
-        raise InputError("name the cases, or say --all for every built-in one")
-    if pdf:
-        require_browser()
-    loaded = [load_case(name) for name in names or builtin_cases()]
-    twice = {case.name for case in loaded if sum(c.name == case.name for c in loaded) > 1}
-    if twice:
-        raise InputError(f"more than one case is called {sorted(twice)[0]!r}; rename a file")
-    progress = progress_lines()
-    candidate = candidate_for(simulator, time_limit)
-    results = [judge_case(c, live=True, candidate=candidate, progress=progress) for c in loaded]
-    with run_folder(output) as fresh:
-        progress("drawing the report")
-        page = write_report(results, fresh)
-        if pdf:
-            for written in sorted(fresh.glob("*.html")):
-                print_pdf(written)
-        (fresh / "junit.xml").write_text(outputs.junit_xml(results), encoding="utf-8")
-        (fresh / "summary.md").write_text(outputs.summary_markdown(results), encoding="utf-8")
-        (fresh / MARK).write_text(outputs.results_json(results, _version()), encoding="utf-8")
-    outputs.print_results(results, Console(highlight=False))
-    print(f"{output / page.name}")
-    raise typer.Exit(exit_code(results))
-
-
-@app.command()
-def study(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="meshing, beam, kidney, contact, csm3, grading, iterations, "
-            "validity, convergence, sensitivity"
-        ),
-    ],
-    output: Folder,
-) -> None:
-    """Remake a study of the paper: meshing (Fig. 1), beam (Fig. 2), kidney (Fig. 5, Table I)..."""
-    from palpate.validation.run_folder import run_folder
-    from palpate.validation.studies import run_study
-
-    progress = progress_lines()
-    with run_folder(output) as fresh:
-        code = run_study(name, fresh, progress, Console(highlight=False))
-    print(f"{output / 'report.html'}")
-    raise typer.Exit(code)
-
-
+app.command()(gate)
+app.command()(report)
+app.command()(study)
 app.command()(bench)
-
-
-def _version() -> str:
-    from importlib import metadata
-
-    try:
-        return metadata.version("palpate")
-    except metadata.PackageNotFoundError:
-        return "sources in place"
 
 
 def main() -> None:

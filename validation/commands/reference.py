@@ -11,6 +11,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.versions import version_of
 
 if TYPE_CHECKING:
     from palpate.validation.case import Case
@@ -44,7 +45,7 @@ def build(names: Cases = None) -> None:
         provenance: dict[str, Any] = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "command": f"palpate reference build {case.name}",
-            "palpate": _version(),
+            "palpate": version_of("palpate"),
             **found.provenance,
         }
         beside = _beside(case)
@@ -112,12 +113,3 @@ def accept(
 def _beside(case: Case) -> Path | None:
     """References of one's own case lie beside it."""
     return None if case.is_builtin else case.folder
-
-
-def _version() -> str:
-    from importlib import metadata
-
-    try:
-        return metadata.version("palpate")
-    except metadata.PackageNotFoundError:
-        return "sources in place"

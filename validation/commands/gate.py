@@ -1,0 +1,81 @@
+"""`palpate gate`: judge a simulator on cases; the exit code is the verdict."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from palpate.meshes.errors import InputError
+from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import (
+    OptionalCases,
+    OptionalFile,
+    SimulatorCommand,
+    TimeLimit,
+)
+from palpate.validation.simulators import Fault
+from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.versions import version_of
+
+
+def gate(
+    names: OptionalCases = None,
+    json: OptionalFile = None,
+    junit: OptionalFile = None,
+    summary: OptionalFile = None,
+    live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
+    fault: Annotated[Fault, typer.Option(help="seed a fault, to see the gate go red")] = Fault.NONE,
+    simulator: SimulatorCommand = None,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    metamorphic: Annotated[
+        bool, typer.Option(help="judge by relations that need no reference")
+    ] = False,
+    self_test: Annotated[bool, typer.Option(help="seed faults; the gate must go red")] = False,
+    quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
+    every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
+    since: Annotated[
+        Path | None, typer.Option(help="an accepted results.json: tell what changed")
+    ] = None,
+) -> None:
+    """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
+    from palpate.meshes.atomic_write import write_text_atomically
+    from palpate.validation.case import QUICK, builtin_cases, load_case
+    from palpate.validation.evidence.metamorphic import judge_relations
+    from palpate.validation.evidence.self_test import run_self_test
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.annotations import github_annotations
+    from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.judging.result_changes import read_accepted, with_changes
+    from palpate.validation.simulators.candidate import candidate_for
+
+    candidate = candidate_for(simulator, time_limit, fault)
+    accepted = read_accepted(since) if since else None
+    if self_test + quick + every + bool(names) != 1:
+        raise InputError("name the cases, or say one of --quick, --all and --self-test")
+    chosen = QUICK if quick else builtin_cases() if every else names or ()
+    loaded = [load_case(name) for name in chosen]
+    progress = progress_lines()
+    if self_test:
+        results = [run_self_test(progress)]
+    elif metamorphic:
+        results = [judge_relations(case, candidate, progress) for case in loaded]
+    else:
+        results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
+    if accepted is not None:
+        results = with_changes(results, accepted)
+    texts = {
+        json: outputs.results_json(results, version_of("palpate")),
+        junit: outputs.junit_xml(results),
+        summary: outputs.summary_markdown(results),
+    }
+    for path, text in texts.items():
+        if path is not None:
+            write_text_atomically(path, text)
+    outputs.print_results(results, Console(highlight=False))
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        print("\n".join(github_annotations(results)))
+    raise typer.Exit(exit_code(results))

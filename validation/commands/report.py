@@ -1,0 +1,61 @@
+"""`palpate report`: solve with both, judge, and leave a folder with the pages."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from palpate.meshes.errors import InputError
+from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import Folder, OptionalCases, SimulatorCommand, TimeLimit
+from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.versions import version_of
+
+
+def report(
+    output: Folder,
+    names: OptionalCases = None,
+    every: Annotated[bool, typer.Option("--all", help="every built-in case, and an index")] = False,
+    simulator: SimulatorCommand = None,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
+) -> None:
+    """Solve with both, judge, and write the report with everything beside it.
+
+    One case gives report.html; several give a page each, and index.html.
+    """
+    from palpate.validation.case import builtin_cases, load_case
+    from palpate.validation.judging import outputs
+    from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.report.html import write_report
+    from palpate.validation.report.pdf import print_pdf, require_browser
+    from palpate.validation.run_folder import MARK, run_folder
+    from palpate.validation.simulators.candidate import candidate_for
+
+    if every == bool(names):
+        raise InputError("name the cases, or say --all for every built-in one")
+    if pdf:
+        require_browser()
+    loaded = [load_case(name) for name in names or builtin_cases()]
+    twice = {case.name for case in loaded if sum(c.name == case.name for c in loaded) > 1}
+    if twice:
+        raise InputError(f"more than one case is called {sorted(twice)[0]!r}; rename a file")
+    progress = progress_lines()
+    candidate = candidate_for(simulator, time_limit)
+    results = [judge_case(c, live=True, candidate=candidate, progress=progress) for c in loaded]
+    with run_folder(output) as fresh:
+        progress("drawing the report")
+        page = write_report(results, fresh)
+        if pdf:
+            for written in sorted(fresh.glob("*.html")):
+                print_pdf(written)
+        (fresh / "junit.xml").write_text(outputs.junit_xml(results), encoding="utf-8")
+        (fresh / "summary.md").write_text(outputs.summary_markdown(results), encoding="utf-8")
+        (fresh / MARK).write_text(
+            outputs.results_json(results, version_of("palpate")), encoding="utf-8"
+        )
+    outputs.print_results(results, Console(highlight=False))
+    print(f"{output / page.name}")
+    raise typer.Exit(exit_code(results))
