@@ -24,6 +24,7 @@ from palpate.meshes.boundary_conditions import (
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.evidence.moved_tools import scaled_tool, turned_tool
 
 Back = Callable[[Points], Points]
 Matrix = NDArray[np.float64]
@@ -39,14 +40,12 @@ def rotation(axis: tuple[float, float, float], angle_deg: float) -> Matrix:
 
 
 def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
-    """Turn everything, mesh, supports and loads; a matrix of determinant -1 mirrors.
+    """Turn everything, mesh, supports, loads and tools; a matrix of determinant -1 mirrors.
 
     Raises:
-        InputError: A tool, or a support of single components with a matrix that does not take
-            axes to axes: they do not turn along.
+        InputError: A support of single components with a matrix that does not take axes to axes:
+            it does not turn along.
     """
-    if problem.tools:
-        raise InputError("a problem with tools cannot be turned here")
     # Where axes go to axes, held components go with them.
     axes = np.abs(matrix)
     is_of_axes = bool(np.allclose(axes, np.round(axes), atol=1e-12))
@@ -76,6 +75,12 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
         mesh=TetMesh(problem.mesh.points @ matrix.T, cells),
         supports=tuple(supports),
         loads=tuple(_turned(load, matrix, facets) for load in problem.loads),
+        tools=tuple(
+            dataclasses.replace(
+                turned_tool(tool, matrix), contact_facets=facets(tool.contact_facets)
+            )
+            for tool in problem.tools
+        ),
     )
     return changed, lambda answer: answer @ matrix
 
@@ -126,6 +131,10 @@ def renumber(problem: Problem, seed: int = 0) -> tuple[Problem, Back]:
         ),
         loads=tuple(map(load_of, problem.loads)),
         inclusions=tuple(Inclusion(new_cell[i.cells], i.material) for i in problem.inclusions),
+        tools=tuple(
+            dataclasses.replace(tool, contact_facets=new[tool.contact_facets])
+            for tool in problem.tools
+        ),
     )
     return changed, lambda answer: answer[new]
 
@@ -160,6 +169,7 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
         supports=tuple(map(support_of, problem.supports)),
         loads=tuple(map(load_of, problem.loads)),
         inclusions=tuple(Inclusion(i.cells, material(i.material)) for i in problem.inclusions),
+        tools=tuple(scaled_tool(tool, scale) for tool in problem.tools),
     )
     return changed, lambda answer: answer / scale
 

@@ -21,7 +21,8 @@ class CheckResult:
             "relation" (of two of its own answers) or "self-test" (of the gate).
         strain: Which of the candidate's solutions was judged.
         value: The error (or the quantity, for "candidate") in `unit`; None if there is none.
-        limit: What `value` may be at most (at least, for smallest_det_f).
+        limit: What `value` may be at most (at least, for smallest_det_f and for a relation that
+            must be broken).
         scale: What the error was divided by, in words.
         unit: "-" or a unit.
         reference_error: The reference's own error bar, in the units of `value`.

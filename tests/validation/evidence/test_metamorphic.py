@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem
-from palpate.validation.case import load_case
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case import Case, load_case
 from palpate.validation.evidence import relations
-from palpate.validation.evidence.metamorphic import judge_relations
-from palpate.validation.simulators.candidate import fastsim_candidate
+from palpate.validation.evidence.metamorphic import LEAST_BROKEN, judge_relations
+from palpate.validation.judging.results import State
+from palpate.validation.metrics import make_state
+from palpate.validation.simulators.answer import Progress
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import Fault
 
 
@@ -79,3 +84,49 @@ def test_maps_are_undone_and_problems_are_really_changed(
         np.testing.assert_allclose(back(changed.mesh.points), problem.mesh.points, atol=1e-12)
         assert len(changed.loads) == len(problem.loads)
     assert answer.shape == problem.mesh.points.shape
+
+
+def told_linear(name: str) -> Case:
+    case = load_case(name)
+    return dataclasses.replace(case, spec=case.spec.model_copy(update={"strain": Strain.LINEAR}))
+
+
+@pytest.mark.parametrize("name", ["block", "confined", "shear", "press"])
+def test_linear_strain_passes_by_breaking_the_turn_that_it_cannot_keep(name: str) -> None:
+    result = judge_relations(told_linear(name), fastsim_candidate(), lambda _line: None)
+    assert result.verdict == "passed", [check.message for check in result.checks]
+    turn = next(check for check in result.checks if check.metric == "rigid turn")
+    # Linear strain takes a turn by 40 degrees for a shrinking by 1 - cos 40 = 23 %.
+    assert turn.value is not None
+    assert turn.value > 0.1
+    assert turn.limit == LEAST_BROKEN
+    assert "broken, as linear strain must" in turn.message
+
+
+def test_who_keeps_the_turn_does_not_use_the_linear_strain_it_was_asked_for() -> None:
+    honest = fastsim_candidate()
+
+    def solve(problem: Problem, _strain: Strain, progress: Progress) -> State:
+        return honest.solve(problem, Strain.GREEN, progress)
+
+    result = judge_relations(told_linear("block"), Candidate("other", solve), lambda _line: None)
+    failed = [check for check in result.checks if check.verdict != "passed"]
+    assert [check.metric for check in failed] == ["rigid turn"]
+    assert "kept, so this is not linear strain" in failed[0].message
+
+
+def test_a_tool_is_told_in_the_other_way_too() -> None:
+    assert broken(Fault.NONE, "press") == set()
+
+
+def test_who_never_moves_is_told_so_by_the_motions_prescribed() -> None:
+    def solve(problem: Problem, strain: Strain, _progress: Progress) -> State:
+        nothing = np.zeros_like(problem.mesh.points)
+        return make_state(
+            problem.mesh, nothing, label="none", simulator="none", strain=strain, seconds=0.0
+        )
+
+    result = judge_relations(load_case("block"), Candidate("none", solve), lambda _line: None)
+    assert result.verdict == "failed"
+    failed = {check.metric for check in result.checks if check.verdict == "failed"}
+    assert failed == {"rigid turn", "patch", "patch, diagonals swapped"}
