@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
+from palpate.validation.case.named_values import require_inputs
 from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table, Vector
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS
@@ -254,6 +255,8 @@ class EvidenceSpec(Table):
     applicability: str = ""
     model_influence: Literal["low", "medium", "high"] | None = None
     decision_consequence: Literal["low", "medium", "high"] | None = None
+    # Inputs that were fitted to what is published or measured: `load[0].force`.
+    fitted: tuple[str, ...] = ()
 
 
 class CaseSpec(Table):
@@ -275,6 +278,11 @@ class CaseSpec(Table):
     check: tuple[CheckSpec, ...] = ()
     evidence: EvidenceSpec = EvidenceSpec()
     published: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _fitted_values_exist(self) -> CaseSpec:
+        require_inputs(self, self.evidence.fitted, "evidence.fitted")
+        return self
 
     @model_validator(mode="after")
     def _motion_needs_time(self) -> CaseSpec:

@@ -156,8 +156,13 @@ def _or_open(text: object) -> str:
 
 
 def _inputs(result: CaseResult) -> str:
-    fitted = " Fitted values are marked in the case file." if "fitted" in result.case_text else ""
-    return f"Taken from the case file as they are; no uncertainty of inputs is propagated.{fitted}"
+    fitted = result.evidence.get("fitted")
+    told = (
+        f"Fitted, as [evidence] says: {', '.join(fitted)}."
+        if fitted
+        else "[evidence] of the case names none that was fitted."
+    )
+    return f"Taken from the case file as they are; no uncertainty of inputs is propagated. {told}"
 
 
 def _counted(checks: list[CheckResult], against: str) -> str:

@@ -19,6 +19,7 @@ from palpate.meshes.rigid_tool import CapsuleShape, SphereShape
 from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case import builtin_cases, load_case
+from palpate.validation.references.stored import problem_key
 
 Write = Callable[..., Path]
 
@@ -345,3 +346,26 @@ def test_names_are_plain(write_case: Write) -> None:
         load_case("kidny")
     with pytest.raises(InputError, match="no such file"):
         load_case("nothing.toml")
+
+
+def test_fitted_values_are_named_and_there(write_case: Write) -> None:
+    def fitted(names: str) -> Path:
+        return write_case(("\n[geometry]", f"\n[evidence]\nfitted = {names}\n\n[geometry]"))
+
+    path = fitted('["material.youngs_modulus", "load[0].force", "geometry.size"]')
+    assert load_case(path).spec.evidence.fitted[1] == "load[0].force"
+    plain = load_case(write_case(name="plain.toml")).problem
+    # What is said of a problem does not change it.
+    assert problem_key(load_case(path).problem) == problem_key(plain)
+    for name, hint in (
+        ("load[1].force", "did you mean 'load[0].force'"),
+        ("load[0].forse", "did you mean 'load[0].force'"),
+        ("material.density", "the case gives no number"),  # a default is nobody's fit
+        ("check[0].limit", "the case gives no number"),
+        ("title", "the case gives no number"),
+        ("load[0].region", "the case gives no number"),
+    ):
+        with pytest.raises(InputError, match=r"evidence\.fitted") as caught:
+            load_case(fitted(f'["material.youngs_modulus", "{name}"]'))
+        assert hint in str(caught.value)
+        assert name in str(caught.value)

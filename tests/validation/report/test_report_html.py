@@ -183,6 +183,20 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
     assert found.context_of_use == "training"
     assert "low" in found.risk
     assert "high" in found.risk
+    inputs = {factor.name: factor.evidence for factor in found.factors}["model inputs"]
+    assert inputs.endswith("[evidence] of the case names none that was fitted.")
     failed = [dataclasses.replace(c, verdict=Verdict.FAILED) for c in kidney.checks]
     red = credibility(dataclasses.replace(kidney, checks=tuple(failed)))
     assert {f.name: f.state for f in red.factors}["numerical code verification"] == "in part"
+
+
+def test_what_was_fitted_is_read_from_the_author_not_from_the_words_of_the_file(
+    kidney: CaseResult,
+) -> None:
+    def inputs(result: CaseResult) -> str:
+        return {f.name: f.evidence for f in credibility(result).factors}["model inputs"]
+
+    names = "material.poissons_ratio, load[0].force"
+    assert inputs(kidney).endswith(f"Fitted, as [evidence] says: {names}.")
+    loud = dataclasses.replace(kidney, evidence={}, case_text="# nothing here was fitted")
+    assert inputs(loud).endswith("[evidence] of the case names none that was fitted.")
