@@ -6,22 +6,18 @@ import os
 import sys
 import tempfile
 import traceback
-from enum import StrEnum
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
 from palpate.validation.commands import reference as reference_cli
 from palpate.validation.commands.audit import audit
 from palpate.validation.commands.bench import bench
 from palpate.validation.commands.exchange import compare, export
 from palpate.validation.commands.gate import gate
 from palpate.validation.commands.mesh import mesh
-from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.report import report
+from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
 
 # Exit codes, the same for every verb (README).
@@ -37,13 +33,6 @@ app = typer.Typer(
 app.add_typer(reference_cli.app, name="reference")
 
 
-class Simulator(StrEnum):
-    """Who solves."""
-
-    FASTSIM = "fastsim"
-    REFERENCE = "reference"
-
-
 @app.command()
 def cases() -> None:
     """List the built-in cases, one line each."""
@@ -57,38 +46,7 @@ app.command()(mesh)
 app.command()(export)
 app.command()(compare)
 app.command()(audit)
-
-
-@app.command()
-def solve(
-    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
-    output: Annotated[Path, typer.Option("--output", "-o", help=".vtu or .vtk")],
-    simulator: Annotated[Simulator, typer.Option("--with")] = Simulator.FASTSIM,
-    strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
-    degree: Annotated[int, typer.Option(min=1, max=2, help="of the reference")] = 1,
-) -> None:
-    """Solve a case and write the displacement."""
-    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
-    from palpate.validation.case import load_case
-    from palpate.validation.references.sets import solve_state
-    from palpate.validation.simulators import CandidateFailedError, run_fastsim
-
-    if output.suffix.lower() not in MESH_SUFFIXES:
-        raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
-    loaded = load_case(case)
-    problem, used, progress = loaded.problem, strain or loaded.strain, progress_lines()
-    if simulator is Simulator.FASTSIM:
-        try:
-            displacement = run_fastsim(problem, used, progress).displacement
-        except CandidateFailedError as error:
-            print(f"palpate: {error}", file=sys.stderr)
-            raise typer.Exit(1) from error
-    else:
-        displacement = solve_state(problem, used, degree, progress).displacement
-    write_mesh(output, problem.mesh, point_data={"displacement": displacement})
-    print(f"{output}: displacement [m] of {problem.mesh.num_points} points, {used} strain")
-
-
+app.command()(solve)
 app.command()(gate)
 app.command()(report)
 app.command()(study)

@@ -18,6 +18,8 @@ from palpate.validation.states import State, Trajectory
 Progress = Callable[[str], None]
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
 _SPECTRAL_RADIUS = 0.9
+# Of an implicit motion that is to be the truth, the shortest of those that bound its error.
+STEPS_PER_OUTPUT = 4
 _TIME_LIMIT = 4 * 3600.0
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.metrics import COMPARISONS
@@ -72,13 +73,16 @@ class ReferenceSet:
 def solve_state(
     problem: Problem, strain: Strain, degree: int, progress: Callable[[str], None]
 ) -> State:
-    """One reference solve in a child process, as a state.
+    """One static reference solve in a child process, as a state.
 
     Raises:
+        InputError: The problem has a time span: see `one_solve`.
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
     from palpate.reference.child import solve_static_in_child
 
+    if problem.time is not None:
+        raise InputError("a problem in time has no static solution; solve its motion")
     start = time.perf_counter()
     label = SAME_MESH if degree == 1 else QUADRATIC
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")

@@ -1,0 +1,50 @@
+"""`palpate solve`: a case solved by fastsim or the reference, and its displacement written."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.meshes.problem import Strain
+from palpate.validation.commands.progress_lines import progress_lines
+
+
+class Simulator(StrEnum):
+    """Who solves."""
+
+    FASTSIM = "fastsim"
+    REFERENCE = "reference"
+
+
+def solve(
+    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help=".vtu or .vtk; .npz holds a whole motion")
+    ],
+    simulator: Annotated[Simulator, typer.Option("--with")] = Simulator.FASTSIM,
+    strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
+    degree: Annotated[int, typer.Option(min=1, max=2, help="of the reference")] = 1,
+) -> None:
+    """Solve a case, statics or motion, and write the displacement."""
+    from palpate.validation.case import load_case
+    from palpate.validation.exchange.written_result import require_written_kind, write_solution
+    from palpate.validation.references.one_solve import solve_reference
+    from palpate.validation.simulators import CandidateFailedError
+    from palpate.validation.simulators.candidate import fastsim_candidate
+
+    require_written_kind(output)
+    loaded = load_case(case)
+    problem, used, progress = loaded.problem, strain or loaded.strain, progress_lines()
+    if simulator is Simulator.FASTSIM:
+        try:
+            state = fastsim_candidate().solve(problem, used, progress)
+        except CandidateFailedError as error:
+            print(f"palpate: {error}", file=sys.stderr)
+            raise typer.Exit(1) from error
+    else:
+        state = solve_reference(problem, used, degree, progress)
+    print(write_solution(output, problem, state))
