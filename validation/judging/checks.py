@@ -9,7 +9,7 @@ from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import CATALOGUE, inverted_cells, measure
+from palpate.validation.metrics import CATALOGUE, end_shape, inverted_cells, measure
 from palpate.validation.states import State, Verdict
 
 
@@ -75,7 +75,7 @@ def judge_check(
         verdict = Verdict.PASSED if is_good else Verdict.FAILED
         message = f"smallest det F {value:.4g} {'>' if is_good else 'not >'} {spec.limit:g}"
     elif spec.metric == "inverted_cells":
-        count = inverted_cells(problem.mesh, candidate.displacement)
+        count = inverted_cells(*end_shape(problem.mesh, candidate))
         value, scale, bar = float(count), "none", 0.0
         verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
         message = f"{count} inverted cell(s), at most {spec.limit:g}"
@@ -89,7 +89,7 @@ def judge_check(
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
         difference = measure(spec.metric, problem, candidate, reference)
-        scale = difference.scale_name
+        scale, bar = difference.scale_name, bar + difference.uncertainty
         verdict = decide(difference.value, bar, spec.limit)
         value = _number(difference.value)
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")

@@ -79,6 +79,12 @@ def det_f(mesh: TetMesh, displacement: Points) -> Points:
     return moved
 
 
+def end_shape(mesh: TetMesh, state: State) -> tuple[TetMesh, Points]:
+    """The mesh that a state was given on, its own or else this one, and its displacement [m]."""
+    own = state.own
+    return (mesh, state.displacement) if own is None else (own.mesh, own.displacements[-1])
+
+
 def inverted_cells(mesh: TetMesh, displacement: Points) -> int:
     """Cells whose det F is not above 0."""
     return int((~(det_f(mesh, displacement) > 0.0)).sum())

@@ -21,11 +21,21 @@ SMALLEST_CHANGE = 1e-3
 
 @dataclass(frozen=True)
 class Difference:
-    """A relative error with the scale it was divided by."""
+    """A relative error with the scale it was divided by.
+
+    Attributes:
+        value: The error over the scale [-].
+        scale: In the metric's unit.
+        scale_name: For people.
+        uncertainty: What the comparison itself may be off by, over the scale [-]: added to the
+            reference's error bar. Above 0 on a candidate's own mesh only, where the reference
+            has to be read between its points.
+    """
 
     value: float
     scale: float
     scale_name: str
+    uncertainty: float = 0.0
 
 
 def l2_norm(mesh: TetMesh, displacement: Points) -> float:

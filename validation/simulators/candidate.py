@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
 from palpate.validation.metrics import make_state
@@ -138,11 +139,10 @@ def with_motion(state: State, problem: Problem, result: ResultFile, placed: Plac
         tool_forces=state.tool_forces,
         remarks=state.remarks,
     )
+    if state.own is not None:
+        last = on_own_mesh(last, problem.mesh, state.own)
     return dataclasses.replace(
-        last,
-        trajectory=Trajectory(wanted, states),
-        sent=Trajectory(given, fields),
-        own=state.own,
+        last, trajectory=Trajectory(wanted, states), sent=Trajectory(given, fields)
     )
 
 
@@ -175,14 +175,9 @@ def placed_state(
     seconds: float,
     details: Mapping[str, object],
 ) -> State:
-    """The state of a result, its last one where it has times.
-
-    On a mesh of its own, volume and area are the case's at rest plus the change on its own, so
-    that a slightly different body at rest is no error; det F is that of its own cells.
-    """
-    mesh = problem.mesh
+    """The state of a result, its last one where it has times."""
     state = make_state(
-        mesh,
+        problem.mesh,
         placed.displacement[-1],
         label=name,
         simulator=name,
@@ -191,14 +186,30 @@ def placed_state(
         details=details,
         remarks=placed.notes,
     )
-    own = placed.own_mesh
-    if own is None or placed.own_displacement is None:
+    if placed.own_mesh is None or placed.own_displacement is None:
         return state
-    there = make_state(own, placed.own_displacement[-1], label=name, simulator=name, strain=strain)
+    return on_own_mesh(state, problem.mesh, OwnMesh(placed.own_mesh, placed.own_displacement))
+
+
+def on_own_mesh(state: State, mesh: TetMesh, own: OwnMesh) -> State:
+    """A state at the points of the case's mesh, with what its own mesh says at its end.
+
+    Volume and area are the case's at rest plus the change on its own, so that a slightly
+    different body at rest is no error; det F is that of its own cells; the largest displacement
+    is looked for at the points of both.
+    """
+    there = make_state(
+        own.mesh,
+        own.displacements[-1],
+        label=state.label,
+        simulator=state.simulator,
+        strain=state.strain,
+    )
     return dataclasses.replace(
         state,
-        own=OwnMesh(own, placed.own_displacement),
-        volume=mesh.volume + (there.volume - own.volume),
-        surface_area=mesh.surface_area + (there.surface_area - own.surface_area),
+        own=own,
+        volume=mesh.volume + (there.volume - own.mesh.volume),
+        surface_area=mesh.surface_area + (there.surface_area - own.mesh.surface_area),
         smallest_det_f=there.smallest_det_f,
+        max_displacement=max(state.max_displacement, there.max_displacement),
     )
