@@ -49,9 +49,10 @@ def palpate_case() -> JudgeCase:
             candidate_for(simulator, time_limit) if result is None else result_candidate(result)
         )
         judged = judge_case(load_case(case), live=live, candidate=candidate)
-        bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
-        if bad:
+        if judged.verdict is not Verdict.PASSED:
+            bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
             lines = [f"  {c.verdict}: {check_name(c)}: {c.message} ({c.reason})" for c in bad]
+            lines += [f"  {note}" for note in judged.notes]
             pytest.fail("\n".join([f"{judged.name}: {judged.verdict}", *lines]), pytrace=False)
         return judged
 

@@ -66,7 +66,7 @@ def load_case(name_or_path: str | Path) -> Case:
         spec = CaseSpec.model_validate(data)
     except ValidationError as error:
         raise CaseError(explain(path, source, data, error)) from error
-    return Case(path, spec)
+    return Case(path, spec, source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,8 @@ class Case:
 
     path: Path
     spec: CaseSpec
+    # As it was read: a simulator may change the file while it is judged.
+    text: str
 
     @property
     def name(self) -> str:

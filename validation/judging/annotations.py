@@ -25,6 +25,11 @@ def github_annotations(results: Sequence[CaseResult]) -> list[str]:
             lines.append(_line(kind, *found[-1]))
         elif len(found) > _MOST:
             lines.append(f"::{kind} title=palpate::and {len(found) - _MOST + 1} more checks")
+    for result in results:
+        verdicts = {check.verdict for check in result.checks}
+        if result.verdict is Verdict.INCONCLUSIVE and result.verdict not in verdicts:
+            text = _data(f"{result.verdict}; {result.notes[-1] if result.notes else ''}")
+            lines.append(f"::warning title={_property(result.name)}::{text}")
     return lines
 
 

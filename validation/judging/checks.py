@@ -16,12 +16,12 @@ from palpate.validation.states import State, Verdict
 def decide(error: float, bar: float, limit: float) -> Verdict:
     """Passed when error + bar <= limit, failed when error - bar > limit, else inconclusive.
 
-    A worse reference never makes passing easier. A bar that is not finite is inconclusive; an
-    error that is not finite is the candidate's failure.
+    A worse reference never makes passing easier. A bar that is not finite, or below 0, is no bar:
+    inconclusive. An error that is not finite, or below 0, is no error: the candidate's failure.
     """
-    if not math.isfinite(error):
+    if not 0.0 <= error < math.inf:
         return Verdict.FAILED
-    if not math.isfinite(bar):
+    if not 0.0 <= bar < math.inf:
         return Verdict.INCONCLUSIVE
     if error + bar <= limit:
         return Verdict.PASSED
@@ -107,4 +107,21 @@ def judge_check(
         verdict=verdict,
         reason=spec.reason,
         message=message,
+    )
+
+
+def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:
+    """A check that was not made, with the reason: it stands in every output."""
+    return CheckResult(
+        metric=spec.metric,
+        against=spec.against,
+        strain=strain,
+        value=None,
+        limit=spec.limit,
+        scale="-",
+        unit=CATALOGUE[spec.metric].unit,
+        reference_error=0.0,
+        verdict=Verdict.SKIPPED,
+        reason=spec.reason,
+        message=why,
     )

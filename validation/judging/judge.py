@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import platform
 import sys
@@ -17,9 +18,9 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
-from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.published import metric_of_bar
+from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
+from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
@@ -33,6 +34,9 @@ from palpate.validation.references.stored import (
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import State, Verdict, gravest
+
+# Added to what a check found.
+VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
 
 
 def judge_case(
@@ -62,7 +66,8 @@ def judge_case(
     notes = [f"Mesh: {case.mesh.origin}."]
     judged = candidate or fastsim_candidate()
     notes.extend(judged.notes)
-    specs = _checks_for(case, judged, notes)
+    if not any(_is_answered(spec, case, judged) for spec in case.checks):
+        raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
     references = find_references(case, live=live, progress=progress)
     notes.append(f"Reference: {references.origin}.")
     notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
@@ -77,31 +82,24 @@ def judge_case(
             continue
         notes.extend(candidates[strain].remarks)
 
-    checks: list[CheckResult] = []
-    for spec in specs:
-        strain = spec.strain or case.strain
-        is_truth = spec.against == "truth"
-        reference = (
-            references.truth(strain) if is_truth else references.states.get((SAME_MESH, strain))
+    judge = CaseJudge(case, references)
+    checks = [
+        _judged(judge, spec, judged, candidates.get(judge.strain_of(spec)), failures)
+        for spec in case.checks
+    ]
+    unseen = judge.unseen()
+    if unseen:
+        notes.append(
+            f"No check of this case turns red when the answer is wrong like this: "
+            f"{', '.join(unseen)}. Add a check of displacement_l2."
         )
-        bar = references.bars.get((metric_of_bar(spec), strain), float("inf"))
-        checks.append(
-            judge_check(
-                spec,
-                strain,
-                problem,
-                candidates.get(strain),
-                reference,
-                bar if is_truth else 0.0,
-                failures.get(strain) or references.failure(spec.against, strain),
-                case.spec.units,
-            )
-        )
+    verdict, why = _verdict(checks)
+    notes.extend(why)
     states = (*candidates.values(), *references.states.values())
     return CaseResult(
         name=case.name,
         title=case.title,
-        verdict=gravest([check.verdict for check in checks]),
+        verdict=verdict,
         checks=tuple(checks),
         states=states,
         problem=problem,
@@ -113,25 +111,48 @@ def judge_case(
         rest_volume=problem.mesh.volume,
         rest_surface_area=problem.mesh.surface_area,
         error_fields=_error_fields(candidates, references),
-        case_text=case.path.read_text(encoding="utf-8-sig"),
+        case_text=case.text,
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
+        unseen=unseen,
     )
 
 
-def _checks_for(case: Case, candidate: Candidate, notes: list[str]) -> list[CheckSpec]:
-    """The checks that a candidate can answer; what is left out is told."""
-    if candidate.has_both_strains:
-        return list(case.checks)
-    specs = [spec for spec in case.checks if (spec.strain or case.strain) is case.strain]
-    left_out = len(case.checks) - len(specs)
-    if not specs:
-        raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
-    if left_out:
-        notes.append(
-            f"{left_out} check(s) of the other strain measure are left out: {candidate.name} is "
-            f"asked for {case.strain} strain."
-        )
-    return specs
+def _is_answered(spec: CheckSpec, case: Case, candidate: Candidate) -> bool:
+    """Whether a candidate is asked for the strain measure that a check is about."""
+    return candidate.has_both_strains or (spec.strain or case.strain) is case.strain
+
+
+def _judged(
+    judge: CaseJudge,
+    spec: CheckSpec,
+    candidate: Candidate,
+    answer: State | None,
+    failures: dict[Strain, str],
+) -> CheckResult:
+    """One check of a candidate, or why it is left out, and whether it says anything."""
+    strain = judge.strain_of(spec)
+    if not _is_answered(spec, judge.case, candidate):
+        why = f"{candidate.name} is asked for {judge.case.strain} strain only"
+        return skipped_check(spec, strain, why)
+    found = judge.check(spec, answer, failures.get(strain, ""))
+    if not judge.is_vacuous(spec):
+        return found
+    is_of_truth = found.against == "truth" and found.metric in PUBLISHED_METRICS
+    told = VACUOUS if found.verdict is Verdict.PASSED and not is_of_truth else ""
+    return dataclasses.replace(found, is_vacuous=True, message=found.message + told)
+
+
+def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
+    """The gravest of the checks; checks that any answer passes are no support."""
+    verdict = gravest([check.verdict for check in checks])
+    if verdict is not Verdict.PASSED:
+        return verdict, []
+    if any(check.verdict is Verdict.PASSED and not check.is_vacuous for check in checks):
+        return verdict, []
+    return Verdict.INCONCLUSIVE, [
+        "Inconclusive: an answer in which nothing moves passes every check that was made. Let a "
+        "load or a tool move the body, and check displacement_l2."
+    ]
 
 
 def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) -> ReferenceSet:

@@ -14,7 +14,13 @@ from rich.text import Text
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.states import Verdict
 
-_COLOUR = {Verdict.PASSED: "green", Verdict.FAILED: "red", Verdict.INCONCLUSIVE: "yellow"}
+_COLOUR = {
+    Verdict.PASSED: "green",
+    Verdict.FAILED: "red",
+    Verdict.INCONCLUSIVE: "yellow",
+    Verdict.SKIPPED: "dim",
+}
+_GRAVEST_FIRST = (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.SKIPPED, Verdict.PASSED)
 # Job summaries are cut off at 1 MiB; nobody reads more rows than this.
 _MOST_ROWS = 200
 
@@ -37,12 +43,14 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
                     "unit": check.unit,
                     "reference_error": _finite(check.reference_error),
                     "verdict": check.verdict,
+                    "is_vacuous": check.is_vacuous,
                     "reason": check.reason,
                     "message": check.message,
                 }
                 for check in result.checks
             ],
             "metrics": {name: _finite(value) for name, value in result.metrics.items()},
+            "unseen": list(result.unseen),
             "published": dict(result.published),
             "notes": list(result.notes),
             "provenance": dict(result.provenance),
@@ -54,29 +62,40 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
 
 
 def junit_xml(results: Sequence[CaseResult]) -> str:
-    """One test suite for each case, one test for each check; inconclusive is an error."""
+    """One test suite for each case, one test for each check; inconclusive is an error.
+
+    So is a case that nothing but vacuous checks passed: JUnit knows no third colour.
+    """
     root = ET.Element("testsuites", name="palpate")
     for result in results:
         counts = [check.verdict for check in result.checks]
+        # Inconclusive though no check is: then nothing that was checked says anything.
+        is_empty = result.verdict is Verdict.INCONCLUSIVE and result.verdict not in counts
         suite = ET.SubElement(
             root,
             "testsuite",
             name=result.name,
-            tests=str(len(counts)),
+            tests=str(len(counts) + is_empty),
             failures=str(counts.count(Verdict.FAILED)),
-            errors=str(counts.count(Verdict.INCONCLUSIVE)),
+            errors=str(counts.count(Verdict.INCONCLUSIVE) + is_empty),
+            skipped=str(counts.count(Verdict.SKIPPED)),
         )
         for check in result.checks:
             test = ET.SubElement(
                 suite, "testcase", classname=f"palpate.{result.name}", name=check_name(check)
             )
             properties = ET.SubElement(test, "properties")
-            for name in ("value", "limit", "reference_error", "scale", "reason"):
+            for name in ("value", "limit", "reference_error", "scale", "reason", "is_vacuous"):
                 ET.SubElement(properties, "property", name=name, value=str(getattr(check, name)))
             if check.verdict is Verdict.FAILED:
                 ET.SubElement(test, "failure", message=_xml_safe(check.message))
             elif check.verdict is Verdict.INCONCLUSIVE:
                 ET.SubElement(test, "error", message=_xml_safe(f"inconclusive: {check.message}"))
+            elif check.verdict is Verdict.SKIPPED:
+                ET.SubElement(test, "skipped", message=_xml_safe(check.message))
+        if is_empty:
+            test = ET.SubElement(suite, "testcase", classname="palpate", name=result.name)
+            ET.SubElement(test, "error", message=_xml_safe(result.notes[-1]))
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -84,9 +103,7 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
 def summary_markdown(results: Sequence[CaseResult]) -> str:
     """A table for a job summary, the checks that did not pass first."""
     rows = [(result, check) for result in results for check in result.checks]
-    rows.sort(key=lambda row: [Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.PASSED].index(
-        row[1].verdict
-    ))  # fmt: skip
+    rows.sort(key=lambda row: _GRAVEST_FIRST.index(row[1].verdict))
     lines = [f"- **{_cell(r.name)}**: {r.verdict} ({_cell(r.title)})" for r in results]
     lines += ["", "| case | check | found | verdict | reason |", "| --- | --- | --- | --- | --- |"]
     lines += [

@@ -29,6 +29,7 @@ class CheckResult:
         verdict: The outcome.
         reason: Why this limit, from the case.
         message: One line that says what was found.
+        is_vacuous: Whether an answer in which nothing moves passes it too.
     """
 
     metric: str
@@ -42,6 +43,7 @@ class CheckResult:
     verdict: Verdict
     reason: str
     message: str
+    is_vacuous: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,7 @@ class CaseResult:
         candidate: Name of who was judged: the label of its states.
         case_text: The case file as it was read.
         evidence: What the case says for a credibility file: question, context of use...
+        unseen: Plainly wrong answers that no check of the case turns red, by name.
     """
 
     name: str
@@ -83,6 +86,7 @@ class CaseResult:
     candidate: str = "fastsim"
     case_text: str = ""
     evidence: Mapping[str, Any] = field(default_factory=dict)
+    unseen: tuple[str, ...] = ()
 
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""

@@ -12,7 +12,12 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.states import Verdict
 
 mpl.use("Agg")
-_COLOUR = {Verdict.PASSED: "#2f8f4e", Verdict.FAILED: "#b5332e", Verdict.INCONCLUSIVE: "#c98a12"}
+_COLOUR = {
+    Verdict.PASSED: "#2f8f4e",
+    Verdict.FAILED: "#b5332e",
+    Verdict.INCONCLUSIVE: "#c98a12",
+    Verdict.SKIPPED: "#888888",
+}
 
 
 def checks_svg(result: CaseResult) -> str:

@@ -35,8 +35,8 @@ def with_parameters(case: Case, poissons_ratio: float, force_scale: float) -> Pr
         raise ValueError("the first load of the case must be the fitted force")
     scaled = tuple(force_scale * f for f in force.force)
     load = (force.model_copy(update={"force": scaled}), *spec.load[1:])
-    changed = Case(case.path, spec.model_copy(update={"material": material, "load": load}))
-    return changed.problem
+    changed = spec.model_copy(update={"material": material, "load": load})
+    return Case(case.path, changed, case.text).problem
 
 
 def growth(

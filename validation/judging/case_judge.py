@@ -1,0 +1,84 @@
+"""One case with its references: every check of it, for any answer, wrong ones included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case import Case
+from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
+from palpate.validation.judging.checks import judge_check
+from palpate.validation.judging.published import metric_of_bar
+from palpate.validation.judging.results import CheckResult
+from palpate.validation.judging.spoiled import is_still, null_answer, spoiled_answers
+from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.states import State, Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class CaseJudge:
+    """What an answer to a case is held against."""
+
+    case: Case
+    references: ReferenceSet
+
+    @property
+    def problem(self) -> Problem:
+        """The case's problem."""
+        return self.case.problem
+
+    def strain_of(self, spec: CheckSpec) -> Strain:
+        """Which of the candidate's answers a check is about."""
+        return spec.strain or self.case.strain
+
+    def check(self, spec: CheckSpec, candidate: State | None, failure: str = "") -> CheckResult:
+        """Judge one check of an answer; `failure` says why there is none."""
+        strain = self.strain_of(spec)
+        is_truth = spec.against == "truth"
+        bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
+        return judge_check(
+            spec,
+            strain,
+            self.problem,
+            candidate,
+            self._reference(spec),
+            bar if is_truth else 0.0,
+            failure or self.references.failure(spec.against, strain),
+            self.case.spec.units,
+        )
+
+    def is_vacuous(self, spec: CheckSpec) -> bool:
+        """Whether the check says nothing of a candidate: the null answer passes it too.
+
+        So does every answer where the reference itself does not move, and where the truth and not
+        the candidate is held against a published number.
+        """
+        reference, strain = self._reference(spec), self.strain_of(spec)
+        if spec.against == "truth" and spec.metric in PUBLISHED_METRICS:
+            return True
+        if spec.against != "candidate" and reference and is_still(self.problem, reference):
+            return True
+        basis = reference or self._any_reference(strain)
+        answer = null_answer(self.problem, strain, basis)
+        return self.check(spec, answer).verdict is Verdict.PASSED
+
+    def unseen(self) -> tuple[str, ...]:
+        """Plainly wrong answers that no check of the case turns red, by name."""
+        reference = self._any_reference(self.case.strain)
+        if reference is None:
+            return ()
+        specs = [spec for spec in self.case.checks if self.strain_of(spec) is self.case.strain]
+        return tuple(
+            answer.label
+            for answer in spoiled_answers(self.problem, reference)
+            if not any(self.check(spec, answer).verdict is Verdict.FAILED for spec in specs)
+        )
+
+    def _reference(self, spec: CheckSpec) -> State | None:
+        strain = self.strain_of(spec)
+        if spec.against == "truth":
+            return self.references.truth(strain)
+        return self.references.states.get((SAME_MESH, strain))
+
+    def _any_reference(self, strain: Strain) -> State | None:
+        return self.references.states.get((SAME_MESH, strain)) or self.references.truth(strain)

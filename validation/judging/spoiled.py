@@ -1,0 +1,91 @@
+"""Answers that no case may let pass: nothing moves, everything is turned round, time stands still.
+
+A check that the null answer passes says nothing about a candidate: a body that nobody pushes, a
+limit of 1, a change of volume too small to matter. Each case is judged with the null answer too,
+and with answers that are plainly wrong, so that what it cannot see is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.metrics import make_state
+from palpate.validation.states import State, Trajectory
+
+_Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+# A displacement below this part of the body's size is lost when it is added to the places.
+_ROUNDING = float(np.finfo(np.float64).eps)
+
+
+def null_answer(problem: Problem, strain: Strain, reference: State | None) -> State:
+    """The answer of a simulator that does nothing, at the reference's times, with no force."""
+    still = np.zeros_like(problem.mesh.points)
+    motion = None if reference is None else reference.trajectory
+    if motion is None and problem.time is not None:
+        times = np.linspace(0.0, problem.time.end_time, problem.time.num_outputs + 1)
+        motion = Trajectory(times, np.zeros((len(times), *still.shape)))
+    elif motion is not None:
+        motion = Trajectory(motion.times, np.zeros_like(motion.displacements))
+    forces = None if reference is None else reference.tool_forces
+    return make_state(
+        problem.mesh,
+        still,
+        label="nothing moves",
+        simulator="null answer",
+        strain=strain,
+        trajectory=motion,
+        tool_forces=None if forces is None else np.zeros_like(forces),
+    )
+
+
+def spoiled_answers(problem: Problem, reference: State) -> Iterator[State]:
+    """Answers made from the right one by a plain mistake; each is labelled with it."""
+    yield null_answer(problem, reference.strain, reference)
+    yield _from(problem, reference, "turned round", lambda u: -u)
+    yield _from(problem, reference, "twice as large", lambda u: 2.0 * u)
+    yield _from(problem, reference, "axes exchanged", lambda u: u[..., [1, 2, 0]])
+    if reference.trajectory is not None:
+        yield _from(problem, reference, "last state repeated", _last_repeated)
+        yield _from(problem, reference, "every second state still", _every_second_still)
+
+
+def _last_repeated(states: NDArray[np.float64]) -> NDArray[np.float64]:
+    return states if states.ndim == 2 else np.broadcast_to(states[-1], states.shape).copy()
+
+
+def _every_second_still(states: NDArray[np.float64]) -> NDArray[np.float64]:
+    if states.ndim == 2:
+        return states
+    spoiled = states.copy()
+    spoiled[1:-1:2] = 0.0
+    return spoiled
+
+
+def _from(problem: Problem, reference: State, label: str, spoil: _Spoil) -> State:
+    motion, forces = reference.trajectory, reference.tool_forces
+    is_motion_only = label in ("last state repeated", "every second state still")
+    return make_state(
+        problem.mesh,
+        spoil(reference.displacement),
+        label=label,
+        simulator="spoiled",
+        strain=reference.strain,
+        trajectory=None
+        if motion is None
+        else Trajectory(motion.times, spoil(motion.displacements)),
+        tool_forces=forces if forces is None or is_motion_only else spoil(forces),
+    )
+
+
+def is_still(problem: Problem, reference: State) -> bool:
+    """Whether the reference moves by no more than the rounding of the body's places."""
+    size = float(np.ptp(problem.mesh.points, axis=0).max())
+    moved = reference.displacement if reference.trajectory is None else (
+        reference.trajectory.displacements
+    )  # fmt: skip
+    return not float(np.abs(moved).max(initial=0.0)) > _ROUNDING * size
