@@ -83,11 +83,13 @@ def audit_displacement(
         residual_norm=residual_norm,
         relative_residual_norm=residual_norm / scale if scale else math.inf,
         support_gap=fenicsx.largest(float(np.max(np.abs(u[held.dofs] - held.values), initial=0.0))),
+        largest_displacement=float(np.linalg.norm(displacement, axis=1).max(initial=0.0)),
         force_imbalance=force,
         moment_imbalance=moment,
         strain_energy=state.strain_energy,
         volume=state.volume,
         smallest_det_f=smallest_det_f,
+        is_stable=_is_stable(equilibrium, u, smallest_det_f),
         displacement_error=errors[0],
         volume_error=errors[1],
         cell_errors=_cell_errors(equilibrium, lifted),
@@ -143,6 +145,13 @@ def _imbalance(equilibrium: Equilibrium, u: Points, residual: Points) -> tuple[f
     total = np.linalg.norm(fenicsx.total(forces.sum(axis=0)))
     moment = np.linalg.norm(fenicsx.total(np.cross(places, forces).sum(axis=0)))
     return float(total), float(moment)
+
+
+def _is_stable(equilibrium: Equilibrium, u: Points, smallest_det_f: float) -> bool | None:
+    if equilibrium.strain is Strain.LINEAR or equilibrium.has_followers or not smallest_det_f > 0.0:
+        return None
+    solver = _solver(equilibrium, is_symmetric=True)
+    return solver.is_positive_definite(equilibrium.tangent(u, 1.0), equilibrium.held.dofs)
 
 
 def _estimate_errors(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -107,11 +108,15 @@ class Audit:
             energy norm of the error itself; for Green strain to first order.
         relative_residual_norm: Over the energy norm of the displacement, (2 energy)^(1/2) [-].
         support_gap: Largest distance of a held component from where it is held [m].
+        largest_displacement: Of a point of the mesh [m].
         force_imbalance: Size of the sum of external forces and reactions [N].
         moment_imbalance: Likewise of their moments about the origin, at the deformed places [N m].
         strain_energy: [J].
         volume: [m3].
         smallest_det_f: [-]; not above 0 where a cell is inverted.
+        is_stable: Whether the tangent is positive definite there; None where that is not asked:
+            linear strain always is, follower loads have no symmetric tangent, and what is
+            inverted is no state of a body.
         displacement_error: Estimate, L2 over the mesh's points over the corrected displacement
             [-]; None where the tangent is singular or not positive definite, or a cell inverted.
         volume_error: Estimate, of the change of volume over the corrected change, signed [-];
@@ -125,14 +130,24 @@ class Audit:
     residual_norm: float
     relative_residual_norm: float
     support_gap: float
+    largest_displacement: float
     force_imbalance: float
     moment_imbalance: float
     strain_energy: float
     volume: float
     smallest_det_f: float
+    is_stable: bool | None
     displacement_error: float | None
     volume_error: float | None
     cell_errors: Values
+
+    @property
+    def relative_support_gap(self) -> float:
+        """Gap of the supports over the largest displacement of a point [-]."""
+        if self.support_gap == 0.0:
+            return 0.0
+        size = self.largest_displacement
+        return self.support_gap / size if size else math.inf
 
 
 @dataclass(frozen=True, eq=False)

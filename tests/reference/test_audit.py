@@ -10,6 +10,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.shapes import shape_box
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.result import Audit
+from palpate.validation.benchmarks.bodies import brick_box
 
 pytestmark = pytest.mark.dolfinx
 
@@ -99,12 +101,42 @@ def test_a_support_that_was_not_met_and_an_inverted_cell_are_told(problem: Probl
     from palpate.reference.audit import audit_displacement
 
     loose = np.full(problem.mesh.points.shape, [0.0, 0.0, 0.01])
-    assert audit_displacement(problem, loose, degree=1).support_gap == pytest.approx(0.01)
+    gap = audit_displacement(problem, loose, degree=1)
+    assert gap.support_gap == pytest.approx(0.01)
+    assert gap.relative_support_gap == pytest.approx(1.0)
     inverted = np.zeros(problem.mesh.points.shape)
     inverted[:, 0] = -2.0 * problem.mesh.points[:, 0]
     audit = audit_displacement(problem, inverted, degree=1)
     assert audit.smallest_det_f == pytest.approx(-1.0)
     assert audit.displacement_error is None
+
+
+def test_a_column_that_would_buckle_is_in_equilibrium_but_not_stable() -> None:
+    from palpate.reference.audit import audit_displacement
+
+    def straight(stretch: float) -> Audit:
+        """A column without Poisson's effect, as long as `stretch` of it, and the load for that."""
+        mesh = brick_box((2, 2, 12), (1.0, 1.0, 10.0))
+        corners = mesh.points[mesh.boundary_facets]
+        base, top = (mesh.boundary_facets[(corners[:, :, 2] == z).all(axis=1)] for z in (0.0, 10.0))
+        # P = F S, S = E (stretch^2 - 1) / 2.
+        pressure = 1e4 * stretch * (stretch**2 - 1.0) / 2.0
+        column = Problem(
+            mesh,
+            Material(1e4, 0.0),
+            (Support(np.unique(base).astype(np.int32), base),),
+            (Traction(top, (0.0, 0.0, pressure)),),
+        )
+        moved = np.zeros_like(mesh.points)
+        moved[:, 2] = (stretch - 1.0) * mesh.points[:, 2]
+        return audit_displacement(column, moved, degree=1)
+
+    # Euler's strain, clamped and free: (pi / 2)^2 (1 / 12) / 10^2 = 0.2 %; linear tetrahedra of
+    # this size are stiffer in bending, some three times.
+    for stretch, is_stable in ((0.9995, True), (0.95, False)):
+        found = straight(stretch)
+        assert found.relative_residual_norm < 1e-12
+        assert found.is_stable is is_stable
 
 
 def test_refusals(problem: Problem) -> None:

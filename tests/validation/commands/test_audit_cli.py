@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 
 from palpate.meshes.files import read_mesh, write_mesh
 from palpate.meshes.problem import Strain
+from palpate.reference.child import run_task
+from palpate.reference.tasks import AuditTask
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
+from palpate.validation.commands.audit import failures
 from palpate.validation.references.stored import load_stored
 
 pytestmark = pytest.mark.dolfinx
@@ -66,3 +70,63 @@ def test_what_cannot_be_audited(solved, tmp_path, monkeypatch):
     assert palpate(monkeypatch, "audit", "block", path) == 1
     write_mesh(path, problem.mesh, point_data={"displacement": -60.0 * displacement})
     assert palpate(monkeypatch, "audit", "block", path) == 1
+
+
+def test_a_limit_holds_the_supports_as_well(solved, tmp_path, monkeypatch, capsys):
+    path, problem, displacement = solved
+    numbers = tmp_path / "audit.json"
+    judged = ("audit", "block", path, "--degree", 1, "--limit", 1e-6, "--json", numbers)
+    assert palpate(monkeypatch, *judged) == 0
+    assert json.loads(numbers.read_text())["failures"] == []
+    # Moved as a whole, far or hardly, nothing is strained: the residual sees only the free parts.
+    for shift in (1.0, 1e-5 * np.abs(displacement).max()):
+        moved = displacement + np.array([0.0, shift, 0.0])
+        write_mesh(path, problem.mesh, point_data={"displacement": moved})
+        capsys.readouterr()
+        assert palpate(monkeypatch, *judged) == 1
+        told = json.loads(numbers.read_text())
+        assert told["relative_residual_norm"] < 1e-6
+        assert told["support_gap"] == pytest.approx(shift)
+        gap = shift / np.linalg.norm(moved, axis=1).max()
+        assert told["relative_support_gap"] == pytest.approx(gap)
+        assert len(told["failures"]) == 1
+        assert "failed: supports missed by" in capsys.readouterr().out
+
+
+def test_an_inverted_cell_fails_under_either_strain_without_a_limit(solved, monkeypatch, capsys):
+    path, problem, displacement = solved
+    write_mesh(path, problem.mesh, point_data={"displacement": -60.0 * displacement})
+    for strain in Strain:
+        assert palpate(monkeypatch, "audit", "block", path, "--strain", strain) == 1
+        assert "failed: a cell is inverted" in capsys.readouterr().out
+
+
+def test_no_number_of_an_audit_may_be_other_than_finite(solved):
+    _, problem, displacement = solved
+    good = run_task(AuditTask(displacement, Strain.GREEN, 1), problem)
+    assert failures(good) == failures(good, 1e-6) == []
+    measured = [
+        field.name for field in dataclasses.fields(good)
+        if isinstance(getattr(good, field.name), float) and field.name != "largest_displacement"
+    ]  # fmt: skip
+    assert len(measured) == 10
+    for name in measured:
+        for value in (np.nan, np.inf, -np.inf):
+            (reason, *more) = failures(dataclasses.replace(good, **{name: value}))
+            assert "no finite number" in reason or name == "smallest_det_f"
+            assert len(more) <= 1
+    for changes, word in (
+        ({"is_stable": False}, "not stable"),
+        ({"displacement_error": None}, "singular"),
+        ({"support_gap": 1.0}, "supports"),
+        ({"relative_residual_norm": 1e-5}, "residual"),
+    ):
+        spoiled = dataclasses.replace(good, **changes)
+        assert failures(spoiled) == []
+        (reason,) = failures(spoiled, 1e-6)
+        assert word in reason
+
+
+@pytest.mark.parametrize("limit", ["0", "-1", "nan", "inf"])
+def test_a_limit_that_holds_nothing_is_refused(solved, monkeypatch, limit):
+    assert palpate(monkeypatch, "audit", "block", solved[0], f"--limit={limit}") == 2
