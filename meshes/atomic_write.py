@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import os
-import tempfile
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from palpate.meshes.temporaries import held, own_mark, sweep
+
+_TEMPORARY = re.compile(r"\..+\.palpate-(?P<process>\d+)-[0-9a-f]{8}\.tmp(\.\w+)?")
 
 
 @contextmanager
@@ -14,21 +19,22 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`, renamed onto it when the block succeeds.
 
     The temporary name keeps the suffix, since writers choose the format by it. On any failure,
-    Ctrl-C included, the temporary file is removed and an old `path` stays as it was.
+    Ctrl-C included, the temporary file is removed and an old `path` stays as it was. A link stays
+    a link: what it points to is replaced.
     """
-    target = Path(path)
-    handle, name = tempfile.mkstemp(
-        dir=target.parent, prefix=f".{target.stem}.", suffix=f".tmp{target.suffix}"
-    )
-    os.close(handle)
-    temporary = Path(name)
+    target = Path(os.path.realpath(path))
+    _sweep_beside(target.parent)
+    name = f".{target.stem[:40]}.palpate-{own_mark()}.tmp{target.suffix}"
+    temporary = target.with_name(name)
+    os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600))
     try:
-        yield temporary
-        with temporary.open("rb+") as written:
-            os.fsync(written.fileno())
+        with held(temporary):
+            yield temporary
+            with temporary.open("rb+") as written:
+                os.fsync(written.fileno())
         mask = os.umask(0)
         os.umask(mask)
-        temporary.chmod(0o666 & ~mask)  # mkstemp's own 0600 would lock colleagues out
+        temporary.chmod(0o666 & ~mask)  # 0600 would lock colleagues out
         temporary.replace(target)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -39,3 +45,9 @@ def write_text_atomically(path: str | Path, text: str) -> None:
     """Write UTF-8 text so that `path` holds the old text or the new, never a part."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+@functools.cache
+def _sweep_beside(folder: Path) -> None:
+    """Remove what killed runs left here; once in a process."""
+    sweep(folder, _TEMPORARY, Path.unlink)

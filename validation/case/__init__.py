@@ -1,6 +1,21 @@
 """A case: its file, its tables, and the problem they make."""
 
 from palpate.validation.case.errors import CaseError
-from palpate.validation.case.load import QUICK, Case, builtin_cases, builtin_folder, load_case
+from palpate.validation.case.load import (
+    QUICK,
+    Case,
+    builtin_cases,
+    builtin_folder,
+    load_case,
+    load_cases,
+)
 
-__all__ = ["QUICK", "Case", "CaseError", "builtin_cases", "builtin_folder", "load_case"]
+__all__ = [
+    "QUICK",
+    "Case",
+    "CaseError",
+    "builtin_cases",
+    "builtin_folder",
+    "load_case",
+    "load_cases",
+]

@@ -69,6 +69,24 @@ def load_case(name_or_path: str | Path) -> Case:
     return Case(path, spec, source)
 
 
+def load_cases(names: Sequence[str]) -> list[Case]:
+    """Read several cases, whose names tell their results apart.
+
+    Raises:
+        CaseError: See `load_case`; or two cases of one name.
+    """
+    cases = [load_case(name) for name in names]
+    seen: dict[str, Path] = {}
+    for case in cases:
+        other = seen.setdefault(case.name, case.path)
+        if other is not case.path:
+            where = "twice" if other == case.path else f"by {other} and {case.path}"
+            raise CaseError(
+                f"a case {case.name!r} is given {where}; name it once, or rename a file"
+            )
+    return cases
+
+
 @dataclass(frozen=True, eq=False)
 class Case:
     """A case file that was read; mesh and problem are built when first asked for."""
@@ -87,6 +105,13 @@ class Case:
     def folder(self) -> Path:
         """Where the file lies; its paths may not leave it."""
         return self.path.parent
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The case file and every file it names, whether there or not."""
+        geometry = self.spec.geometry
+        names = (geometry.mesh, geometry.surface, *(tool.surface for tool in self.spec.tool))
+        return (self.path, *(self.folder / name for name in names if name is not None))
 
     @property
     def is_builtin(self) -> bool:

@@ -48,12 +48,14 @@ def audit(
     from palpate.reference.result import Audit
     from palpate.reference.tasks import AuditTask
     from palpate.validation.case import load_case
+    from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.answer import CandidateFailedError
     from palpate.validation.simulators.candidate import result_candidate
 
     if limit is not None and not 0.0 < limit < math.inf:
         raise InputError(f"--limit {limit:g}: needs a finite value above 0")
     loaded = load_case(case)
+    require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
     used, progress = strain or loaded.strain, progress_lines()
     if loaded.problem.time is not None:
         raise InputError(f"{loaded.name} is dynamic: what moves is not in equilibrium")

@@ -24,7 +24,9 @@ def bench(
     """
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.benchmarks.run import bench_json, run_benchmark
+    from palpate.validation.output_files import require_outputs
 
+    require_outputs({"--json": json})
     console = Console(stderr=True, highlight=False, markup=False)
     document = run_benchmark(
         name,

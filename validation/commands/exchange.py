@@ -20,8 +20,10 @@ def export(
     """Write a case as a folder that other simulators can read: case.json, rest.vtu, rest.npz."""
     from palpate.validation.case import load_case
     from palpate.validation.exchange.case_folder import write_case_folder
+    from palpate.validation.output_files import input_files, require_case_folder
 
     loaded = load_case(case)
+    require_case_folder(output, inputs=input_files([loaded]))
     used = strain or loaded.strain
     write_case_folder(output, loaded.problem, used, name=loaded.name, title=loaded.title)
     print(f"{output}: {loaded.problem.mesh.num_points} points, {used} strain; see case.json")
@@ -39,9 +41,11 @@ def compare(
     from palpate.validation.exchange.result_files import read_result
     from palpate.validation.judging import outputs
     from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.candidate import result_candidate
 
     loaded = load_case(case)
+    require_outputs({"--json": json}, inputs=input_files([loaded], result))
     read_result(result)  # a file that cannot be read is told before anything is solved
     judged = judge_case(
         loaded, live=live, candidate=result_candidate(result), progress=progress_lines()

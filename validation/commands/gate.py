@@ -43,13 +43,14 @@ def gate(
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.validation.case import QUICK, builtin_cases, load_case
+    from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.evidence.metamorphic import judge_relations
     from palpate.validation.evidence.self_test import run_self_test
     from palpate.validation.judging import outputs
     from palpate.validation.judging.annotations import github_annotations
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.judging.result_changes import read_accepted, with_changes
+    from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.candidate import candidate_for
 
     candidate = candidate_for(simulator, time_limit, fault)
@@ -57,7 +58,11 @@ def gate(
     if self_test + quick + every + bool(names) != 1:
         raise InputError("name the cases, or say one of --quick, --all and --self-test")
     chosen = QUICK if quick else builtin_cases() if every else names or ()
-    loaded = [load_case(name) for name in chosen]
+    loaded = load_cases(chosen)
+    require_outputs(
+        {"--json": json, "--junit": junit, "--summary": summary},
+        inputs=input_files(loaded, since, command=simulator),
+    )
     progress = progress_lines()
     if self_test:
         results = [run_self_test(progress)]

@@ -45,11 +45,13 @@ def mesh(
     from palpate.validation.case.geometry import load_surface
     from palpate.validation.case.schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
+    from palpate.validation.output_files import require_outputs
 
     if unit not in LENGTH:
         raise InputError(f"--unit {unit}: use one of {', '.join(LENGTH)}")
     if output.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
+    require_outputs({"--output": output}, inputs=[] if surface == "kidney" else [surface])
     if (grade_to is None) != (smallest is None):
         raise InputError("--grade-to and --smallest go together")
     lengths = (("--size", size), ("--free", free), ("--smallest", smallest), ("--growth", growth))

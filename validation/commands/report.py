@@ -26,26 +26,28 @@ def report(
 
     One case gives report.html; several give a page each, and index.html.
     """
-    from palpate.validation.case import builtin_cases, load_case
+    from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
     from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.output_files import input_files
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
-    from palpate.validation.run_folder import MARK, run_folder
+    from palpate.validation.run_folder import RESULTS, require_run_folder, run_folder
     from palpate.validation.simulators.candidate import candidate_for
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")
     if pdf:
         require_browser()
-    loaded = [load_case(name) for name in names or builtin_cases()]
-    twice = {case.name for case in loaded if sum(c.name == case.name for c in loaded) > 1}
-    if twice:
-        raise InputError(f"more than one case is called {sorted(twice)[0]!r}; rename a file")
+    loaded = load_cases(names or builtin_cases())
+    if len(loaded) > 1 and any(case.name == "index" for case in loaded):
+        raise InputError("with several cases index.html is the first page; rename case 'index'")
+    inputs = input_files(loaded, command=simulator)
+    require_run_folder(output, inputs=inputs)
     progress = progress_lines()
     candidate = candidate_for(simulator, time_limit)
     results = [judge_case(c, live=True, candidate=candidate, progress=progress) for c in loaded]
-    with run_folder(output) as fresh:
+    with run_folder(output, inputs=inputs) as fresh:
         progress("drawing the report")
         page = write_report(results, fresh)
         if pdf:
@@ -53,7 +55,7 @@ def report(
                 print_pdf(written)
         (fresh / "junit.xml").write_text(outputs.junit_xml(results), encoding="utf-8")
         (fresh / "summary.md").write_text(outputs.summary_markdown(results), encoding="utf-8")
-        (fresh / MARK).write_text(
+        (fresh / RESULTS).write_text(
             outputs.results_json(results, version_of("palpate")), encoding="utf-8"
         )
     outputs.print_results(results, Console(highlight=False))

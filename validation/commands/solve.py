@@ -32,12 +32,14 @@ def solve(
     """Solve a case, statics or motion, and write the displacement."""
     from palpate.validation.case import load_case
     from palpate.validation.exchange.written_result import require_written_kind, write_solution
+    from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.references.one_solve import solve_reference
     from palpate.validation.simulators import CandidateFailedError
     from palpate.validation.simulators.candidate import fastsim_candidate
 
     require_written_kind(output)
     loaded = load_case(case)
+    require_outputs({"--output": output}, inputs=input_files([loaded]))
     problem, used, progress = loaded.problem, strain or loaded.strain, progress_lines()
     if simulator is Simulator.FASTSIM:
         try:

@@ -39,6 +39,7 @@ from palpate.validation.exchange.nodal_loads import (
 )
 
 SCHEMA = 1
+FILES = ("case.json", "rest.vtu", "rest.npz")
 _LAWS = {
     Strain.GREEN: "Saint-Venant-Kirchhoff: S = lmbda tr(E) I + 2 mu E, E = (F^T F - I) / 2",
     Strain.LINEAR: "linear elasticity: sigma = lmbda tr(e) I + 2 mu e, e = sym(grad u)",
@@ -59,6 +60,15 @@ def case_key(problem: Problem, strain: Strain) -> str:
         digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def is_case_folder(folder: Path) -> bool:
+    """Whether a folder's case.json is one that `write_case_folder` wrote."""
+    try:
+        document = json.loads((folder / "case.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(document, dict) and "palpate_case" in document
 
 
 def write_case_folder(

@@ -14,7 +14,7 @@ from palpate.validation.judging.judge import exit_code, judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.html import write_report
 from palpate.validation.report.table_one import StateTable, state_table
-from palpate.validation.run_folder import MARK
+from palpate.validation.run_folder import RESULTS
 
 
 def judge_and_report(
@@ -26,7 +26,7 @@ def judge_and_report(
     write_report([result], folder)
     (folder / "summary.md").write_text(outputs.summary_markdown([result]), encoding="utf-8")
     text = outputs.results_json([result], str(result.provenance["palpate"]))
-    (folder / MARK).write_text(text, encoding="utf-8")
+    (folder / RESULTS).write_text(text, encoding="utf-8")
     console.print(rich_state_table(state_table(result)))
     outputs.print_results([result], console)
     return result

@@ -36,7 +36,7 @@ from palpate.validation.report.study_page import (
     StudyTable,
     write_study_page,
 )
-from palpate.validation.run_folder import MARK
+from palpate.validation.run_folder import RESULTS
 from palpate.validation.simulators import CandidateFailedError, adapters
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.states import Verdict
@@ -254,7 +254,7 @@ def _write(
         },
         indent=1,
     )
-    (folder / MARK).write_text(text + "\n", encoding="utf-8")
+    (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
     for line in table:
         console.print("  ".join(line), markup=False, soft_wrap=True)
     for finding in findings:

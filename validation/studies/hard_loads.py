@@ -24,7 +24,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.validation.case import load_case
-from palpate.validation.run_folder import MARK
+from palpate.validation.run_folder import RESULTS
 
 BODIES = ("kidney", "beam")
 PLAIN_STEPS = (1, 10)
@@ -72,7 +72,7 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     text = json.dumps(
         {"study": "hard-loads", "summary": summary, "trials": [asdict(t) for t in trials]}, indent=1
     )
-    (folder / MARK).write_text(text + "\n", encoding="utf-8")
+    (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
     for t in trials:
         plain = " ".join(f"{p:14}" for p in t.plain)
         line = f"{t.body:7} {t.kind:9} {t.strength:6g}  {t.reference:10} {plain} {t.diagnosis}"

@@ -25,7 +25,7 @@ from palpate.fastsim.errors import RelaxationFailedError
 from palpate.fastsim.newton import Iteration, Newton
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
-from palpate.validation.run_folder import MARK
+from palpate.validation.run_folder import RESULTS
 from palpate.validation.studies.beam import scaled
 
 CASES = ("kidney", "beam")
@@ -88,7 +88,7 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     text = json.dumps(
         {"study": "iterations", "faults": faults, "curves": [_plain(c) for c in curves]}, indent=1
     )
-    (folder / MARK).write_text(text + "\n", encoding="utf-8")
+    (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
     for row in [_COLUMNS, *map(_row, curves)]:
         line = "  ".join(f"{cell:>{w}}" for cell, w in zip(row, _WIDTHS, strict=True))
         console.print(line, markup=False, soft_wrap=True)

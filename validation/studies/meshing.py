@@ -36,7 +36,7 @@ from palpate.validation.report.study_page import (
     gravest,
     write_study_page,
 )
-from palpate.validation.run_folder import MARK
+from palpate.validation.run_folder import RESULTS
 from palpate.validation.states import Verdict
 from palpate.validation.studies.meshing_picture import draw
 
@@ -104,7 +104,7 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         "findings": [asdict(f) for f in findings],
         "meshes": [asdict(row) for row in rows],
     }
-    (folder / MARK).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    (folder / RESULTS).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     for f in findings:
         console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
     return _CODES[gravest(findings)]

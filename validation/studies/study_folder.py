@@ -21,7 +21,7 @@ from palpate.validation.report.study_page import (
     gravest,
     write_study_page,
 )
-from palpate.validation.run_folder import MARK
+from palpate.validation.run_folder import RESULTS
 from palpate.validation.states import Verdict
 
 CODES = {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}
@@ -79,7 +79,7 @@ def leave_study(
     )
     document = {"study": name, "findings": [asdict(f) for f in findings], **numbers}
     text = json.dumps(document, indent=1, allow_nan=False)
-    (folder / MARK).write_text(text + "\n", encoding="utf-8")
+    (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
     for f in findings:
         console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
     return CODES[gravest(findings)]

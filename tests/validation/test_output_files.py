@@ -1,0 +1,161 @@
+"""No verb writes over what it reads, nor two results into one file; told before the solving."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.files import write_mesh, write_surface
+from palpate.meshes.kidney import shape_kidney
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case import load_case
+from palpate.validation.cli import main
+from palpate.validation.output_files import OutputError, input_files, require_outputs
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def palpate(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], project: Path
+) -> Run:
+    """Run the command line in the project's folder; exit code and standard error."""
+
+    def run(*words: object) -> tuple[int, str]:
+        monkeypatch.chdir(project)
+        monkeypatch.setattr("sys.argv", ["palpate", *map(str, words)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        assert isinstance(caught.value.code, int)
+        return caught.value.code, capsys.readouterr().err
+
+    return run
+
+
+@pytest.fixture
+def project(tmp_path: Path, write_case: Callable[..., Path]) -> Path:
+    """A case on a mesh file, with a reference, an answer and links to some of them."""
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    write_case((shape, 'mesh = "body.vtu"'))
+    mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0))
+    write_mesh(tmp_path / "body.vtu", mesh)
+    write_surface(tmp_path / "organ.msh", shape_kidney(edge_length=14e-3))
+    np.savez(tmp_path / "answer.npz", displacement=np.zeros(mesh.points.shape))
+    (tmp_path / "references").mkdir()
+    (tmp_path / "references" / "block.npz").write_bytes(b"accepted with a reason")
+    (tmp_path / "old.json").write_text('{"schema": 1, "palpate": "0", "cases": []}', encoding="utf-8")
+    (tmp_path / "mysim.py").write_text("my work", encoding="utf-8")
+    (tmp_path / "soft").symlink_to("block.toml")
+    os.link(tmp_path / "block.toml", tmp_path / "hard")
+    (tmp_path / "sub").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    return tmp_path
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "gate block.toml --json block.toml",
+        "gate block.toml --junit body.vtu",
+        "gate block.toml --summary references/block.npz",
+        "gate block.toml --json sub/../block.toml",
+        "gate block.toml --json soft",
+        "gate block.toml --json hard",
+        "gate block.toml --since old.json --json old.json",
+        "gate block.toml --json mysim.py --simulator 'python mysim.py {case} {result}'",
+        "gate block.toml --json x --junit x",
+        "gate block.toml --json x --junit sub/../x",
+        "gate block.toml --json nowhere/x",
+        "gate block.toml --json sub",
+        "gate block.toml --json pipe",
+        "gate block.toml --metamorphic --json block.toml",
+        "solve block.toml -o body.vtu",
+        "compare block.toml answer.npz --json answer.npz",
+        "compare block.toml answer.npz --json block.toml",
+        "audit block.toml answer.npz --json answer.npz",
+        "audit block.toml answer.npz --cells body.vtu",
+        "audit block.toml answer.npz --cells x.vtu --json ./x.vtu",
+        "mesh organ.msh -o organ.msh",
+        "export block.toml -o .",
+        "export block.toml -o mysim.py",
+        "bench delaunay --json nowhere/x.json",
+        "report block.toml -o .",
+        "report block.toml -o sub/..",
+        "study kidney -o .",
+    ],
+)
+def test_an_output_over_an_input_or_another_is_refused_and_nothing_is_touched(
+    palpate: Run, project: Path, words: str
+) -> None:
+    before = everything(project)
+    code, told = palpate(*shlex.split(words))
+    assert code == 2, told
+    assert "name" in told or "make it first" in told or "give each its own" in told
+    assert "strain" not in told  # nothing was solved
+    assert everything(project) == before
+    assert (project / "soft").is_symlink()
+
+
+def test_the_projects_own_folder_with_results_in_it_is_never_swapped(
+    palpate: Run, project: Path
+) -> None:
+    """What lost a user's case: a gate's results.json beside it made its folder look like a run."""
+    (project / "results.json").write_text('{"palpate": "0.1.0", "cases": []}', encoding="utf-8")
+    before = everything(project)
+    for where in (".", project, project / "sub" / ".."):
+        code, told = palpate("report", "block.toml", "-o", where)
+        assert (code, "current folder" in told) == (2, True), told
+    assert everything(project) == before
+
+
+def test_outputs_that_are_new_are_written_and_a_link_stays_a_link(
+    palpate: Run, project: Path
+) -> None:
+    (project / "latest.vtu").symlink_to("sub/u.vtu")
+    code, told = palpate("solve", "block.toml", "-o", "latest.vtu")
+    assert code == 0, told
+    assert (project / "latest.vtu").is_symlink()
+    assert (project / "sub" / "u.vtu").is_file()
+    for _ in range(2):  # an exported case may be written again
+        assert palpate("export", "block.toml", "-o", "case")[0] == 0
+    (project / "case" / "case.json").write_text(json.dumps({"mine": 1}), encoding="utf-8")
+    code, told = palpate("export", "block.toml", "-o", "case")
+    assert (code, "no exported case's" in told) == (2, True)
+
+
+def test_every_file_of_a_case_is_an_input(project: Path, write_case: Callable[..., Path]) -> None:
+    files = {path.name for path in input_files([load_case(project / "block.toml")], "old.json")}
+    assert files == {"block.toml", "body.vtu", "block.npz", "block.pending.npz", "old.json"}
+    tool = (
+        '[tool]\nshape = "surface"\nsurface = "organ.msh"\n'
+        "pose = [{ time = 0.0, position = [0.0, 0.0, 0.0] }]\n\n[[support]]"
+    )
+    path = write_case(("[[support]]", tool), name="pushed.toml")
+    assert {p.name for p in load_case(path).files} == {"pushed.toml", "organ.msh"}
+
+
+def test_paths_that_cannot_be_are_input_errors(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    for bad in (tmp_path / "loop", tmp_path / "a\0b", tmp_path / "loop" / "x"):
+        with pytest.raises(OutputError):
+            require_outputs({"--json": bad})
+
+
+def test_two_cases_of_one_name_are_refused(palpate: Run, project: Path) -> None:
+    (project / "sub" / "block.toml").write_bytes((project / "block.toml").read_bytes())
+    for verb in (["gate"], ["report", "-o", "out"]):
+        code, told = palpate(*verb, "block.toml", "sub/block.toml")
+        assert code == 2
+        assert "case 'block' is given by block.toml and sub/block.toml" in told
+        code, told = palpate(*verb, "block.toml", "block.toml")
+        assert (code, "twice" in told) == (2, True)

@@ -1,0 +1,135 @@
+"""Where outputs may go: never over an input, never over each other; known before the solving."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+from palpate.meshes.errors import InputError
+from palpate.validation.case import Case
+from palpate.validation.exchange.case_folder import FILES, is_case_folder
+from palpate.validation.references.stored import accepted_path, pending_path
+
+# What a path leads to: the file itself where it exists, however it is spelled.
+Identity: TypeAlias = tuple[int, int] | str
+
+
+class OutputError(InputError):
+    """An output that would overwrite something, or cannot be written; `.path` names it."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path = path
+        super().__init__(f"{path}: {reason}")
+
+
+def require_outputs(
+    outputs: Mapping[str, Path | None], *, inputs: Iterable[str | Path] = ()
+) -> None:
+    """Refuse output files that would overwrite an input or each other, or cannot be written.
+
+    Args:
+        outputs: By the option that names each; None where it was not given.
+        inputs: Files that the run reads.
+
+    Raises:
+        OutputError: One of them does; nothing was touched.
+    """
+    read = {identity(path): Path(path) for path in inputs}
+    written: dict[Identity, str] = {}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        _require_writable(path)
+        file = identity(path)
+        if file in read:
+            raise OutputError(
+                path, f"{option} would overwrite an input ({read[file]}); name another file"
+            )
+        if file in written:
+            raise OutputError(
+                path, f"{option} and {written[file]} name one file; give each its own"
+            )
+        written[file] = option
+
+
+def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a folder for `write_case_folder` whose files are not an exported case's.
+
+    Args:
+        folder: Not there yet, or without files of those names, or with an exported case.
+        inputs: Files that the run reads; the folder may hold none of them.
+
+    Raises:
+        OutputError: A file, a folder with an input, or with files of those names.
+    """
+    identity(folder)
+    real = Path(os.path.realpath(folder))
+    if real.exists() and not real.is_dir():
+        raise OutputError(folder, "is a file; name a folder for the case")
+    for file in inputs:
+        if os.path.lexists(file) and Path(os.path.realpath(file)).parent == real:
+            raise OutputError(folder, f"holds {file}, which is read; name a folder of its own")
+    taken = [name for name in FILES if os.path.lexists(real / name)]
+    if taken and not is_case_folder(real):
+        raise OutputError(
+            folder, f"has files that are no exported case's ({', '.join(taken)}); name another"
+        )
+
+
+def input_files(
+    cases: Sequence[Case], *others: str | Path | None, command: str | None = None
+) -> list[Path]:
+    """What a run reads: case files with their meshes and references, and more.
+
+    Args:
+        cases: That are judged or solved.
+        others: Further files; None is left out.
+        command: Of a simulator: every word of it that is a file here.
+    """
+    files = [file for case in cases for file in case.files]
+    for case in cases:
+        beside = None if case.is_builtin else case.folder
+        files += [accepted_path(case.name, beside), pending_path(case.name, beside)]
+    files += [Path(other) for other in others if other is not None]
+    try:
+        words = shlex.split(command or "")
+    except ValueError:
+        words = []  # whoever runs it tells what is wrong with it
+    return files + [Path(word) for word in words if os.path.isfile(word)]  # noqa: PTH113
+
+
+def identity(path: str | Path) -> Identity:
+    """The same for every spelling of a path and every link to a file.
+
+    Raises:
+        OutputError: A path that no file can have.
+    """
+    try:
+        real = os.path.realpath(path)
+    except ValueError as error:  # a NUL in it
+        raise OutputError(Path(path), f"no file can have this name ({error})") from error
+    try:
+        status = os.stat(real)  # noqa: PTH116
+    except OSError:
+        return real
+    return status.st_dev, status.st_ino
+
+
+def _require_writable(path: Path) -> None:
+    identity(path)  # refuses what cannot be a path
+    real = Path(os.path.realpath(path))
+    if real.is_symlink():
+        raise OutputError(path, "is a link that leads nowhere but to itself; name another file")
+    if real.is_dir():
+        raise OutputError(path, "is a folder; name a file in it")
+    if real.exists() and not real.is_file():
+        raise OutputError(path, "is a device or a pipe; name a plain file")
+    if not real.parent.is_dir():
+        raise OutputError(path, f"there is no folder {path.parent}; make it first")
+    if not os.access(real.parent, os.W_OK | os.X_OK):
+        raise OutputError(path, f"{path.parent} cannot be written; name a file elsewhere")
+    if real.exists() and not os.access(real, os.W_OK):
+        raise OutputError(path, "may not be written; name another file")
