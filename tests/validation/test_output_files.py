@@ -49,7 +49,8 @@ def project(tmp_path: Path, write_case: Callable[..., Path]) -> Path:
     np.savez(tmp_path / "answer.npz", displacement=np.zeros(mesh.points.shape))
     (tmp_path / "references").mkdir()
     (tmp_path / "references" / "block.npz").write_bytes(b"accepted with a reason")
-    (tmp_path / "old.json").write_text('{"schema": 1, "palpate": "0", "cases": []}', encoding="utf-8")
+    accepted = '{"schema": 1, "palpate": "0", "cases": []}'
+    (tmp_path / "old.json").write_text(accepted, encoding="utf-8")
     (tmp_path / "mysim.py").write_text("my work", encoding="utf-8")
     (tmp_path / "soft").symlink_to("block.toml")
     os.link(tmp_path / "block.toml", tmp_path / "hard")
