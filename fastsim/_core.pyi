@@ -18,27 +18,24 @@ class SolveStatus(Enum):
     negative_curvature = 1
     iteration_limit = 2
 
-class Solid:
-    @staticmethod
-    def make(points: NDArray[np.float64], cells: NDArray[np.int32]) -> Solid: ...
-    def internal_force(
+class ElasticBody:
+    def __init__(
         self,
-        displacement: NDArray[np.float64],
+        points: NDArray[np.float64],
+        cells: NDArray[np.int32],
         lmbda: float,
         mu: float,
         strain: StrainMeasure,
-        force: NDArray[np.float64],
     ) -> None: ...
-    def strain_energy(
-        self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
-    ) -> float: ...
-    def det_f(self, displacement: NDArray[np.float64], out: NDArray[np.float64]) -> None: ...
-    def assemble_tangent(
-        self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
-    ) -> None: ...
-    def assemble_secant(
-        self, displacement: NDArray[np.float64], lmbda: float, mu: float, strain: StrainMeasure
-    ) -> None: ...
+    def shape_gradients(self) -> NDArray[np.float64]: ...
+    def displacement_gradients(
+        self, displacement: NDArray[np.float64]
+    ) -> NDArray[np.float64]: ...
+    def internal_force(self, displacement: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def strain_energy(self, displacement: NDArray[np.float64]) -> float: ...
+    def det_f(self, displacement: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def assemble_tangent(self, displacement: NDArray[np.float64]) -> None: ...
+    def assemble_secant(self, displacement: NDArray[np.float64]) -> None: ...
     def add_pressure_tangent(
         self,
         displaced_points: NDArray[np.float64],
@@ -48,34 +45,18 @@ class Solid:
     def add_diagonal_blocks(
         self, points: NDArray[np.int32], blocks: NDArray[np.float64]
     ) -> None: ...
-    def absolute_row_sums(self, sums: NDArray[np.float64]) -> None: ...
-    def multiply_tangent(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None: ...
+    def absolute_row_sums(self) -> NDArray[np.float64]: ...
+    def multiply(self, x: NDArray[np.float64]) -> NDArray[np.float64]: ...
     def build_multigrid(self, is_free: NDArray[np.uint8]) -> int: ...
-    def apply_multigrid(self, b: NDArray[np.float64], x: NDArray[np.float64]) -> None: ...
-    def solve_tangent(
+    def apply_multigrid(self, b: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def solve(
         self,
         b: NDArray[np.float64],
         is_free: NDArray[np.uint8],
         absolute_tolerance: float,
         max_iterations: int,
         uses_multigrid: bool,
-        x: NDArray[np.float64],
-    ) -> tuple[SolveStatus, int, float]: ...
-    def central_difference(
-        self,
-        lmbda: float,
-        mu: float,
-        strain: StrainMeasure,
-        lumped_mass: NDArray[np.float64],
-        external_force: NDArray[np.float64],
-        is_free: NDArray[np.uint8],
-        time_step: float,
-        mass_damping: float,
-        displacement_limit: float,
-        num_steps: int,
-        displacement: NDArray[np.float64],
-        previous: NDArray[np.float64],
-    ) -> tuple[int, bool]: ...
+    ) -> tuple[NDArray[np.float64], SolveStatus, int]: ...
 
 class BisectedMesh:
     def __init__(
@@ -247,13 +228,41 @@ class SizeGrid:
     ) -> None: ...
     def at(self, places: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
+class RemeshedSurface:
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def facets(self) -> NDArray[np.int32]: ...
+    distance: float
+    splits: int
+    collapses: int
+    flips: int
+    moves: int
+
 def remesh_surface(
     points: NDArray[np.float64],
     facets: NDArray[np.int32],
     sizes: SizeGrid,
     distance: float,
     passes: int,
-) -> tuple[NDArray[np.float64], NDArray[np.int32], float, int, int, int, int]: ...
+) -> RemeshedSurface: ...
+
+class SurfaceMesh:
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def cells(self) -> NDArray[np.int32]: ...
+    missing_edges: list[list[int]]
+    missing_facets: list[int]
+    equal_points: list[int]
+    recovered_edges: int
+    recovered_facets: int
+    sliver_flips: int
+    sliver_moves: int
+    sliver_insertions: int
+    steiner_points: int
+    boundary_steiner_points: int
+
 def mesh_surface(
     points: NDArray[np.float64],
     facets: NDArray[np.int32],
@@ -265,14 +274,7 @@ def mesh_surface(
     sliver_target: float,
     sliver_passes: int,
     sizes: SizeGrid,
-) -> tuple[
-    NDArray[np.float64],
-    NDArray[np.int32],
-    NDArray[np.int32],
-    list[int],
-    list[int],
-    list[int],
-]: ...
+) -> SurfaceMesh: ...
 
 class InstructionSet(Enum):
     baseline = 0

@@ -18,13 +18,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Histories, smooth_ramp
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
-from palpate.fastsim.forces import STRAIN_MEASURE, constraints, lame_parameters, only_material
+from palpate.fastsim.forces import constraints
 from palpate.fastsim.newton import rounding_error
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
@@ -125,7 +125,7 @@ def relax(
             steps=run.steps,
             relative_residual=residual,
             history=tuple(run.history),
-            smallest_det_f=run.smallest_det_f(displacement),
+            smallest_det_f=run.body.smallest_det_f(displacement)[0],
             starts=start,
             tool_forces=run.tool_forces,
         )
@@ -159,7 +159,7 @@ class _Relaxation:
         self._tolerance = relative_tolerance
         self._num_threads = num_threads
         self._is_free = constraints(problem)[0].astype(bool)
-        self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
+        self.body = Body.of(problem, strain)
         self._bound = self._gershgorin()
         self._contact = contact
         self.tool_forces = np.zeros((len(problem.tools), 3))
@@ -243,11 +243,6 @@ class _Relaxation:
             clock=lambda steps: first + span * np.array([ramp(float(s)) for s in steps]),
         )
 
-    def smallest_det_f(self, displacement: Points) -> float:
-        values = np.empty(self._problem.mesh.num_cells)
-        self._solid.det_f(displacement, values)
-        return float(values.min())
-
     def _scale(self, body: ExplicitBody, force: Points) -> float:
         """Norm of the load; of the reactions where supports move, or nothing else pushes."""
         scale = float(np.linalg.norm(body.load()))
@@ -258,10 +253,6 @@ class _Relaxation:
 
     def _gershgorin(self) -> Points:
         """Masses for which omega_max <= 2 at rest, the largest of each point's three."""
-        rest = np.zeros_like(self.last_good)
-        measure = STRAIN_MEASURE[self._strain]
-        self._solid.assemble_tangent(rest, *lame_parameters(only_material(self._problem)), measure)
-        sums = np.empty_like(rest)
-        self._solid.absolute_row_sums(sums)
-        bound: Points = 0.25 * sums.max(axis=1)
+        self.body.core.assemble_tangent(np.zeros_like(self.last_good))
+        bound: Points = 0.25 * self.body.core.absolute_row_sums().max(axis=1)
         return bound

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import Amplitudes, Histories
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools, ToolTrack
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.fastsim.forces import checked_displacement, lumped_mass, only_material
-from palpate.fastsim.time_steps import critical_time_step, sharp_critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -24,7 +23,6 @@ __all__ = [
     "DynamicResult",
     "Energies",
     "Precision",
-    "critical_time_step",
     "simulate",
 ]
 
@@ -134,8 +132,8 @@ def simulate(
         raise InputError("a dynamic run needs a time span; add [time] to the case")
     if num_threads < 1:
         raise InputError(f"num_threads = {num_threads}: needs at least 1")
-    critical = sharp_critical_time_step(mesh, only_material(problem), strain=strain)
-    mass = lumped_mass(mesh, problem.material.density)
+    elastic = Body.of(problem, strain)
+    critical, mass = elastic.critical_time_step(), elastic.lumped_mass
     tools = None
     if problem.tools:
         tools = ExplicitTools(
@@ -174,8 +172,8 @@ def simulate(
     )
     zero = np.zeros_like(mesh.points)
     body.start(
-        checked_displacement(mesh, zero if displacement is None else displacement),
-        checked_displacement(mesh, zero if velocity is None else velocity),
+        elastic.checked(zero if displacement is None else displacement),
+        elastic.checked(zero if velocity is None else velocity),
     )
     states, rows = [body.displacement[None].copy()], [np.zeros((1, 3))]
     done = 0
@@ -228,5 +226,5 @@ def _outputs(
 
 
 def _energies(body: ExplicitBody, displacements: Points, rows: Points) -> Energies:
-    strain = np.array([body.strain_energy(u) for u in displacements])
+    strain = np.array([body.elastic.strain_energy(u) for u in displacements])
     return Energies(strain, *rows.T)

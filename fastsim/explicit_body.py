@@ -9,19 +9,12 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Histories
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError
-from palpate.fastsim.forces import (
-    STRAIN_MEASURE,
-    constraints,
-    external_force,
-    lame_parameters,
-    lumped_mass,
-    only_material,
-)
+from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure, Support
 from palpate.meshes.errors import InputError
@@ -87,14 +80,9 @@ class ExplicitBody:
         self.tracks_energy = tracks_energy
         self.displacement = np.zeros_like(mesh.points)
         self._increment = np.zeros_like(mesh.points)
-        self._strain = strain
-        self._measure = STRAIN_MEASURE[strain]
-        self._lame = lame_parameters(only_material(problem))
+        self.elastic = Body.of(problem, strain)
         self._damping = mass_damping
-        self._mass = (lumped_mass(mesh, problem.material.density) if mass is None else mass)[
-            :, None
-        ]
-        self._solid = _core.Solid.make(mesh.points, mesh.cells)
+        self._mass = (self.elastic.lumped_mass if mass is None else mass)[:, None]
         self._histories = histories
         self._is_free, self._held, self._held_histories = _moving_constraints(problem, histories)
         kind = _core.ExplicitRun32 if precision is Precision.SINGLE else _core.ExplicitRun64
@@ -103,8 +91,9 @@ class ExplicitBody:
             mesh.cells,
             np.ascontiguousarray(self._mass[:, 0]),
             self._is_free,
-            *self._lame,
-            self._measure,
+            self.elastic.lmbda,
+            self.elastic.mu,
+            self.elastic.measure,
             time_step,
             mass_damping,
             _BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
@@ -141,7 +130,8 @@ class ExplicitBody:
         acceleration = self.force() / self._mass - self._damping * speed
         self._increment = self.dt * speed - 0.5 * self.dt**2 * acceleration
         self._increment[~free] = 0.0
-        energy = self.strain_energy(self.displacement) + 0.5 * float(np.sum(self._mass * speed**2))
+        energy = self.elastic.strain_energy(self.displacement)
+        energy += 0.5 * float(np.sum(self._mass * speed**2))
         self._run.set_state(self.displacement, self._increment, energy)
         self.steps = 0
 
@@ -178,8 +168,8 @@ class ExplicitBody:
         if tools is not None:
             tools.collect(reactions, is_output=is_output)
         # The step looks at the state it starts from: the last one has not been looked at.
-        looks = reason is _core.StopReason.none and self._strain is Strain.GREEN
-        if looks and self.smallest_det_f(self.displacement)[0] <= 0.0:
+        looks = reason is _core.StopReason.none and self.elastic.strain is Strain.GREEN
+        if looks and self.elastic.smallest_det_f(self.displacement)[0] <= 0.0:
             self.displacement -= self._increment
             self.steps -= 1
             reason = _core.StopReason.inverted_cell
@@ -215,26 +205,13 @@ class ExplicitBody:
 
     def force(self) -> Points:
         """Loads minus internal force, F(t) - R(a), at the present state [N]."""
-        internal = np.zeros_like(self.displacement)
-        self._solid.internal_force(self.displacement, *self._lame, self._measure, internal)
-        force: Points = self.load() - internal
+        force: Points = self.load() - self.elastic.internal_force(self.displacement)
         return force
 
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D = mass_damping M from here on [1/s]."""
         self._damping = mass_damping
         self._run.set_mass_damping(mass_damping)
-
-    def strain_energy(self, displacement: Points) -> float:
-        """Integral of psi(F) [J]."""
-        return self._solid.strain_energy(displacement, *self._lame, self._measure)
-
-    def smallest_det_f(self, displacement: Points) -> tuple[float, int]:
-        """Smallest det F and its cell."""
-        values = np.empty(self.problem.mesh.num_cells)
-        self._solid.det_f(displacement, values)
-        cell = int(np.argmin(values))
-        return float(values[cell]), cell
 
     def _held_at(self, time: float) -> Points:
         factors = self._histories.at([time])[0]
@@ -243,7 +220,7 @@ class ExplicitBody:
 
     def _give_loads(self) -> None:
         # Pressure follows the body only where the strain measure knows finite rotations.
-        follows = self._strain is Strain.GREEN
+        follows = self.elastic.strain is Strain.GREEN
         problem, histories = self.problem, self._histories
         external_force(problem)  # names a load that is not finite by its number
         self._dead = np.zeros((len(histories), *problem.mesh.points.shape))
@@ -265,18 +242,14 @@ class ExplicitBody:
 
     def _diagnose(self, reason: _core.StopReason, point: int) -> BlowUpError:
         mesh = self.problem.mesh
-        smallest, cell = self.smallest_det_f(self.displacement)
+        smallest, cell = self.elastic.smallest_det_f(self.displacement)
         if reason is _core.StopReason.inverted_cell:
             # The bad state is one increment ahead of the last good one.
-            cell = self.smallest_det_f(self.displacement + self._increment)[1]
+            cell = self.elastic.smallest_det_f(self.displacement + self._increment)[1]
         elif point >= 0:
             cell = int(np.flatnonzero((mesh.cells == point).any(axis=1))[0])
-        critical = sharp_critical_time_step(
-            mesh,
-            self.problem.material,
-            displacement=self.displacement,
-            strain=self._strain,
-            mass=self._mass[:, 0],
+        critical = self.elastic.critical_time_step(
+            displacement=self.displacement, mass=self._mass[:, 0]
         )
         return BlowUpError(
             _REASONS[reason],

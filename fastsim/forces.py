@@ -1,92 +1,14 @@
-"""Nodal forces, energy and mass of linear tetrahedra: eq. 1-8 of the paper.
-
-f_a = sum over cells of V P grad N_a; engineering strain (eq. 3-4) gives R(a) = K a (eq. 5),
-Green strain (eq. 6-7) gives R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid.
-"""
+"""Loads as nodal forces (the F of eq. 1), and supports as free and held components."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from palpate.fastsim import _core
-from palpate.fastsim.errors import SeveralMaterialsError
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-
-STRAIN_MEASURE = {
-    Strain.LINEAR: _core.StrainMeasure.linear,
-    Strain.GREEN: _core.StrainMeasure.green,
-}
-
-
-def lame_parameters(material: Material) -> tuple[float, float]:
-    """First Lamé parameter and shear modulus [Pa] of an isotropic solid."""
-    E, nu = material.youngs_modulus, material.poissons_ratio
-    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
-
-
-def only_material(problem: Problem) -> Material:
-    """The material of a body that has one.
-
-    Raises:
-        SeveralMaterialsError: It has inclusions: this simulator takes one material.
-    """
-    if problem.inclusions:
-        raise SeveralMaterialsError(
-            len(problem.inclusions), sum(len(one.cells) for one in problem.inclusions)
-        )
-    return problem.material
-
-
-def assemble_internal_force(
-    mesh: TetMesh, displacement: ArrayLike, *, material: Material, strain: Strain = Strain.GREEN
-) -> Points:
-    """Internal force R(a) at the points (eq. 1).
-
-    Args:
-        mesh: Rest mesh [m].
-        displacement: [m], shape (num_points, 3), finite.
-        material: Isotropic solid.
-        strain: Engineering or Green strain.
-
-    Returns:
-        Force [N], shape (num_points, 3); its sum over the points is zero.
-
-    Raises:
-        InputError: Wrong shape or a value that is not finite.
-
-    Note:
-        Green strain softens under compression, from a stretch of 1/sqrt(3) = 0.577 downwards.
-    """
-    u = checked_displacement(mesh, displacement)
-    lmbda, mu = lame_parameters(material)
-    force = np.zeros_like(u)
-    _core.Solid.make(mesh.points, mesh.cells).internal_force(
-        u, lmbda, mu, STRAIN_MEASURE[strain], force
-    )
-    return force
-
-
-def strain_energy(
-    mesh: TetMesh, displacement: ArrayLike, *, material: Material, strain: Strain = Strain.GREEN
-) -> float:
-    """Strain energy [J]: integral of lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume."""
-    u = checked_displacement(mesh, displacement)
-    lmbda, mu = lame_parameters(material)
-    solid = _core.Solid.make(mesh.points, mesh.cells)
-    return float(solid.strain_energy(u, lmbda, mu, STRAIN_MEASURE[strain]))
-
-
-def det_f(mesh: TetMesh, displacement: ArrayLike) -> Points:
-    """Volume over rest volume of each cell [-], shape (num_cells,); <= 0 if inverted."""
-    u = checked_displacement(mesh, displacement)
-    out = np.empty(mesh.num_cells)
-    _core.Solid.make(mesh.points, mesh.cells).det_f(u, out)
-    return out
 
 
 def external_force(problem: Problem, displacement: Points | None = None) -> Points:
@@ -107,8 +29,7 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
     for number, load in enumerate(problem.loads, start=1):
         match load:
             case Traction():
-                share = _area_vectors(mesh.points, load.facets)
-                areas = np.linalg.norm(share, axis=1)
+                areas = np.linalg.norm(_area_vectors(mesh.points, load.facets), axis=1)
                 corner = areas[:, None] * np.asarray(load.traction) / 3.0
                 for k in range(3):
                     np.add.at(force, load.facets[:, k], corner)
@@ -120,8 +41,8 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
             case PointForce():
                 np.add.at(force, load.points, load.forces)
             case BodyForce():
-                share = signed_volumes(mesh.points, mesh.cells)[:, None] / 4.0
-                corner = share * np.asarray(load.force_density)
+                quarter = signed_volumes(mesh.points, mesh.cells)[:, None] / 4.0
+                corner = quarter * np.asarray(load.force_density)
                 for k in range(4):
                     np.add.at(force, mesh.cells[:, k], corner)
         if not np.isfinite(force).all():
@@ -129,21 +50,12 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
     return force
 
 
-def lumped_mass(mesh: TetMesh, density: float) -> Points:
-    """Diagonal mass matrix: a quarter of each cell's mass to its corners [kg], (num_points,)."""
-    mass = np.zeros(mesh.num_points)
-    share = density * signed_volumes(mesh.points, mesh.cells) / 4.0
-    for k in range(4):
-        np.add.at(mass, mesh.cells[:, k], share)
-    return mass
-
-
-def lumped_areas(mesh: TetMesh, facets: np.ndarray[tuple[int, ...], np.dtype[np.int32]]) -> Points:
+def lumped_areas(mesh: TetMesh, facets: Indices) -> Points:
     """A third of the rest area of each of these facets to its corners [m2], (num_points,)."""
     areas = np.zeros(mesh.num_points)
-    share = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
+    third = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
     for k in range(3):
-        np.add.at(areas, facets[:, k], share)
+        np.add.at(areas, facets[:, k], third)
     return areas
 
 
@@ -174,22 +86,7 @@ def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[
     return is_free, held
 
 
-def checked_displacement(mesh: TetMesh, displacement: ArrayLike) -> Points:
-    """Return a displacement as a C-ordered float64 array of the mesh's shape, finite."""
-    u = np.ascontiguousarray(displacement, dtype=np.float64)
-    if u.shape != mesh.points.shape:
-        raise InputError(
-            f"displacement has shape {u.shape}, the mesh has points {mesh.points.shape}"
-        )
-    if not np.isfinite(u).all():
-        bad = int(np.flatnonzero(~np.isfinite(u).all(axis=1))[0])
-        raise InputError(f"displacement of point {bad} is NaN or infinite")
-    return u
-
-
-def _area_vectors(
-    points: Points, facets: np.ndarray[tuple[int, ...], np.dtype[np.int32]]
-) -> Points:
+def _area_vectors(points: Points, facets: Indices) -> Points:
     a, b, c = (points[facets[:, k]] for k in range(3))
     vectors: Points = 0.5 * np.cross(b - a, c - a)
     return vectors

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.fastsim.body import Body
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 # Inverse iterations for the softest direction, whose ratio falls apart from the next near a limit.
@@ -42,28 +42,28 @@ class Softening:
     stretched_cell: int
 
 
-def smallest_stretches(mesh: TetMesh, displacement: Points) -> Points:
+def smallest_stretches(body: Body, displacement: Points) -> Points:
     """Smallest principal stretch of each cell [-], shape (num_cells,): sqrt of C's eigenvalue."""
-    F = _deformation_gradients(mesh, displacement)
+    F = body.displacement_gradients(displacement) + np.eye(3)
     C = F.transpose(0, 2, 1) @ F
     stretches: Points = np.sqrt(np.maximum(np.linalg.eigvalsh(C)[:, 0], 0.0))
     return stretches
 
 
 def find_softening(
-    problem: Problem, displacement: Points, solve: Callable[[Points], Points | None]
+    body: Body, displacement: Points, solve: Callable[[Points], Points | None]
 ) -> Softening:
     """Measure how far a body has softened at an equilibrium.
 
     Args:
-        problem: Mesh and material.
+        body: Mesh, material and strain.
         displacement: The equilibrium [m], shape (num_points, 3).
         solve: K x = b with the held components of x zero; None where K is not positive definite.
     """
-    mesh = problem.mesh
-    stretches = smallest_stretches(mesh, displacement)
+    mesh = body.mesh
+    stretches = smallest_stretches(body, displacement)
     stretched = int(np.argmin(stretches))
-    form = _MaterialStiffness(problem.mesh, problem.material, displacement)
+    form = _MaterialStiffness(body, displacement)
     right_side = form.times(smooth_direction(mesh))
     stiffness, mode = -1.0, None
     for _ in range(_ITERATIONS):
@@ -96,52 +96,30 @@ def smooth_direction(mesh: TetMesh) -> Points:
 class _MaterialStiffness:
     """K_m x = sum of V F (D : sym(F^T grad x)) grad N, cell by cell."""
 
-    def __init__(self, mesh: TetMesh, material: Material, displacement: Points) -> None:
-        E, nu = material.youngs_modulus, material.poissons_ratio
-        self._lmbda = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
-        self._mu = E / (2.0 * (1.0 + nu))
-        self._mesh = mesh
-        self._volumes = signed_volumes(mesh.points, mesh.cells)
-        self._gradients = _rest_gradients(mesh)
-        self._F = _deformation_gradients(mesh, displacement)
+    def __init__(self, body: Body, displacement: Points) -> None:
+        self._body = body
+        self._F = body.displacement_gradients(displacement) + np.eye(3)
+        self._volumes = signed_volumes(body.mesh.points, body.mesh.cells)
 
     def times(self, x: Points) -> Points:
+        cells = self._body.mesh.cells
         strain = self._strain_rates(x)
         trace = np.trace(strain, axis1=1, axis2=2)
-        stress = 2.0 * self._mu * strain + self._lmbda * trace[:, None, None] * np.eye(3)
-        pull = self._volumes[:, None, None] * (self._F @ stress) @ self._gradients
+        stress = 2.0 * self._body.mu * strain
+        stress += self._body.lmbda * trace[:, None, None] * np.eye(3)
+        P = self._volumes[:, None, None] * (self._F @ stress)
         product = np.zeros_like(x)
-        for a in range(3):
-            np.add.at(product, self._mesh.cells[:, a + 1], pull[:, :, a])
-        np.add.at(product, self._mesh.cells[:, 0], -pull.sum(axis=2))
+        np.add.at(product, cells, self._body.shape_gradients @ P.transpose(0, 2, 1))
         return product
 
     def densities(self, x: Points) -> Points:
         strain = self._strain_rates(x)
         trace = np.trace(strain, axis1=1, axis2=2)
-        values: Points = self._lmbda * trace**2 + 2.0 * self._mu * (strain**2).sum(axis=(1, 2))
+        squares = (strain**2).sum(axis=(1, 2))
+        values: Points = self._body.lmbda * trace**2 + 2.0 * self._body.mu * squares
         return values
 
     def _strain_rates(self, x: Points) -> Points:
-        product = self._F.transpose(0, 2, 1) @ _gradients_of(self._mesh, self._gradients, x)
+        product = self._F.transpose(0, 2, 1) @ self._body.displacement_gradients(x)
         rates: Points = 0.5 * (product + product.transpose(0, 2, 1))
         return rates
-
-
-def _rest_gradients(mesh: TetMesh) -> Points:
-    """Inverse of the edge matrix, columns edge 1 to 3: row a is grad N_a; stored transposed."""
-    edges = mesh.points[mesh.cells[:, 1:]] - mesh.points[mesh.cells[:, :1]]
-    gradients: Points = np.linalg.inv(edges)
-    return gradients
-
-
-def _gradients_of(mesh: TetMesh, gradients: Points, x: Points) -> Points:
-    differences = x[mesh.cells[:, 1:]] - x[mesh.cells[:, :1]]
-    # H_ij = sum over a of dx_a,i dN_a/dX_j; `gradients` holds dN_a/dX_j at [j, a].
-    H: Points = np.einsum("cai,cja->cij", differences, gradients)
-    return H
-
-
-def _deformation_gradients(mesh: TetMesh, displacement: Points) -> Points:
-    F: Points = _gradients_of(mesh, _rest_gradients(mesh), displacement) + np.eye(3)
-    return F

@@ -233,7 +233,7 @@ def mesh_surface_with_report(
     for attempt, (shift, clearance, share) in enumerate(_ATTEMPTS, start=1):
         if progress:
             progress(f"meshing {len(facets)} facets, edge length {size:.3g} m, try {attempt}")
-        out_points, cells, edges, lost, twins, counts = _core.mesh_surface(
+        made = _core.mesh_surface(
             points,
             facets,
             kind,
@@ -245,21 +245,28 @@ def mesh_surface_with_report(
             20 if improve else 0,
             sizes,
         )
-        if twins[0] >= 0:
-            raise DuplicatePointError(int(used[twins[0]]), int(used[twins[1]]))
-        if len(cells) == 0:
-            failure = BoundaryRecoveryError(lost, [(int(used[a]), int(used[b])) for a, b in edges])
+        if made.equal_points[0] >= 0:
+            raise DuplicatePointError(*(int(used[point]) for point in made.equal_points))
+        if len(made.cells) == 0:
+            edges = [(int(used[a]), int(used[b])) for a, b in made.missing_edges]
+            failure = BoundaryRecoveryError(made.missing_facets, edges)
             continue
         try:
-            mesh = TetMesh(out_points, cells)
+            mesh = TetMesh(made.points, made.cells)
         except InvertedCellError as error:
             failure = FlatCellError(error.cells)
             continue
-        recovered_edges, recovered_facets, flips, moves, new, steiner, steiner_left = counts
         report = MeshingReport(
-            recovered_edges, recovered_facets, flips, moves, new, steiner, steiner_left, attempt
+            made.recovered_edges,
+            made.recovered_facets,
+            made.sliver_flips,
+            made.sliver_moves,
+            made.sliver_insertions,
+            made.steiner_points,
+            made.boundary_steiner_points,
+            attempt,
         )
-        if steiner_left == 0:
+        if made.boundary_steiner_points == 0:
             _require_boundary(facets, mesh)
             return mesh, report
         if second_best is None:

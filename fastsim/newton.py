@@ -9,13 +9,8 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.forces import (
-    STRAIN_MEASURE,
-    constraints,
-    external_force,
-    lame_parameters,
-    only_material,
-)
+from palpate.fastsim.body import Body
+from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.limit_point import smooth_direction
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
@@ -62,7 +57,7 @@ class NewtonOutcome:
 
 
 class Newton:
-    """Newton-Raphson on one problem; keeps the core's solid and the counts.
+    """Newton-Raphson on one problem; keeps the body and the counts.
 
     Args:
         problem: Mesh, material, supports and loads.
@@ -87,14 +82,11 @@ class Newton:
         self.problem = problem
         self.is_guarded = is_guarded
         self.iteration = iteration
-        self.strain = strain
+        self.body = Body.of(problem, strain)
         self.tolerance = relative_tolerance
         self.max_iterations = max_iterations
         self.iterations = 0
         self.linear_iterations = 0
-        self._measure = STRAIN_MEASURE[strain]
-        self._lmbda, self._mu = lame_parameters(only_material(problem))
-        self._solid = _core.Solid.make(problem.mesh.points, problem.mesh.cells)
         self._is_free, self._held = constraints(problem)
         self._uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
         self._is_stale = True
@@ -104,13 +96,6 @@ class Newton:
         self._follows = strain is Strain.GREEN and any(
             isinstance(load, Pressure) for load in problem.loads
         )
-
-    def smallest_det_f(self, displacement: Points) -> tuple[float, int]:
-        """Smallest det F and its cell."""
-        values = np.empty(self.problem.mesh.num_cells)
-        self._solid.det_f(displacement, values)
-        cell = int(np.argmin(values))
-        return float(values[cell]), cell
 
     def solve(self, start: Points, factor: float) -> NewtonOutcome:
         """Equilibrium at a load factor, from the equilibrium at a smaller one."""
@@ -125,9 +110,7 @@ class Newton:
             self._assemble_tangent(displacement, factor)
             right_side = residual
             if np.any(jump):
-                through = np.empty_like(jump)
-                self._solid.multiply_tangent(jump, through)
-                right_side = residual - through
+                right_side = residual - self.body.core.multiply(jump)
             step, reason = self._linear_solve(np.where(free, right_side, 0.0), history)
             if step is None:
                 outcome.reason = reason
@@ -173,7 +156,7 @@ class Newton:
         Symmetric loads leave symmetric residuals, which never meet the direction in which a
         column buckles: conjugate gradients are given a direction without symmetry.
         """
-        if self.strain is Strain.LINEAR or self._follows or self.iteration is Iteration.SECANT:
+        if self.body.strain is Strain.LINEAR or self._follows or self.iteration is Iteration.SECANT:
             return True
         direction = np.where(self._is_free != 0, smooth_direction(self.problem.mesh), 0.0)
         return self._linear_solve(direction, [1.0])[0] is not None
@@ -182,9 +165,7 @@ class Newton:
         """Has the residual [N] stopped falling, at what rounding alone can leave?"""
         if len(history) < 2 or history[-1] <= 0.5 * history[-2]:
             return False
-        sums = np.empty_like(displacement)
-        self._solid.absolute_row_sums(sums)
-        return norm <= rounding_error(sums, displacement)
+        return norm <= rounding_error(self.body.core.absolute_row_sums(), displacement)
 
     def _scale(self, internal: Points, factor: float) -> float:
         """Norm of what drives the problem: the load, and the reactions to moved supports."""
@@ -194,41 +175,39 @@ class Newton:
         return max(scale, float(np.finfo(float).tiny))
 
     def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
-        internal = np.zeros_like(displacement)
-        self._solid.internal_force(displacement, self._lmbda, self._mu, self._measure, internal)
+        internal = self.body.core.internal_force(displacement)
         load = external_force(self.problem, displacement) if self._follows else self._load
         return factor * load - internal, internal
 
     def _assemble_tangent(self, displacement: Points, factor: float) -> None:
         if self.iteration is Iteration.SECANT:
-            self._solid.assemble_secant(displacement, self._lmbda, self._mu, self._measure)
+            self.body.core.assemble_secant(displacement)
         else:
-            self._solid.assemble_tangent(displacement, self._lmbda, self._mu, self._measure)
+            self.body.core.assemble_tangent(displacement)
         if not self._follows:
             return
         displaced = self.problem.mesh.points + displacement
         for load in self.problem.loads:
             if isinstance(load, Pressure):
                 facets = np.ascontiguousarray(load.facets, dtype=np.int32)
-                self._solid.add_pressure_tangent(displaced, facets, factor * load.pressure)
+                self.body.core.add_pressure_tangent(displaced, facets, factor * load.pressure)
 
     def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
         """Solve K x = b; early Newton steps need few digits, the last ones many."""
         norm = float(np.linalg.norm(right_side))
         relative = 0.3 * self.tolerance
-        if self.strain is Strain.GREEN:
+        if self.body.strain is Strain.GREEN:
             # Inexact Newton (Eisenstat and Walker 1996): as many digits as the last step gained,
             # but none beyond the tolerance.
             last = history[-1] if history else 1.0
             enough = 0.3 * self.tolerance / max(last, self.tolerance)
             relative = max(min(1e-2, 0.1 * last), enough)
         if self._uses_multigrid and self._is_stale:
-            self._solid.build_multigrid(self._is_free)
+            self.body.core.build_multigrid(self._is_free)
             self._fresh_cost = None
-        x = np.zeros_like(right_side)
         limit = 20 * self.problem.mesh.num_points + 1000
-        status, iterations, _ = self._solid.solve_tangent(
-            right_side, self._is_free, relative * norm, limit, self._uses_multigrid, x
+        x, status, iterations = self.body.core.solve(
+            right_side, self._is_free, relative * norm, limit, self._uses_multigrid
         )
         self.linear_iterations += iterations
         # Iterations for each digit tell when the multigrid of an earlier tangent has aged.
@@ -255,9 +234,9 @@ class Newton:
             trial = displacement + length * step
             trial_residual, internal = self._residual(trial, factor)
             norm = float(np.linalg.norm(trial_residual[free]))
-            if self.strain is Strain.LINEAR or not self.is_guarded:
+            if self.body.strain is Strain.LINEAR or not self.is_guarded:
                 return trial, trial_residual, internal
-            is_whole = self.smallest_det_f(trial)[0] > 0.0
+            is_whole = bool(self.body.core.det_f(trial).min() > 0.0)
             if is_whole and np.isfinite(norm) and (moves_held or norm <= LARGEST_GROWTH * before):
                 return trial, trial_residual, internal
             length *= 0.5

@@ -16,7 +16,6 @@ import numpy as np
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
-from palpate.fastsim.forces import checked_displacement
 from palpate.fastsim.limit_point import SOFT, find_softening
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS, Iteration, Newton, NewtonOutcome
 from palpate.meshes.arrays import Points
@@ -105,7 +104,7 @@ def solve_static(
     accepted: list[float] = []
     outcome = NewtonOutcome(None)
     if start is not None:
-        outcome = newton.solve(checked_displacement(problem.mesh, start), 1.0)
+        outcome = newton.solve(newton.body.checked(start), 1.0)
         if outcome.displacement is not None:
             displacement, factor = outcome.displacement, 1.0
             accepted.append(1.0)
@@ -128,7 +127,7 @@ def solve_static(
         if progress:
             progress(f"load {target:.4g} not reached ({outcome.reason}); trying smaller steps")
         if strain is Strain.LINEAR or step < SMALLEST_LOAD_STEP:
-            raise _failure(problem, newton, outcome, factor, displacement)
+            raise _failure(newton, outcome, factor, displacement)
     return StaticResult(
         displacement=displacement,
         strain=strain,
@@ -136,7 +135,7 @@ def solve_static(
         linear_iterations=newton.linear_iterations,
         residual_history=tuple(outcome.history),
         load_steps=tuple(accepted),
-        smallest_det_f=newton.smallest_det_f(displacement)[0],
+        smallest_det_f=newton.body.smallest_det_f(displacement)[0],
     )
 
 
@@ -166,13 +165,14 @@ def _with_tools(
 
 
 def _failure(
-    problem: Problem, newton: Newton, outcome: NewtonOutcome, factor: float, displacement: Points
+    newton: Newton, outcome: NewtonOutcome, factor: float, displacement: Points
 ) -> NotConvergedError:
     """Say what is known of the end of the path: a limit of the material, or a failed iteration."""
-    smallest, cell = newton.smallest_det_f(displacement)
+    smallest, cell = newton.body.smallest_det_f(displacement)
     residual = outcome.history[-1] if outcome.history else float("nan")
-    if newton.strain is Strain.GREEN:
-        softening = find_softening(problem, displacement, newton.solver_at(displacement, factor))
+    if newton.body.strain is Strain.GREEN:
+        solver = newton.solver_at(displacement, factor)
+        softening = find_softening(newton.body, displacement, solver)
         if softening.stiffness < SOFT:
             return EquilibriumLostError(
                 outcome.reason,

@@ -28,7 +28,7 @@ from palpate.meshes.tri_surface import TriSurface
 
 # Where the two-way distance comes out too large, or sheets meet, a tighter bound is tried on
 # each step.
-_SHARES = (1.0, 0.5, 0.25, 0.125)
+_PARTS = (1.0, 0.5, 0.25, 0.125)
 _PASSES = 8
 _MOST_PAIRS = 10
 
@@ -105,18 +105,24 @@ def remesh_surface(
     local = None if size_field is None else lambda places: size_field(places + origin)
     sizes = grid_of_sizes(points, size, local)
     best: float | None = None
-    for share in _SHARES:
-        new_points, new_facets, apart, splits, collapses, flips, moves = _core.remesh_surface(
-            points, facets, sizes, share * distance, _PASSES
-        )
-        best = apart if best is None else min(best, apart)
-        if apart > distance or len(_core.find_self_intersections(new_points, new_facets, 1)):
+    for part in _PARTS:
+        made = _core.remesh_surface(points, facets, sizes, part * distance, _PASSES)
+        best = made.distance if best is None else min(best, made.distance)
+        moved, new_facets = made.points, made.facets
+        if made.distance > distance or len(_core.find_self_intersections(moved, new_facets, 1)):
             continue
-        new = TriSurface(new_points + origin, new_facets)
+        new = TriSurface(moved + origin, new_facets)
         require_closed(new)
-        before, after = _smallest_angle(points[facets]), _smallest_angle(new_points[new_facets])
-        change = new.volume / surface.volume - 1.0
-        return new, RemeshReport(apart, change, splits, collapses, flips, moves, before, after)
+        return new, RemeshReport(
+            made.distance,
+            new.volume / surface.volume - 1.0,
+            made.splits,
+            made.collapses,
+            made.flips,
+            made.moves,
+            smallest_angle_before=_smallest_angle(points[facets]),
+            smallest_angle_after=_smallest_angle(moved[new_facets]),
+        )
     raise RemeshError(
         f"no better triangles within {distance:.3g} m of the surface (reached {best:.3g} m, or "
         "sheets met); allow a larger distance, or keep the boundary",

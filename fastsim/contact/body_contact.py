@@ -15,10 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.fastsim import _core
+from palpate.fastsim.body import lame_parameters
 from palpate.fastsim.collision.detection import VertexCellDetector
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.forces import lame_parameters, lumped_areas, only_material
+from palpate.fastsim.forces import lumped_areas
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
@@ -81,7 +82,7 @@ class BodyContact:
                     raise UnstableStepError(
                         time_step, float(np.sqrt(_SHARE_OF_BOUND)) * critical_time_step
                     )
-            lmbda, mu = lame_parameters(only_material(problem))
+            lmbda, mu = lame_parameters(problem.material)
             edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
             layer = (lmbda + 2.0 * mu) / float(edges.mean())
             self.stiffness = min(layer / _LAYERS, room * lightest / _PRESSING)

@@ -27,9 +27,9 @@ from enum import StrEnum
 
 import numpy as np
 
+from palpate.fastsim.body import lame_parameters
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.forces import lame_parameters, only_material
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
@@ -76,7 +76,7 @@ class ContactLaw:
 
 def layer_stiffness(problem: Problem, contact: ToolContact) -> float:
     """(lambda + 2 mu) / h [Pa/m], h the mean edge of the contact facets: one layer of cells."""
-    lmbda, mu = lame_parameters(only_material(problem))
+    lmbda, mu = lame_parameters(problem.material)
     return (lmbda + 2.0 * mu) / mean_edge(problem, contact)
 
 
@@ -143,7 +143,7 @@ def largest_speed(
     """
     lasting = time_step
     if stiffness is not None and len(contact.vertices):
-        lmbda, mu = lame_parameters(only_material(problem))
+        lmbda, mu = lame_parameters(problem.material)
         rho = problem.material.density
         bounce = float(np.sqrt((mass[contact.vertices] / contact.areas).max() / stiffness))
         lasting = max(time_step, bounce, rho * np.sqrt((lmbda + 2.0 * mu) / rho) / stiffness)

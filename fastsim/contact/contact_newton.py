@@ -139,7 +139,7 @@ class ContactNewton(Newton):
             # definite, and with p there once it is settled.
             bend = (np.minimum(push, settled) * gaps.curvatures)[touching, None, None]
             blocks = weight[touching, None, None] * normal - bend * (np.eye(3) - normal - along)
-            self._solid.add_diagonal_blocks(
+            self.body.core.add_diagonal_blocks(
                 contact.vertices[touching], np.ascontiguousarray(blocks.reshape(-1, 9))
             )
         # A multigrid of another contact patch is of little use.

@@ -224,7 +224,9 @@ class _Path:
             feels.append(on_tool(contact, u, push[:, None] * gaps.normals, pose))
             areas.append(float(contact.areas[push > 0.0].sum()))
             depths.append(float(max(0.0, -gaps.distances.min(initial=0.0))))
-        self.rows.append((self.time, u.copy(), feels, areas, depths, newton.smallest_det_f(u)[0]))
+        self.rows.append(
+            (self.time, u.copy(), feels, areas, depths, newton.body.smallest_det_f(u)[0])
+        )
 
 
 def _knots(problem: Problem) -> Points:

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <initializer_list>
 #include <span>
 #include <vector>
 
@@ -30,14 +31,29 @@ template <typename Row, typename Table> std::span<const Row> as_rows(const Table
     return {reinterpret_cast<const Row *>(table.data()), table.shape(0)};
 }
 
-// A new array that Python owns.
+// A new array of zeros that Python owns.
+template <typename T>
+nb::ndarray<nb::numpy, T> new_array(std::initializer_list<std::size_t> shape) {
+    std::size_t size = 1;
+    for (const std::size_t n : shape)
+        size *= n;
+    T *numbers = new T[size]();
+    nb::capsule owner(numbers, [](void *p) noexcept { delete[] static_cast<T *>(p); });
+    return nb::ndarray<nb::numpy, T>(numbers, shape, owner);
+}
+
+// The numbers of an array, one after the other.
+template <typename Array> auto as_span(Array &array) {
+    return std::span(array.data(), array.size());
+}
+
+// A copy that Python owns.
 template <typename T, std::size_t width>
 nb::ndarray<nb::numpy, T> as_table(std::span<const std::array<T, width>> rows) {
-    T *copy = new T[rows.size() * width];
+    auto table = new_array<T>({rows.size(), width});
     for (std::size_t r = 0; r < rows.size(); ++r)
-        std::copy(rows[r].begin(), rows[r].end(), copy + r * width);
-    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nb::ndarray<nb::numpy, T>(copy, {rows.size(), width}, owner);
+        std::copy(rows[r].begin(), rows[r].end(), table.data() + r * width);
+    return table;
 }
 
 template <typename T, std::size_t width>
@@ -46,10 +62,9 @@ nb::ndarray<nb::numpy, T> as_table(const std::vector<std::array<T, width>> &rows
 }
 
 template <typename T> nb::ndarray<nb::numpy, T> as_column(std::span<const T> values) {
-    T *copy = new T[values.size()];
-    std::copy(values.begin(), values.end(), copy);
-    nb::capsule owner(copy, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return nb::ndarray<nb::numpy, T>(copy, {values.size()}, owner);
+    auto column = new_array<T>({values.size()});
+    std::copy(values.begin(), values.end(), column.data());
+    return column;
 }
 
 } // namespace fastsim

@@ -1,55 +1,25 @@
 // Bindings of the mechanics: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
-#include "mechanics/block_matrix.hpp"
-#include "mechanics/central_difference.hpp"
-#include "mechanics/conjugate_gradient.hpp"
-#include "mechanics/tet4.hpp"
+#include "mechanics/elastic_body.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/tuple.h>
 
 #include <cstdint>
-#include <optional>
-#include <span>
 #include <tuple>
 
-namespace nb = nanobind;
 using namespace fastsim;
+
+using Vectors = GivenPoints; // three numbers for each point
+using Flags = GivenTable<std::uint8_t, 3>;
 
 namespace {
 
-template <typename T>
-using Table3 = nb::ndarray<T, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-template <typename T>
-using Vector = nb::ndarray<T, nb::numpy, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Facets = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Cells = nb::ndarray<const Index, nb::numpy, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
-
-template <typename Array> auto as_span(Array &array) {
-    return std::span(array.data(), array.size());
-}
-
-/// A mesh with its rest data, kept between calls.
-struct Solid {
-    std::vector<Index> cells;
-    std::size_t num_points;
-    std::vector<double> points;
-    RestCells rest;
-    BlockMatrix matrix;
-    std::optional<Multigrid> multigrid;
-};
-
-Solid make_solid(Table3<const double> points, Cells cells) {
-    const std::span<const Index> view = as_span(cells);
-    const std::span<const double> positions = as_span(points);
+/// What `fill` writes into a new array of the size of the points, without Python's lock.
+template <typename Fill> auto vectors_by(const ElasticBody &body, Fill &&fill) {
+    auto out = new_array<double>({body.points.size() / 3, 3});
     nb::gil_scoped_release release;
-    Solid solid;
-    solid.cells.assign(view.begin(), view.end());
-    solid.num_points = points.shape(0);
-    solid.points.assign(positions.begin(), positions.end());
-    solid.rest = make_rest_cells(as_span(points), solid.cells);
-    return solid;
+    fill(as_span(out));
+    return out;
 }
 
 } // namespace
@@ -65,137 +35,121 @@ void bind_mechanics(nb::module_ &module) {
         .value("negative_curvature", SolveStatus::negative_curvature)
         .value("iteration_limit", SolveStatus::iteration_limit);
 
-    nb::class_<Solid>(module, "Solid")
-        .def_static("make", &make_solid, nb::arg("points").noconvert(),
-                    nb::arg("cells").noconvert())
+    nb::class_<ElasticBody>(module, "ElasticBody")
+        .def(
+            "__init__",
+            [](ElasticBody *self, GivenPoints points, GivenCells cells, double lmbda, double mu,
+               StrainMeasure strain) {
+                new (self) ElasticBody(as_span(points), as_span(cells), {lmbda, mu}, strain);
+            },
+            nb::arg("points").noconvert(), nb::arg("cells").noconvert(), nb::arg("lmbda"),
+            nb::arg("mu"), nb::arg("strain"))
+        .def("shape_gradients",
+             [](const ElasticBody &body) { return as_table(body.elastic.rest.gradients); })
+        .def(
+            "displacement_gradients",
+            [](const ElasticBody &body, Vectors displacement) {
+                std::vector<Matrix3> gradients(body.elastic.size());
+                for (std::size_t c = 0; c < gradients.size(); ++c)
+                    gradients[c] = body.elastic.gradient(c, as_span(displacement));
+                return as_table(gradients);
+            },
+            nb::arg("displacement").noconvert())
         .def(
             "internal_force",
-            [](const Solid &solid, Table3<const double> displacement, double lmbda, double mu,
-               StrainMeasure strain, Table3<double> force) {
-                nb::gil_scoped_release release;
-                add_internal_force(solid.rest, solid.cells, as_span(displacement), {lmbda, mu},
-                                   strain, as_span(force));
+            [](const ElasticBody &body, Vectors displacement) {
+                return vectors_by(body, [&](auto force) {
+                    add_internal_force(body.elastic, as_span(displacement), force);
+                });
             },
-            nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"),
-            nb::arg("force").noconvert())
+            nb::arg("displacement").noconvert())
         .def(
             "strain_energy",
-            [](const Solid &solid, Table3<const double> displacement, double lmbda, double mu,
-               StrainMeasure strain) {
+            [](const ElasticBody &body, Vectors displacement) {
                 nb::gil_scoped_release release;
-                return strain_energy(solid.rest, solid.cells, as_span(displacement), {lmbda, mu},
-                                     strain);
+                return strain_energy(body.elastic, as_span(displacement));
             },
-            nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"))
+            nb::arg("displacement").noconvert())
         .def(
             "det_f",
-            [](const Solid &solid, Table3<const double> displacement, Vector<double> out) {
+            [](const ElasticBody &body, Vectors displacement) {
+                auto out = new_array<double>({body.elastic.size()});
                 nb::gil_scoped_release release;
-                cell_det_f(solid.rest, solid.cells, as_span(displacement), as_span(out));
+                cell_det_f(body.elastic, as_span(displacement), as_span(out));
+                return out;
             },
-            nb::arg("displacement").noconvert(), nb::arg("out").noconvert())
+            nb::arg("displacement").noconvert())
         .def(
             "assemble_tangent",
-            [](Solid &solid, Table3<const double> displacement, double lmbda, double mu,
-               StrainMeasure strain) {
+            [](ElasticBody &body, Vectors displacement) {
                 nb::gil_scoped_release release;
-                if (solid.matrix.num_points == 0)
-                    solid.matrix = make_block_matrix(solid.num_points, solid.cells);
-                assemble_tangent(solid.rest, solid.cells, as_span(displacement), {lmbda, mu},
-                                 strain, solid.matrix);
+                assemble_tangent(body.elastic, as_span(displacement), body.patterned_matrix());
             },
-            nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"))
+            nb::arg("displacement").noconvert())
         .def(
             "assemble_secant",
-            [](Solid &solid, Table3<const double> displacement, double lmbda, double mu,
-               StrainMeasure strain) {
+            [](ElasticBody &body, Vectors displacement) {
                 nb::gil_scoped_release release;
-                if (solid.matrix.num_points == 0)
-                    solid.matrix = make_block_matrix(solid.num_points, solid.cells);
-                assemble_secant(solid.rest, solid.cells, as_span(displacement), {lmbda, mu}, strain,
-                                solid.matrix);
+                assemble_secant(body.elastic, as_span(displacement), body.patterned_matrix());
             },
-            nb::arg("displacement").noconvert(), nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"))
+            nb::arg("displacement").noconvert())
         .def(
             "add_pressure_tangent",
-            [](Solid &solid, Table3<const double> displaced_points, Facets facets,
+            [](ElasticBody &body, GivenPoints displaced_points, GivenFacets facets,
                double pressure) {
                 nb::gil_scoped_release release;
                 add_pressure_tangent(as_span(displaced_points), as_span(facets), pressure,
-                                     solid.matrix);
+                                     body.matrix);
             },
             nb::arg("displaced_points").noconvert(), nb::arg("facets").noconvert(),
             nb::arg("pressure"))
         .def(
             "add_diagonal_blocks",
-            [](Solid &solid, GivenColumn<Index> points, GivenTable<double, 9> blocks) {
+            [](ElasticBody &body, GivenColumn<Index> points, GivenTable<double, 9> blocks) {
                 nb::gil_scoped_release release;
-                add_diagonal_blocks({points.data(), points.size()}, as_rows<Matrix3>(blocks),
-                                    solid.matrix);
+                add_diagonal_blocks(as_span(points), as_rows<Matrix3>(blocks), body.matrix);
             },
             nb::arg("points").noconvert(), nb::arg("blocks").noconvert())
+        .def("absolute_row_sums",
+             [](const ElasticBody &body) {
+                 return vectors_by(body, [&](auto sums) { absolute_row_sums(body.matrix, sums); });
+             })
         .def(
-            "absolute_row_sums",
-            [](const Solid &solid, Table3<double> sums) {
-                nb::gil_scoped_release release;
-                absolute_row_sums(solid.matrix, as_span(sums));
+            "multiply",
+            [](const ElasticBody &body, Vectors x) {
+                return vectors_by(body, [&](auto y) { multiply(body.matrix, as_span(x), y); });
             },
-            nb::arg("sums").noconvert())
-        .def(
-            "multiply_tangent",
-            [](const Solid &solid, Table3<const double> x, Table3<double> y) {
-                nb::gil_scoped_release release;
-                multiply(solid.matrix, as_span(x), as_span(y));
-            },
-            nb::arg("x").noconvert(), nb::arg("y").noconvert())
+            nb::arg("x").noconvert())
         .def(
             "build_multigrid",
-            [](Solid &solid, Table3<const std::uint8_t> is_free) {
+            [](ElasticBody &body, Flags is_free) {
                 nb::gil_scoped_release release;
-                solid.multigrid.emplace(solid.matrix, solid.points, as_span(is_free));
-                return solid.multigrid->num_levels();
+                body.multigrid.emplace(body.matrix, body.points, as_span(is_free));
+                return body.multigrid->num_levels();
             },
             nb::arg("is_free").noconvert())
         .def(
             "apply_multigrid",
-            [](const Solid &solid, Table3<const double> b, Table3<double> x) {
-                nb::gil_scoped_release release;
-                solid.multigrid.value().apply(solid.matrix, as_span(b), as_span(x));
+            [](const ElasticBody &body, Vectors b) {
+                return vectors_by(body, [&](auto x) {
+                    body.multigrid.value().apply(body.matrix, as_span(b), x);
+                });
             },
-            nb::arg("b").noconvert(), nb::arg("x").noconvert())
+            nb::arg("b").noconvert())
         .def(
-            "solve_tangent",
-            [](Solid &solid, Table3<const double> b, Table3<const std::uint8_t> is_free,
-               double absolute_tolerance, std::int64_t max_iterations, bool uses_multigrid,
-               Table3<double> x) {
-                nb::gil_scoped_release release;
-                if (uses_multigrid)
-                    solid.multigrid.value().set_finest(solid.matrix, as_span(is_free));
-                const SolveResult result = conjugate_gradient(
-                    solid.matrix, as_span(b), as_span(is_free), absolute_tolerance, max_iterations,
-                    uses_multigrid ? &solid.multigrid.value() : nullptr, as_span(x));
-                return std::make_tuple(result.status, result.iterations, result.residual_norm);
+            "solve",
+            [](ElasticBody &body, Vectors b, Flags is_free, double absolute_tolerance,
+               std::int64_t max_iterations, bool uses_multigrid) {
+                SolveResult result{};
+                auto x = vectors_by(body, [&](auto out) {
+                    if (uses_multigrid)
+                        body.multigrid.value().set_finest(body.matrix, as_span(is_free));
+                    result = conjugate_gradient(
+                        body.matrix, as_span(b), as_span(is_free), absolute_tolerance,
+                        max_iterations, uses_multigrid ? &body.multigrid.value() : nullptr, out);
+                });
+                return std::make_tuple(x, result.status, result.iterations);
             },
             nb::arg("b").noconvert(), nb::arg("is_free").noconvert(), nb::arg("absolute_tolerance"),
-            nb::arg("max_iterations"), nb::arg("uses_multigrid"), nb::arg("x").noconvert())
-        .def(
-            "central_difference",
-            [](const Solid &solid, double lmbda, double mu, StrainMeasure strain,
-               Vector<const double> lumped_mass, Table3<const double> external_force,
-               Table3<const std::uint8_t> is_free, double time_step, double mass_damping,
-               double displacement_limit, std::int64_t num_steps, Table3<double> displacement,
-               Table3<double> previous) {
-                nb::gil_scoped_release release;
-                const StepOutcome outcome = central_difference(
-                    solid.rest, solid.cells, {lmbda, mu}, strain, as_span(lumped_mass),
-                    as_span(external_force), as_span(is_free),
-                    {time_step, mass_damping, displacement_limit}, num_steps, as_span(displacement),
-                    as_span(previous));
-                return std::make_tuple(outcome.steps_done, outcome.is_blown_up);
-            },
-            nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"), nb::arg("lumped_mass").noconvert(),
-            nb::arg("external_force").noconvert(), nb::arg("is_free").noconvert(),
-            nb::arg("time_step"), nb::arg("mass_damping"), nb::arg("displacement_limit"),
-            nb::arg("num_steps"), nb::arg("displacement").noconvert(),
-            nb::arg("previous").noconvert());
+            nb::arg("max_iterations"), nb::arg("uses_multigrid"));
 }

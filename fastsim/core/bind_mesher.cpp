@@ -86,6 +86,27 @@ void bind_mesher(nb::module_ &module) {
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("most"));
 
+    using Mesh = SurfaceMesh;
+    nb::class_<Mesh>(module, "SurfaceMesh")
+        .def_prop_ro(
+            "points", [](const Mesh &mesh) { return as_table(mesh.points); }, nb::rv_policy::move)
+        .def_prop_ro(
+            "cells", [](const Mesh &mesh) { return as_table(mesh.cells); }, nb::rv_policy::move)
+        .def_prop_ro("missing_edges", [](const Mesh &mesh) { return mesh.recovery.missing_edges; })
+        .def_prop_ro("missing_facets",
+                     [](const Mesh &mesh) { return mesh.recovery.missing_facets; })
+        .def_ro("equal_points", &Mesh::equal_points)
+        .def_prop_ro("recovered_edges",
+                     [](const Mesh &mesh) { return mesh.recovery.recovered_edges; })
+        .def_prop_ro("recovered_facets",
+                     [](const Mesh &mesh) { return mesh.recovery.recovered_facets; })
+        .def_prop_ro("sliver_flips", [](const Mesh &mesh) { return mesh.slivers.flips; })
+        .def_prop_ro("sliver_moves", [](const Mesh &mesh) { return mesh.slivers.moves; })
+        .def_prop_ro("sliver_insertions", [](const Mesh &mesh) { return mesh.slivers.insertions; })
+        .def_prop_ro("steiner_points",
+                     [](const Mesh &mesh) { return mesh.recovery.steiner_points.size(); })
+        .def_ro("boundary_steiner_points", &Mesh::num_boundary_steiner);
+
     module.def(
         "mesh_surface",
         [](Points points, Facets facets, Lattice lattice, double edge_length, double jitter,
@@ -93,24 +114,11 @@ void bind_mesher(nb::module_ &module) {
            const SizeGrid &sizes) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<Triple>(facets);
-            SurfaceMesh mesh;
-            {
-                nb::gil_scoped_release release;
-                mesh = mesh_surface(
-                    point_rows, facet_rows,
-                    {{lattice, edge_length, jitter, clearance, seed}, sliver_target, sliver_passes},
-                    sizes);
-            }
-            const std::vector<std::size_t> counts{mesh.recovery.recovered_edges,
-                                                  mesh.recovery.recovered_facets,
-                                                  mesh.slivers.flips,
-                                                  mesh.slivers.moves,
-                                                  mesh.slivers.insertions,
-                                                  mesh.recovery.steiner_points.size(),
-                                                  mesh.num_boundary_steiner};
-            return std::make_tuple(as_table<double, 3>(mesh.points), as_table<Index, 4>(mesh.cells),
-                                   as_table<Index, 2>(mesh.recovery.missing_edges),
-                                   mesh.recovery.missing_facets, mesh.twins, counts);
+            nb::gil_scoped_release release;
+            return mesh_surface(
+                point_rows, facet_rows,
+                {{lattice, edge_length, jitter, clearance, seed}, sliver_target, sliver_passes},
+                sizes);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),

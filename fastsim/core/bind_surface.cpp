@@ -70,18 +70,26 @@ void bind_surface(nb::module_ &module) {
             },
             nb::arg("places").noconvert());
 
+    nb::class_<RemeshedSurface>(module, "RemeshedSurface")
+        .def_prop_ro(
+            "points", [](const RemeshedSurface &made) { return as_table(made.points); },
+            nb::rv_policy::move)
+        .def_prop_ro(
+            "facets", [](const RemeshedSurface &made) { return as_table(made.facets); },
+            nb::rv_policy::move)
+        .def_ro("distance", &RemeshedSurface::distance)
+        .def_ro("splits", &RemeshedSurface::splits)
+        .def_ro("collapses", &RemeshedSurface::collapses)
+        .def_ro("flips", &RemeshedSurface::flips)
+        .def_ro("moves", &RemeshedSurface::moves);
+
     module.def(
         "remesh_surface",
         [](Points points, Facets facets, const SizeGrid &sizes, double distance, int passes) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<EditableSurface::Facet>(facets);
-            RemeshedSurface made;
-            {
-                nb::gil_scoped_release release;
-                made = remesh_surface(point_rows, facet_rows, {sizes, distance, passes});
-            }
-            return std::make_tuple(as_table(made.points), as_table(made.facets), made.distance,
-                                   made.splits, made.collapses, made.flips, made.moves);
+            nb::gil_scoped_release release;
+            return remesh_surface(point_rows, facet_rows, {sizes, distance, passes});
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("sizes"),
         nb::arg("distance"), nb::arg("passes"));

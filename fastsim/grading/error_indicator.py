@@ -9,45 +9,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.fastsim.forces import checked_displacement, lame_parameters
-from palpate.meshes.arrays import Points
+from palpate.fastsim.body import Body
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Strain
+from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 
-def displacement_gradients(mesh: TetMesh, displacement: Points) -> NDArray[np.float64]:
-    """du/dX of each cell [-], shape (num_cells, 3, 3)."""
-    corners, moved = mesh.points[mesh.cells], displacement[mesh.cells]
-    edges = corners[:, 1:] - corners[:, :1]
-    # Rows of both are along the same three edges: du = (du/dX) dX.
-    gradients: NDArray[np.float64] = np.linalg.solve(edges, moved[:, 1:] - moved[:, :1])
-    return gradients.transpose(0, 2, 1)
-
-
-def cell_stress(
-    mesh: TetMesh, displacement: ArrayLike, *, material: Material, strain: Strain = Strain.GREEN
-) -> NDArray[np.float64]:
+def cell_stress(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
     """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7).
 
     Args:
-        mesh: Rest mesh [m].
+        body: Its strain says which: with engineering strain S is Cauchy's stress, with Green
+            strain the second Piola-Kirchhoff stress.
         displacement: [m], shape (num_points, 3), finite.
-        material: Isotropic solid.
-        strain: Engineering strain (S is Cauchy's stress) or Green strain (second
-            Piola-Kirchhoff stress).
 
     Returns:
         [Pa], shape (num_cells, 3, 3), symmetric.
     """
-    u = checked_displacement(mesh, displacement)
-    gradient = displacement_gradients(mesh, u)
+    gradient = body.displacement_gradients(displacement)
     E = 0.5 * (gradient + gradient.transpose(0, 2, 1))
-    if strain is Strain.GREEN:
+    if body.strain is Strain.GREEN:
         E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
-    lmbda, mu = lame_parameters(material)
     trace = np.einsum("cii->c", E)
-    stress: NDArray[np.float64] = lmbda * trace[:, None, None] * np.eye(3) + 2.0 * mu * E
+    stress: NDArray[np.float64] = body.lmbda * trace[:, None, None] * np.eye(3) + 2.0 * body.mu * E
     return stress
 
 
@@ -64,24 +48,21 @@ def recovered_stress(mesh: TetMesh, stress: NDArray[np.float64]) -> NDArray[np.f
     return means
 
 
-def estimate_error(
-    mesh: TetMesh, displacement: ArrayLike, *, material: Material, strain: Strain = Strain.GREEN
-) -> NDArray[np.float64]:
+def estimate_error(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
     """Estimated error of each cell in the energy norm [J^(1/2)], shape (num_cells,).
 
     The root of the integral of (S* - S) : C^-1 : (S* - S) over the rest cell, S* linear between
     recovered values at the points. An indicator, not a bound: it finds where to refine.
 
     Args:
-        mesh: Rest mesh [m].
+        body: Mesh, material and strain.
         displacement: [m], shape (num_points, 3), finite.
-        material: Isotropic solid.
-        strain: Engineering or Green strain.
     """
-    stress = cell_stress(mesh, displacement, material=material, strain=strain)
+    mesh = body.mesh
+    stress = cell_stress(body, displacement)
     at_points = recovered_stress(mesh, stress)
     gap = at_points[mesh.cells] - stress[:, None]
-    E, nu = material.youngs_modulus, material.poissons_ratio
+    E, nu = body.material.youngs_modulus, body.material.poissons_ratio
 
     def product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         # a : C^-1 : b = ((1 + nu) a : b - nu tr a tr b) / E
@@ -99,22 +80,22 @@ def estimate_error(
     return errors
 
 
-def mark_largest(errors: ArrayLike, *, share: float = 0.5) -> NDArray[np.bool_]:
-    """The fewest cells that hold a share of the squared error (Doerfler 1996).
+def mark_largest(errors: ArrayLike, *, part: float = 0.5) -> NDArray[np.bool_]:
+    """The fewest cells that hold a part of the squared error (Doerfler 1996).
 
     Args:
         errors: Of each cell, >= 0, shape (num_cells,).
-        share: Above 0, at most 1.
+        part: Above 0, at most 1.
     """
     squared = np.asarray(errors, dtype=np.float64) ** 2
-    if not 0.0 < share <= 1.0:
-        raise InputError(f"share = {share:g}: needs a value above 0, at most 1")
+    if not 0.0 < part <= 1.0:
+        raise InputError(f"part = {part:g}: needs a value above 0, at most 1")
     if squared.ndim != 1 or not np.isfinite(squared).all():
         raise InputError("errors need one finite value for each cell")
     order = np.argsort(-squared, kind="stable")
     summed = np.cumsum(squared[order])
     marked = np.zeros(len(squared), dtype=bool)
     if summed.size and summed[-1] > 0.0:
-        needed = int(np.searchsorted(summed, share * summed[-1] * (1.0 - 1e-12))) + 1
+        needed = int(np.searchsorted(summed, part * summed[-1] * (1.0 - 1e-12))) + 1
         marked[order[:needed]] = True
     return marked

@@ -8,9 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
-from palpate.fastsim.forces import assemble_internal_force
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     Load,
@@ -40,7 +39,7 @@ def test_internal_force_is_the_ufl_residual(
     material = Material(1e4, poissons_ratio)
     # About 10 % of the cell size, 0.2.
     u = 0.02 * np.random.default_rng(7).standard_normal(mesh.points.shape)
-    ours = assemble_internal_force(mesh, u, material=material, strain=strain)
+    ours = Body(mesh, material, strain).internal_force(u)
     theirs = internal_force(mesh, u, material=material, strain=strain)
     assert np.abs(ours).max() > 1.0
     assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
@@ -87,7 +86,7 @@ def test_a_thousand_steps_of_the_kidney_are_those_of_the_explicit_twin(strain: S
     from palpate.validation.case import load_case
 
     problem = load_case("kidney").problem
-    step = 0.5 * sharp_critical_time_step(problem.mesh, problem.material)
+    step = 0.5 * Body(problem.mesh, problem.material).critical_time_step()
     span = TimeSpan(1000 * step, step, mass_damping=5.0, num_outputs=10)
     problem = dataclasses.replace(problem, time=span)
     ours = simulate(problem, strain=strain).displacements[1:]

@@ -7,18 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.fastsim import _core
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.errors import EquilibriumLostError, RelaxationFailedError
-from palpate.fastsim.forces import (
-    STRAIN_MEASURE,
-    assemble_internal_force,
-    constraints,
-    external_force,
-    lame_parameters,
-)
+from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.statics import solve_static
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
@@ -77,7 +70,7 @@ def test_what_is_returned_balances(ragged_box: TetMesh) -> None:
     problem = held_block(ragged_box, BodyForce((0.0, 100.0, -500.0)))
     relaxed = relax(problem, relative_tolerance=1e-6)
     load = external_force(problem)
-    residual = load - assemble_internal_force(ragged_box, relaxed.displacement, material=SOFT)
+    residual = load - Body(ragged_box, SOFT).internal_force(relaxed.displacement)
     free = constraints(problem)[0].astype(bool)
     relative = np.linalg.norm(residual[free]) / np.linalg.norm(load)
     assert relative == pytest.approx(relaxed.relative_residual, rel=1e-6)
@@ -130,19 +123,14 @@ def test_too_few_steps_are_no_answer(ragged_box: TetMesh) -> None:
 def test_the_masses_make_a_step_of_one_second_stable_and_not_much_more(
     ragged_box: TetMesh, strain: Strain
 ) -> None:
-    solid = _core.Solid.make(ragged_box.points, ragged_box.cells)
+    body = Body(ragged_box, SOFT, strain)
     rest = np.zeros_like(ragged_box.points)
-    solid.assemble_tangent(rest, *lame_parameters(SOFT), STRAIN_MEASURE[strain])
-    sums = np.empty_like(rest)
-    solid.absolute_row_sums(sums)
-    columns = []
-    for unit in np.eye(rest.size):
-        column = np.empty_like(rest)
-        solid.multiply_tangent(unit.reshape(-1, 3), column)
-        columns.append(column.ravel())
+    body.core.assemble_tangent(rest)
+    sums = body.core.absolute_row_sums()
+    columns = [body.core.multiply(unit.reshape(-1, 3)).ravel() for unit in np.eye(rest.size)]
     np.testing.assert_allclose(sums.ravel(), np.abs(columns).sum(axis=0), rtol=1e-12)
     mass = 0.25 * sums.max(axis=1)
-    critical = sharp_critical_time_step(ragged_box, SOFT, strain=strain, mass=mass)
+    critical = body.critical_time_step(mass=mass)
     assert 1.0 <= critical < 2.0
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from palpate.fastsim import _core, explicit_body
 from palpate.fastsim.amplitudes import smooth_ramp
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import DynamicResult, simulate
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
@@ -45,7 +45,7 @@ def run(
     strain: Strain = Strain.GREEN,
 ) -> DynamicResult:
     """10 000 steps; the ramp takes the first half of them."""
-    step = 0.5 * sharp_critical_time_step(mesh, SOFT)
+    step = 0.5 * Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(10_000 * step, step, damping, 50)
     supports = [Support(points_at(mesh, 0.0))]
     if moved:
@@ -95,7 +95,7 @@ def test_energy_is_balanced_where_supports_are_moved(make_box: MakeBox, damping:
 def test_energy_is_balanced_on_a_shaken_support(make_box: MakeBox, damping: float) -> None:
     """Sine from the first step on, well below the resonances."""
     mesh = block(make_box)
-    step = 0.5 * sharp_critical_time_step(mesh, SOFT)
+    step = 0.5 * Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(10_000 * step, step, damping, 50)
     supports = (
         Support(points_at(mesh, 0.0)),

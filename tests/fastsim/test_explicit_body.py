@@ -10,10 +10,9 @@ import pytest
 
 from palpate.fastsim import dynamics
 from palpate.fastsim.amplitudes import Amplitude
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import Precision, simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
-from palpate.fastsim.forces import det_f
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
@@ -36,7 +35,7 @@ def held_block(mesh: TetMesh, span: TimeSpan, *loads: Load) -> Problem:
 
 
 def crushed(mesh: TetMesh, num_outputs: int) -> Problem:
-    step = 0.5 * sharp_critical_time_step(mesh, SOFT)
+    step = 0.5 * Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(1200 * step, step, num_outputs=num_outputs)
     return held_block(mesh, span, Traction(end_facets(mesh), (-2e4, 0.0, 0.0)))
 
@@ -44,7 +43,12 @@ def crushed(mesh: TetMesh, num_outputs: int) -> Problem:
 @pytest.fixture
 def no_check_of_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a wrong step through, to see that it is caught later."""
-    monkeypatch.setattr(dynamics, "sharp_critical_time_step", lambda *_, **__: 1e9)
+
+    class Patient(Body):
+        def critical_time_step(self, **_: object) -> float:
+            return 1e9
+
+    monkeypatch.setattr(dynamics, "Body", Patient)
 
 
 @PRECISIONS
@@ -75,7 +79,7 @@ def test_an_inverted_cell_stops_the_run_at_that_step(
         good = simulate(shorter, precision=precision, num_threads=num_threads)
         scale = np.abs(good.displacements).max()
         assert np.abs(error.displacement - good.displacements[-1]).max() < 1e-6 * scale
-    values = det_f(ragged_box, error.displacement)
+    values = Body(ragged_box, SOFT).det_f(error.displacement)
     assert values.min() == error.smallest_det_f > 0.0
     corners = ragged_box.points[ragged_box.cells[error.cell]]
     assert error.place == pytest.approx(corners.mean(axis=0))
@@ -115,7 +119,7 @@ def test_energy_from_nothing_stops_a_run_with_too_long_a_step(
 ) -> None:
     """Linear strain, so that no cell counts as inverted; 5 % above the critical step."""
     mesh = make_box((4, 2, 2), (2.0, 1.0, 1.0))
-    sharp = sharp_critical_time_step(mesh, SOFT)
+    sharp = Body(mesh, SOFT).critical_time_step()
     span = TimeSpan(40_000 * sharp, 1.05 * sharp, num_outputs=num_outputs)
     problem = held_block(mesh, span, BodyForce((0.0, 0.0, -20.0)))
     with pytest.raises(BlowUpError, match="energy grew") as caught:
@@ -132,7 +136,7 @@ def test_energy_from_nothing_stops_a_run_with_too_long_a_step(
 
 def test_a_body_that_stiffens_beyond_its_step_is_told_a_shorter_one(ragged_box: TetMesh) -> None:
     """A step just stable at rest is too long for a body pulled to one and a half its length."""
-    sharp = sharp_critical_time_step(ragged_box, SOFT)
+    sharp = Body(ragged_box, SOFT).critical_time_step()
     span = TimeSpan(20.0, 0.99 * sharp, 1.0, 100)
     pull = Traction(end_facets(ragged_box), (6e3, 0.0, 0.0))
     with pytest.raises(BlowUpError) as caught:
@@ -147,7 +151,7 @@ def test_a_body_that_stiffens_beyond_its_step_is_told_a_shorter_one(ragged_box: 
 
 
 def test_a_step_above_the_critical_is_refused_before_it_is_made(ragged_box: TetMesh) -> None:
-    sharp = sharp_critical_time_step(ragged_box, SOFT)
+    sharp = Body(ragged_box, SOFT).critical_time_step()
     with pytest.raises(UnstableStepError, match="above the critical") as caught:
         simulate(held_block(ragged_box, TimeSpan(1.0, 1.01 * sharp)))
     assert caught.value.time_step == 1.01 * sharp

@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
-from palpate.fastsim.forces import assemble_internal_force, external_force
+from palpate.fastsim.forces import external_force
 from palpate.fastsim.limit_point import find_softening, smallest_stretches
 from palpate.fastsim.newton import Newton
 from palpate.fastsim.statics import solve_static
@@ -73,7 +74,7 @@ def test_a_compressed_bar_gives_way_just_before_and_says_so(ragged_box: TetMesh)
     assert STRETCH < error.smallest_stretch < STRETCH + 0.03
     assert 0.0 <= error.stiffness < 0.02
     # What it carries is an equilibrium at the load it names.
-    internal = assemble_internal_force(ragged_box, error.displacement, material=SOFT)
+    internal = Body(ragged_box, SOFT).internal_force(error.displacement)
     load = error.load_factor * external_force(problem)
     free = ragged_box.points.min(axis=1) > 1e-9
     assert np.linalg.norm((load - internal)[free]) < 1e-9 * np.linalg.norm(load)
@@ -105,7 +106,9 @@ def test_just_below_the_peak_there_is_an_equilibrium(ragged_box: TetMesh) -> Non
     result = solve_static(compressed_bar(ragged_box, 0.99 * LIMIT * SOFT.youngs_modulus))
     roots = np.roots([0.5, 0.0, -0.5, 0.99 * LIMIT])
     stretch = max(r.real for r in roots if abs(r.imag) < 1e-12 and 0.0 < r.real < 1.0)
-    assert smallest_stretches(ragged_box, result.displacement) == pytest.approx(stretch, rel=1e-8)
+    assert smallest_stretches(Body(ragged_box, SOFT), result.displacement) == pytest.approx(
+        stretch, rel=1e-8
+    )
 
 
 def test_the_place_is_where_the_neck_is(make_box: MakeBox) -> None:
@@ -118,7 +121,7 @@ def test_the_place_is_where_the_neck_is(make_box: MakeBox) -> None:
     error = caught.value
     assert abs(error.place[0] - 2.5) < 0.4
     assert error.place == pytest.approx(mesh.points[mesh.cells[error.cell]].mean(axis=0))
-    assert error.smallest_stretch == smallest_stretches(mesh, error.displacement).min()
+    assert error.smallest_stretch == smallest_stretches(Body(mesh, SOFT), error.displacement).min()
 
 
 def test_a_column_that_would_buckle_is_not_followed_straight_on(make_box: MakeBox) -> None:
@@ -146,11 +149,11 @@ def test_no_stress_no_softening_at_any_rotation(ragged_box: TetMesh) -> None:
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turned = ragged_box.points @ turn.T - ragged_box.points
     problem = compressed_bar(ragged_box, 0.0)
-    assert smallest_stretches(ragged_box, turned) == pytest.approx(1.0, rel=1e-12)
+    assert smallest_stretches(Body(ragged_box, SOFT), turned) == pytest.approx(1.0, rel=1e-12)
     # K = K_m there.
     free = dataclasses.replace(problem, supports=(Support(points_at(ragged_box, 0, 0.0)),))
     newton = Newton(free, Strain.GREEN, 1e-10, 30)
-    softening = find_softening(free, turned, newton.solver_at(turned, 1.0))
+    softening = find_softening(newton.body, turned, newton.solver_at(turned, 1.0))
     assert softening.stiffness == pytest.approx(1.0, rel=1e-6)
     assert softening.smallest_stretch == pytest.approx(1.0, rel=1e-12)
 

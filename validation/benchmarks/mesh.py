@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.fastsim.time_steps import critical_time_step
+from palpate.fastsim.body import Body
 from palpate.meshes.problem import Material
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -117,7 +117,7 @@ def _measure(surface: TriSurface, target: str) -> Row:
         "min_dihedral_deg": quality.smallest_dihedral_deg,
         "p1_dihedral_deg": quality.first_percentile_dihedral_deg,
         "boundary_kept": is_boundary_kept(surface, mesh),
-        "critical_time_step_us": 1e6 * critical_time_step(mesh, _TISSUE),
+        "critical_time_step_us": 1e6 * Body(mesh, _TISSUE).critical_time_step_bound(),
     }
 
 

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import SAFETY, Precision
-from palpate.fastsim.forces import assemble_internal_force, lumped_mass
 from palpate.fastsim.mesher import mesh_surface
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
@@ -108,7 +107,7 @@ def _body(mesh: TetMesh) -> dict[str, Any]:
     test = np.random.default_rng(1).uniform(-0.1, 0.1, mesh.points.shape)
     test *= (6.0 * mesh.volume / mesh.num_cells) ** (1.0 / 3.0)
     test[held] = 0.0
-    mass = lumped_mass(mesh, TISSUE.density)
+    mass = Body(mesh, TISSUE).lumped_mass
     return {
         "points": mesh.points,
         "cells": mesh.cells,
@@ -116,7 +115,7 @@ def _body(mesh: TetMesh) -> dict[str, Any]:
         "youngs_modulus": TISSUE.youngs_modulus,
         "poissons_ratio": TISSUE.poissons_ratio,
         "density": TISSUE.density,
-        "time_step": SAFETY * sharp_critical_time_step(mesh, TISSUE),
+        "time_step": SAFETY * Body(mesh, TISSUE).critical_time_step(),
         "mass_damping": MASS_DAMPING,
         "lumped_mass": mass,
         "force_density": np.array(WEIGHT),
@@ -136,7 +135,7 @@ def _time_all(
         for count in threads
     ]
     files += [(file, body | extra) for file, extra in _FILES]
-    plain = assemble_internal_force(mesh, body["test_displacement"], material=TISSUE)
+    plain = Body(mesh, TISSUE).internal_force(body["test_displacement"])
     rows = []
     with started(files, progress, _EVERY_VERSION) as children:
         counts = {id(c): steps if c.is_ours else _count_steps(c) for c in children}

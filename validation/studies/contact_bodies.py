@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import smooth_ramp
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import overlap_depths
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import simulate
-from palpate.fastsim.forces import lumped_mass
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import connected_parts
@@ -69,7 +69,7 @@ def collide() -> Collision:
     law = ContactLaw(ContactForm.PENALTY)
     run = simulate(problem, velocity=speed, body_contact=law, tracks_energy=True)
     assert run.energies is not None
-    mass = lumped_mass(mesh, MATERIAL.density)[:, None]
+    mass = Body(mesh, MATERIAL).lumped_mass[:, None]
     places = mesh.points + run.displacements[-1]
     before, after = (mass * speed).sum(axis=0), (mass * run.velocity).sum(axis=0)
     turn = np.cross(mesh.points, mass * speed).sum(axis=0)

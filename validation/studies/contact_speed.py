@@ -9,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.amplitudes import Histories
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.dynamics import SAFETY
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
-from palpate.fastsim.forces import lumped_mass
 from palpate.fastsim.mesher import mesh_surface
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem, Strain
@@ -77,7 +76,7 @@ def measure_speeds(progress: Callable[[str], None]) -> tuple[Speed, Speed]:
 
 def measure_speed(mesh: TetMesh) -> Speed:
     """Best of several timings, taken in turn while a capsule slides over the kidney."""
-    step = SAFETY * sharp_critical_time_step(mesh, TISSUE)
+    step = SAFETY * Body(mesh, TISSUE).critical_time_step()
     bodies = [
         moving_capsule(mesh, step, law)
         for law in (None, ContactLaw(), ContactLaw(ContactForm.PENALTY))
@@ -115,7 +114,7 @@ def moving_capsule(
         explicit = ExplicitTools(
             problem,
             law,
-            lumped_mass(mesh, TISSUE.density),
+            Body(mesh, TISSUE).lumped_mass,
             critical_time_step=step / SAFETY,
             time_step=step,
         )
@@ -124,7 +123,7 @@ def moving_capsule(
         itself = BodyContact(
             problem,
             ContactLaw(ContactForm.PENALTY),
-            lumped_mass(mesh, TISSUE.density),
+            Body(mesh, TISSUE).lumped_mass,
             critical_time_step=step / SAFETY,
             time_step=step,
         )

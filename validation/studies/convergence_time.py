@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from palpate.fastsim.dynamics import critical_time_step, simulate
+from palpate.fastsim.body import Body
+from palpate.fastsim.dynamics import simulate
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
@@ -57,7 +58,9 @@ def follow_wave(bricks: tuple[int, ...] = (10, 20, 40)) -> ErrorFamily:
     end = 2.0 * math.pi / omega
     # One share of the critical step on every mesh: sizes in proportion.
     first = wave_bar(bricks[0])
-    steps = math.ceil(end / _OUTPUTS / (0.5 * critical_time_step(first.mesh, MATERIAL)))
+    steps = math.ceil(
+        end / _OUTPUTS / (0.5 * Body(first.mesh, MATERIAL).critical_time_step_bound())
+    )
     sizes, errors, counts = [], [], []
     for count in bricks:
         problem = wave_bar(count)
@@ -112,7 +115,7 @@ def follow_block(
         damping: Mass damping [1/s].
     """
     problem = block_let_go(bricks)
-    longest = 0.8 * critical_time_step(problem.mesh, MATERIAL)
+    longest = 0.8 * Body(problem.mesh, MATERIAL).critical_time_step_bound()
     steps = math.ceil(end_time / _OUTPUTS / longest)
 
     def states(per_output: int) -> Points:

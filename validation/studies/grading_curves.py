@@ -13,10 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.grading.carried_problem import carry_problem
 from palpate.fastsim.grading.error_indicator import estimate_error, mark_largest
 from palpate.fastsim.grading.graded_mesh import GradedMesh
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
 
@@ -138,7 +138,7 @@ def follow(scene: Scene, progress: Callable[[str], None]) -> Curves:
         while True:
             carried = carry_problem(problem, graded)
             solved = scene.solve(carried)
-            step = sharp_critical_time_step(carried.mesh, problem.material)
+            step = Body(carried.mesh, problem.material).critical_time_step()
             found.append(_answer(problem, carried, solved, step))
             progress(f"{scene.title}, {kind}: {len(graded.cells)} cells solved by fastsim")
             if kind == "graded":
@@ -146,8 +146,8 @@ def follow(scene: Scene, progress: Callable[[str], None]) -> Curves:
             if kind == "uniform":
                 marks = np.ones(len(graded.cells), dtype=bool)
             else:
-                errors = estimate_error(carried.mesh, solved[0], material=problem.material)
-                marks = mark_largest(errors, share=SHARE)
+                errors = estimate_error(Body(carried.mesh, problem.material), solved[0])
+                marks = mark_largest(errors, part=SHARE)
             if len(graded.cells) + 1.5 * marks.sum() > scene.most_cells[kind]:
                 break
             graded.refine(marks)

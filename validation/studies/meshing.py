@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.mesher import Lattice, delaunay, mesh_surface
-from palpate.fastsim.time_steps import critical_time_step
 from palpate.meshes.arrays import Points
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
@@ -174,7 +174,7 @@ def measure(name: str, surface: TriSurface, mesh: TetMesh) -> Measured:
         float(np.percentile(smallest, 1.0)),
         float((smallest < 10.0).mean()),
         float(edge_length_deviation(mesh.points, mesh.cells).max()),
-        critical_time_step(mesh, TISSUE),
+        Body(mesh, TISSUE).critical_time_step_bound(),
     )
 
 

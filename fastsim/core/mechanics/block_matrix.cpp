@@ -71,38 +71,35 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
     return matrix;
 }
 
-void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
-                      std::span<const double> displacement, Lame lame, StrainMeasure strain,
+void assemble_tangent(const ElasticCells &body, std::span<const double> displacement,
                       BlockMatrix &matrix) {
     std::fill(matrix.blocks.begin(), matrix.blocks.end(), Matrix3{});
-    for (std::size_t c = 0; c < rest.volumes.size(); ++c) {
-        const Matrix3 h =
-            displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]);
-        const auto local = tangent_blocks(h, rest.gradients[c], rest.volumes[c], lame, strain);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const auto local = tangent_blocks(body.gradient(c, displacement), body.rest.gradients[c],
+                                          body.rest.volumes[c], body.lame, body.strain);
         for (std::size_t k = 0; k < 16; ++k) {
-            Matrix3 &block = cell_block(matrix, cells, c, k);
+            Matrix3 &block = cell_block(matrix, body.cells, c, k);
             for (std::size_t e = 0; e < 9; ++e)
                 block[e] += local[k][e];
         }
     }
 }
 
-void assemble_secant(const RestCells &rest, std::span<const Index> cells,
-                     std::span<const double> displacement, Lame lame, StrainMeasure strain,
+void assemble_secant(const ElasticCells &body, std::span<const double> displacement,
                      BlockMatrix &matrix) {
     std::fill(matrix.blocks.begin(), matrix.blocks.end(), Matrix3{});
-    for (std::size_t c = 0; c < rest.volumes.size(); ++c) {
-        const Matrix3 h =
-            displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const Matrix3 h = body.gradient(c, displacement);
         Matrix3 mirrored{};
         for (std::size_t e = 0; e < 9; ++e)
             mirrored[e] = -h[e];
         const auto blocks_at = [&](const Matrix3 &gradient) {
-            return tangent_blocks(gradient, rest.gradients[c], rest.volumes[c], lame, strain);
+            return tangent_blocks(gradient, body.rest.gradients[c], body.rest.volumes[c], body.lame,
+                                  body.strain);
         };
         const auto there = blocks_at(h), opposite = blocks_at(mirrored), rest_state = blocks_at({});
         for (std::size_t k = 0; k < 16; ++k) {
-            Matrix3 &block = cell_block(matrix, cells, c, k);
+            Matrix3 &block = cell_block(matrix, body.cells, c, k);
             for (std::size_t e = 0; e < 9; ++e)
                 block[e] += (8.0 * rest_state[k][e] + 5.0 * there[k][e] - opposite[k][e]) / 12.0;
         }

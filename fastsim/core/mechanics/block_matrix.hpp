@@ -25,16 +25,15 @@ struct BlockMatrix {
 /// 65 535 neighbours.
 BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells);
 
-/// Sets the matrix to the tangent stiffness at a displacement.
-void assemble_tangent(const RestCells &rest, std::span<const Index> cells,
-                      std::span<const double> displacement, Lame lame, StrainMeasure strain,
+/// Sets the matrix to the tangent stiffness dR/da at a displacement: the K of eq. 5 for linear
+/// strain.
+void assemble_tangent(const ElasticCells &body, std::span<const double> displacement,
                       BlockMatrix &matrix);
 
 /// Sets the matrix to the symmetric secant stiffness K + P(a) of eq. 8-10, R(a) = (K + P(a)) a.
 /// R is cubic in a, so with the tangent K_T = K + N1 + N2, N1 linear and N2 quadratic in a,
 /// P = N1/2 + N2/3, and K + P = 2/3 K_T(0) + 5/12 K_T(a) - 1/12 K_T(-a).
-void assemble_secant(const RestCells &rest, std::span<const Index> cells,
-                     std::span<const double> displacement, Lame lame, StrainMeasure strain,
+void assemble_secant(const ElasticCells &body, std::span<const double> displacement,
                      BlockMatrix &matrix);
 
 /// Adds the symmetric part of the tangent of a follower pressure on `facets` (3 points each), at

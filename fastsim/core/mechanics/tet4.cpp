@@ -96,11 +96,13 @@ RestCells make_rest_cells(std::span<const double> points, std::span<const Index>
     return rest;
 }
 
-Matrix3 displacement_gradient(const Matrix3 &g, const double *displacement, const Index *cell) {
-    const double *u0 = displacement + 3 * at(cell[0]);
+Matrix3 ElasticCells::gradient(std::size_t number, std::span<const double> displacement) const {
+    const Matrix3 &g = rest.gradients[number];
+    const Index *cell = &cells[4 * number];
+    const double *u0 = displacement.data() + 3 * at(cell[0]);
     Matrix3 h{};
     for (std::size_t a = 0; a < 3; ++a) {
-        const double *ua = displacement + 3 * at(cell[a + 1]);
+        const double *ua = displacement.data() + 3 * at(cell[a + 1]);
         for (std::size_t i = 0; i < 3; ++i) {
             const double du = ua[i] - u0[i];
             for (std::size_t j = 0; j < 3; ++j)
@@ -158,21 +160,20 @@ std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradient
     return blocks;
 }
 
-void add_internal_force(const RestCells &rest, std::span<const Index> cells,
-                        std::span<const double> displacement, Lame lame, StrainMeasure strain,
+void add_internal_force(const ElasticCells &body, std::span<const double> displacement,
                         std::span<double> force) {
-    for (std::size_t c = 0; c < rest.volumes.size(); ++c) {
-        const Index *cell = cells.data() + 4 * c;
-        const Matrix3 &g = rest.gradients[c];
-        const Matrix3 p = first_piola_kirchhoff_stress(
-            displacement_gradient(g, displacement.data(), cell), lame, strain);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const Index *cell = &body.cells[4 * c];
+        const Matrix3 &g = body.rest.gradients[c];
+        const Matrix3 p =
+            first_piola_kirchhoff_stress(body.gradient(c, displacement), body.lame, body.strain);
         double *f0 = force.data() + 3 * at(cell[0]);
         for (std::size_t a = 0; a < 3; ++a) {
             double *fa = force.data() + 3 * at(cell[a + 1]);
             for (std::size_t i = 0; i < 3; ++i) {
                 const double f =
-                    rest.volumes[c] * (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] +
-                                       p[3 * i + 2] * g[3 * a + 2]);
+                    body.rest.volumes[c] * (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] +
+                                            p[3 * i + 2] * g[3 * a + 2]);
                 fa[i] += f;
                 f0[i] -= f;
             }
@@ -180,22 +181,18 @@ void add_internal_force(const RestCells &rest, std::span<const Index> cells,
     }
 }
 
-double strain_energy(const RestCells &rest, std::span<const Index> cells,
-                     std::span<const double> displacement, Lame lame, StrainMeasure strain) {
+double strain_energy(const ElasticCells &body, std::span<const double> displacement) {
     double energy = 0.0;
-    for (std::size_t c = 0; c < rest.volumes.size(); ++c)
-        energy += rest.volumes[c] *
-                  strain_energy_density(
-                      displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]),
-                      lame, strain);
+    for (std::size_t c = 0; c < body.size(); ++c)
+        energy += body.rest.volumes[c] *
+                  strain_energy_density(body.gradient(c, displacement), body.lame, body.strain);
     return energy;
 }
 
-void cell_det_f(const RestCells &rest, std::span<const Index> cells,
-                std::span<const double> displacement, std::span<double> out) {
-    for (std::size_t c = 0; c < rest.volumes.size(); ++c)
-        out[c] =
-            det_f(displacement_gradient(rest.gradients[c], displacement.data(), &cells[4 * c]));
+void cell_det_f(const ElasticCells &body, std::span<const double> displacement,
+                std::span<double> out) {
+    for (std::size_t c = 0; c < body.size(); ++c)
+        out[c] = det_f(body.gradient(c, displacement));
 }
 
 } // namespace fastsim

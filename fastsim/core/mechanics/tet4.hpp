@@ -4,7 +4,7 @@
 // H = grad u is constant in a cell; g_a is the rest gradient of shape function a.
 //   linear strain (eq. 3-4):  e = (H + H^T) / 2
 //   Green strain (eq. 6-7):   E = (H + H^T + H^T H) / 2
-//   S = lmbda tr(E) I + 2 mu E,  P = (I + H) S,  f_a = V P g_a
+//   S = lmbda tr(E) I + 2 mu E (eq. 2),  P = (I + H) S,  f_a = V P g_a (eq. 1)
 // Strain is taken from H, never from F^T F - I, which loses digits when H is small.
 
 #include <array>
@@ -33,16 +33,24 @@ struct RestCells {
 /// Pre-condition: every cell has positive signed volume.
 RestCells make_rest_cells(std::span<const double> points, std::span<const Index> cells);
 
-/// Displacement gradient H of one cell.
-Matrix3 displacement_gradient(const Matrix3 &gradients, const double *displacement,
-                              const Index *cell);
+/// A body of one material: its cells (4 points each), at rest.
+struct ElasticCells {
+    std::vector<Index> cells;
+    RestCells rest;
+    Lame lame;
+    StrainMeasure strain;
+
+    std::size_t size() const { return rest.volumes.size(); }
+    /// Displacement gradient H of a cell.
+    Matrix3 gradient(std::size_t cell, std::span<const double> displacement) const;
+};
 
 double determinant(const Matrix3 &m);
 
 /// det(I + H).
 double det_f(const Matrix3 &gradient_of_displacement);
 
-/// First Piola-Kirchhoff stress P (the engineering stress for linear strain).
+/// First Piola-Kirchhoff stress P (the engineering stress for linear strain); eq. 2.
 Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain);
 
 double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain);
@@ -51,16 +59,14 @@ double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain);
 std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradients, double volume,
                                        Lame lame, StrainMeasure strain);
 
-/// Adds the nodal internal forces of all cells to `force`.
-void add_internal_force(const RestCells &rest, std::span<const Index> cells,
-                        std::span<const double> displacement, Lame lame, StrainMeasure strain,
+/// Adds the nodal internal forces R(a) of all cells to `force`: eq. 1, 5 and 8.
+void add_internal_force(const ElasticCells &body, std::span<const double> displacement,
                         std::span<double> force);
 
-double strain_energy(const RestCells &rest, std::span<const Index> cells,
-                     std::span<const double> displacement, Lame lame, StrainMeasure strain);
+double strain_energy(const ElasticCells &body, std::span<const double> displacement);
 
 /// det F of every cell into `out`.
-void cell_det_f(const RestCells &rest, std::span<const Index> cells,
-                std::span<const double> displacement, std::span<double> out);
+void cell_det_f(const ElasticCells &body, std::span<const double> displacement,
+                std::span<double> out);
 
 } // namespace fastsim

@@ -115,7 +115,8 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
         for (Index v = 0; v < static_cast<Index>(complex.points.size()); ++v)
             if (v != late &&
                 complex.points[TetComplex::at(v)] == complex.points[TetComplex::at(late)])
-                result.twins = {std::min(v, late) - cube_corners, std::max(v, late) - cube_corners};
+                result.equal_points = {std::min(v, late) - cube_corners,
+                                       std::max(v, late) - cube_corners};
         return result;
     }
     complex.set_cells(delaunay.cells);

@@ -20,11 +20,11 @@ struct SurfaceMesh {
     SliverReport slivers;
     // Points that had to stay on the surface's edges and facets; they follow the surface's own.
     std::size_t num_boundary_steiner = 0;
-    std::array<Index, 2> twins{none, none}; // two equal points, when there are any
+    std::array<Index, 2> equal_points{none, none}; // two of them, when there are any
 };
 
 /// Meshes the inside of a closed, outward surface. When `recovery` lists missing edges or facets,
-/// or `twins` is set, there are no cells.
+/// or `equal_points` is set, there are no cells.
 SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
                          const MeshSettings &settings, const SizeGrid &sizes);
 

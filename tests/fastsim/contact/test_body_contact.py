@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.amplitudes import Histories, smooth_ramp
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import BodyContact, overlap_depths
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import Precision, simulate
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_body import ExplicitBody
-from palpate.fastsim.forces import lumped_mass
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError
@@ -74,7 +74,7 @@ def test_depths_of_a_cube_in_a_cube(make_box: MakeBox) -> None:
 def test_the_force_is_minus_the_slope_of_the_energy(make_box: MakeBox) -> None:
     mesh = two_bodies(make_box, -0.04)
     problem = Problem(mesh, SOFT, (), (), TimeSpan(1.0))
-    mass = lumped_mass(mesh, SOFT.density)
+    mass = Body(mesh, SOFT).lumped_mass
     stiffness = 3e4
     law = ContactLaw(ContactForm.PENALTY, stiffness)
     bodies = BodyContact(problem, law, mass, critical_time_step=0.01, time_step=1e-5)
@@ -129,7 +129,7 @@ def test_two_bodies_bounce(make_box: MakeBox, precision: Precision, num_threads:
         num_threads=num_threads,
         tracks_energy=True,
     )
-    mass = lumped_mass(mesh, SOFT.density)[:, None]
+    mass = Body(mesh, SOFT).lumped_mass[:, None]
     eps = 2.0**-23 if precision is Precision.SINGLE else 2.0**-52
     momentum = (mass * (run.velocity - speed)).sum(axis=0)
     assert np.abs(momentum).max() < run.num_steps * eps * 64.0

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.errors import ToolInsideError, ToolTooFastError, ToolTooSmallError
 from palpate.fastsim.dynamics import DynamicResult, Precision, simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
-from palpate.fastsim.forces import lumped_mass
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support
@@ -73,7 +73,7 @@ def test_the_tool_feels_what_a_free_body_gains(
     span = TimeSpan(0.4, time_step=2e-3, num_outputs=2)
     problem = Problem(mesh, SOFT, (), (), span, (tool,))
     run = simulate(problem, contact=law, precision=precision, num_threads=2)
-    mass = lumped_mass(mesh, SOFT.density)
+    mass = Body(mesh, SOFT).lumped_mass
     momentum = (mass[:, None] * run.velocity).sum(axis=0)
     impulse = (run.tools[0].mean_forces * (run.times[1] - run.times[0])).sum(axis=0)
     # The velocity at the end is halfway into the next step.

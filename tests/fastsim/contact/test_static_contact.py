@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.contact_newton import ContactNewton
 from palpate.fastsim.contact.errors import ContactLostError, ToolInsideError
 from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
 from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
 from palpate.fastsim.dynamic_relaxation import relax
-from palpate.fastsim.forces import assemble_internal_force, constraints
+from palpate.fastsim.forces import constraints
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
@@ -103,7 +104,7 @@ def test_equilibrium_and_complementarity(slab: TetMesh, strain: Strain, form: Co
     problem = standing(slab, SPHERE)
     found = solve_contact(problem, strain=strain, law=ContactLaw(form))
     u = found.displacements[-1]
-    internal = assemble_internal_force(slab, u, material=SOFT, strain=strain)
+    internal = Body(slab, SOFT, strain).internal_force(u)
     free = constraints(problem)[0].astype(bool)
     contact = ToolContact(problem, SPHERE)
     gaps = contact.gaps(u, poses_at(SPHERE.path, np.array([2.0]))[0])
@@ -159,8 +160,7 @@ def test_the_tangent_is_the_slope_of_the_force(slab: TetMesh) -> None:
     newton.settle(u)
     way = np.random.default_rng(1).standard_normal(slab.points.shape)
     newton._assemble_tangent(u, 1.0)
-    with_tool = np.empty_like(u)
-    newton._solid.multiply_tangent(way, with_tool)
+    with_tool = newton.body.core.multiply(way)
     step = 1e-6
     ahead, behind = (newton._residual(s * step * way, 1.0)[0] for s in (1, -1))
     slope = -(ahead - behind) / (2 * step)

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.newton import Iteration, Newton
 from palpate.fastsim.statics import solve_static
-from palpate.fastsim.time_steps import sharp_critical_time_step
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
@@ -222,7 +222,7 @@ def test_discretisation_of_the_kidney_is_found_within_the_bar_of_other_meshes() 
 @pytest.mark.parametrize("name", CASES)
 def test_a_long_time_step_is_the_error_of_time(name: str) -> None:
     still = problem_of(name)
-    limit = sharp_critical_time_step(still.mesh, still.material)
+    limit = Body(still.mesh, still.material).critical_time_step()
     # A swing of some hundred steps, damped, far from rest.
     span = TimeSpan(400 * limit, 0.5 * limit, 1.0, 4)
     problem = dataclasses.replace(still, time=span)

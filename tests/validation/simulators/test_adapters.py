@@ -81,7 +81,7 @@ def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None
 
 
 def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:
-    from palpate.fastsim.time_steps import sharp_critical_time_step
+    from palpate.fastsim.body import Body
     from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
 
     materials = cell_materials(problem)
@@ -92,5 +92,5 @@ def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> N
         "poissons_ratio": materials[:, 1],
     }
     step = load("relaxation").stable_step(rest, lumped_mass(problem))
-    limit = sharp_critical_time_step(problem.mesh, problem.material)
+    limit = Body(problem.mesh, problem.material).critical_time_step()
     assert 0.1 * limit < step < limit

@@ -1,0 +1,204 @@
+"""An elastic body of linear tetrahedra: forces, energy, stiffness, mass and time step (eq. 1-10).
+
+f_a = sum over cells of V P grad N_a (eq. 1), P from S = lmbda tr(E) I + 2 mu E (eq. 2);
+engineering strain (eq. 3-4) gives R(a) = K a (eq. 5), Green strain (eq. 6-7) gives
+R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.fastsim import _core
+from palpate.fastsim.errors import SeveralMaterialsError
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+_MEASURE = {
+    Strain.LINEAR: _core.StrainMeasure.linear,
+    Strain.GREEN: _core.StrainMeasure.green,
+}
+
+
+def lame_parameters(material: Material) -> tuple[float, float]:
+    """First Lamé parameter and shear modulus [Pa] of an isotropic solid."""
+    E, nu = material.youngs_modulus, material.poissons_ratio
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+class Body:
+    """A mesh with its material and strain measure, and what the core keeps of them.
+
+    Args:
+        mesh: Rest mesh [m].
+        material: Isotropic solid.
+        strain: Engineering or Green strain.
+
+    Attributes:
+        core: The compiled body; holds one stiffness matrix at a time.
+        lmbda, mu: Lamé's parameters [Pa].
+
+    Raises:
+        InputError: By every method that is given a displacement: wrong shape, or a value that is
+            not finite.
+
+    Note:
+        Green strain softens under compression, from a stretch of 1/sqrt(3) = 0.577 downwards.
+    """
+
+    def __init__(self, mesh: TetMesh, material: Material, strain: Strain = Strain.GREEN) -> None:
+        self.mesh = mesh
+        self.material = material
+        self.strain = strain
+        self.lmbda, self.mu = lame_parameters(material)
+        self.core = _core.ElasticBody(
+            mesh.points, mesh.cells, self.lmbda, self.mu, _MEASURE[strain]
+        )
+
+    @classmethod
+    def of(cls, problem: Problem, strain: Strain = Strain.GREEN) -> Body:
+        """The body of a problem.
+
+        Raises:
+            SeveralMaterialsError: It has inclusions: this simulator takes one material.
+        """
+        if problem.inclusions:
+            raise SeveralMaterialsError(
+                len(problem.inclusions), sum(len(one.cells) for one in problem.inclusions)
+            )
+        return cls(problem.mesh, problem.material, strain)
+
+    @property
+    def measure(self) -> _core.StrainMeasure:
+        """The strain measure as the core names it."""
+        return _MEASURE[self.strain]
+
+    @cached_property
+    def lumped_mass(self) -> Points:
+        """Diagonal of M: a quarter of each cell's mass to its corners [kg], (num_points,)."""
+        mass = np.zeros(self.mesh.num_points)
+        quarter = self.material.density * signed_volumes(self.mesh.points, self.mesh.cells) / 4.0
+        for k in range(4):
+            np.add.at(mass, self.mesh.cells[:, k], quarter)
+        return mass
+
+    @cached_property
+    def shape_gradients(self) -> Points:
+        """Gradients of the four shape functions in each cell [1/m], shape (num_cells, 4, 3)."""
+        rest = self.core.shape_gradients().reshape(-1, 3, 3)
+        gradients: Points = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
+        return gradients
+
+    def checked(self, displacement: ArrayLike) -> Points:
+        """A displacement as a C-ordered float64 array of the mesh's shape, finite."""
+        u = np.ascontiguousarray(displacement, dtype=np.float64)
+        if u.shape != self.mesh.points.shape:
+            raise InputError(
+                f"displacement has shape {u.shape}, the mesh has points {self.mesh.points.shape}"
+            )
+        if not np.isfinite(u).all():
+            bad = int(np.flatnonzero(~np.isfinite(u).all(axis=1))[0])
+            raise InputError(f"displacement of point {bad} is NaN or infinite")
+        return u
+
+    def internal_force(self, displacement: ArrayLike) -> Points:
+        """R(a) of eq. 1 [N], shape (num_points, 3); its sum over the points is zero."""
+        return self.core.internal_force(self.checked(displacement))
+
+    def strain_energy(self, displacement: ArrayLike) -> float:
+        """Integral of lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
+        return self.core.strain_energy(self.checked(displacement))
+
+    def displacement_gradients(self, displacement: ArrayLike) -> Points:
+        """H = du/dX of each cell [-], shape (num_cells, 3, 3)."""
+        return self.core.displacement_gradients(self.checked(displacement)).reshape(-1, 3, 3)
+
+    def det_f(self, displacement: ArrayLike) -> Points:
+        """Volume over rest volume of each cell [-], shape (num_cells,); <= 0 if inverted."""
+        return self.core.det_f(self.checked(displacement))
+
+    def smallest_det_f(self, displacement: ArrayLike) -> tuple[float, int]:
+        """Smallest det F [-] and its cell."""
+        values = self.det_f(displacement)
+        cell = int(np.argmin(values))
+        return float(values[cell]), cell
+
+    def critical_time_step_bound(self) -> float:
+        """A stable step of central differences about the rest state [s], safe and quickly found.
+
+        omega^2 is at most the largest eigenvalue of any single cell's stiffness over its own
+        lumped mass (Fried 1972, "Bounds on the extremal eigenvalues of the finite element
+        stiffness and mass matrices"); for one cell that is 4 / rho times the largest eigenvalue
+        of B^T D B, which D^(1/2) B B^T D^(1/2) has too, a 6 x 6 matrix.
+        """
+        # Square root of D in Voigt order (xx, yy, zz, xy, yz, zx).
+        elasticity = np.diag([2.0 * self.mu] * 3 + [self.mu] * 3)
+        elasticity[:3, :3] += self.lmbda
+        values, vectors = np.linalg.eigh(elasticity)
+        root = vectors @ np.diag(np.sqrt(values)) @ vectors.T
+        largest = 0.0
+        for part in np.array_split(self.shape_gradients, max(1, self.mesh.num_cells // 20000)):
+            strain = np.zeros((len(part), 6, 12))
+            for a in range(4):
+                gx, gy, gz = part[:, a].T
+                strain[:, 0, 3 * a], strain[:, 1, 3 * a + 1], strain[:, 2, 3 * a + 2] = gx, gy, gz
+                strain[:, 3, 3 * a], strain[:, 3, 3 * a + 1] = gy, gx
+                strain[:, 4, 3 * a + 1], strain[:, 4, 3 * a + 2] = gz, gy
+                strain[:, 5, 3 * a], strain[:, 5, 3 * a + 2] = gz, gx
+            half = root @ strain
+            values = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
+            largest = max(largest, float(values.max()))
+        return float(2.0 / np.sqrt(4.0 * largest / self.material.density))
+
+    def critical_time_step(
+        self,
+        *,
+        displacement: Points | None = None,
+        mass: Points | None = None,
+        relative_tolerance: float = 1e-4,
+        max_iterations: int = 2000,
+    ) -> float:
+        """2 / omega_max of K x = omega^2 M x [s] (paper, section III), by Lanczos iterations.
+
+        Approached from above: the answer is too long by at most about the tolerance, so multiply
+        it by a safety factor. Never below `critical_time_step_bound`. Stretched Green-strain
+        cells are stiffer than at rest: keep a margin.
+
+        Args:
+            displacement: State about which the body moves [m], shape (num_points, 3); None is
+                rest.
+            mass: Lumped mass [kg], shape (num_points,); None is the material's.
+            relative_tolerance: Change of the eigenvalue over ten iterations at which to stop.
+            max_iterations: Matrix products at most.
+        """
+        rest = np.zeros_like(self.mesh.points)
+        self.core.assemble_tangent(rest if displacement is None else self.checked(displacement))
+        scale = 1.0 / np.sqrt(self.lumped_mass if mass is None else mass)[:, None]
+        q = np.random.default_rng(0).standard_normal(rest.shape)
+        q /= np.linalg.norm(q)
+        before = np.zeros_like(q)
+        diagonal: list[float] = []
+        beside: list[float] = []
+        known = 0.0
+        for iteration in range(1, min(max_iterations, rest.size) + 1):
+            product = self.core.multiply(scale * q)
+            w = scale * product - (beside[-1] * before if beside else 0.0)
+            diagonal.append(float(np.sum(w * q)))
+            w -= diagonal[-1] * q
+            beside.append(float(np.linalg.norm(w)))
+            is_exhausted = beside[-1] <= 1e-12 * abs(diagonal[0])
+            if iteration % 10 == 0 or is_exhausted:
+                off = beside[: len(diagonal) - 1]
+                ritz = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
+                largest = float(np.linalg.eigvalsh(ritz)[-1])
+                if is_exhausted or largest - known <= relative_tolerance * largest:
+                    known = largest
+                    break
+                known = largest
+            before, q = q, w / beside[-1]
+        return float(2.0 / np.sqrt(known))
