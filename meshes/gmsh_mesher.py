@@ -8,8 +8,6 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +15,9 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import MeshError
 from palpate.meshes.shell_crossings import require_apart
 from palpate.meshes.shells import ShellKind, find_shells
+from palpate.meshes.supervised import run_supervised
 from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
@@ -44,15 +44,13 @@ def mesh_with_gmsh(
         MesherFailedError: gmsh is missing, failed, ran out of time, or changed the boundary.
     """
     require_apart(surface, require_closed(surface))
-    with tempfile.TemporaryDirectory() as folder:
-        source, target = Path(folder) / "surface.npz", Path(folder) / "mesh.npz"
+    with scratch_folder("gmsh") as folder:
+        source, target = folder / "surface.npz", folder / "mesh.npz"
         np.savez(source, points=surface.points, facets=surface.facets)
         command = [sys.executable, "-m", "palpate.meshes.gmsh_mesher", str(source), str(target)]
         command += [] if edge_length is None else ["--edge-length", repr(float(edge_length))]
         try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, timeout=time_limit, check=False
-            )
+            done = run_supervised(command, time_limit=time_limit)
         except subprocess.TimeoutExpired:
             raise MesherFailedError(
                 f"gmsh did not end within {time_limit:g} s; use a larger edge length or limit"

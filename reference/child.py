@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -20,10 +19,10 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import load_problem, save_problem
+from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
 from palpate.reference.child_process import (
     EXIT_FAILED,
-    UNTIL_STDIN_CLOSES,
     Say,
     one_line,
     raise_for,
@@ -106,9 +105,8 @@ def run_task(
             task, problem, time_limit=time_limit, progress=progress or _say_nothing
         )
         return answered
-    with tempfile.TemporaryDirectory(prefix="palpate-reference-") as folder:
-        given, answer = Path(folder, "problem.npz"), Path(folder, "result.npz")
-        todo = Path(folder, "task.npz")
+    with scratch_folder("reference") as folder:
+        given, answer, todo = (folder / f"{name}.npz" for name in ("problem", "result", "task"))
         save_problem(given, problem)
         save_result(todo, task)
         exit_code, errors = run_child(_command(given, answer, todo), time_limit, progress)
@@ -119,7 +117,7 @@ def _command(given: Path, answer: Path, task: Path) -> list[str]:
     return [
         # -P: a file called numpy.py in the current folder is not the child's numpy.
         *(sys.executable, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
-        *("--task", str(task), "--until-stdin-closes"),
+        *("--task", str(task)),
     ]
 
 
@@ -178,11 +176,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--degree", type=int, default=1)
     parser.add_argument("--relative-tolerance", type=float, default=1e-10)
     parser.add_argument("--task", type=Path, help="file of a task; then it says all of these")
-    parser.add_argument(
-        UNTIL_STDIN_CLOSES,
-        action="store_true",
-        help="end when standard input does, which is when the caller dies",
-    )
     options = parser.parse_args(arguments)
 
     def solve(say: Say) -> int:
@@ -201,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         save_result(options.result, result)
         return 0
 
-    return serve(solve, ends_with_caller=options.until_stdin_closes)
+    return serve(solve)
 
 
 if __name__ == "__main__":

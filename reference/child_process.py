@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -16,9 +15,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.supervised import supervised
 from palpate.reference.availability import require_available
 from palpate.reference.errors import (
     ReferenceCrashedError,
@@ -29,9 +29,16 @@ from palpate.reference.errors import (
 EXIT_INPUT = 2
 EXIT_FAILED = 3
 EXIT_UNAVAILABLE = 4
-UNTIL_STDIN_CLOSES = "--until-stdin-closes"
 _PROGRESS = "progress: "
 _STDERR_LINES = 40
+
+_STREAMS: dict[str, Any] = {
+    "stdin": subprocess.DEVNULL,
+    "stdout": subprocess.PIPE,
+    "stderr": subprocess.PIPE,
+    "text": True,
+    "errors": "replace",
+}
 
 Say = Callable[[str], None]
 
@@ -51,10 +58,10 @@ def child_environment() -> dict[str, str]:
 
 
 def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -> tuple[int, str]:
-    """Run a command in its own process group.
+    """Run a command that ends, with all it started, when this process does.
 
     Args:
-        command: Program and arguments; `UNTIL_STDIN_CLOSES` among them ends it with its caller.
+        command: Program and arguments.
         time_limit: It and whatever it started are ended after this [s], > 0.
         progress: Called with one line of text now and then.
 
@@ -68,29 +75,16 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")
     told = progress or _say_nothing
-    process = subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        env=child_environment(),
-        start_new_session=True,
-    )
     errors: deque[str] = deque(maxlen=_STDERR_LINES)
-    assert process.stdin is not None
-    assert process.stdout is not None
-    assert process.stderr is not None
     lines: deque[str] = deque()
-    readers = [
-        threading.Thread(target=_drain, args=(process.stderr, errors), daemon=True),
-        threading.Thread(target=_drain, args=(process.stdout, lines), daemon=True),
-    ]
+    readers: list[threading.Thread] = []
     deadline = time.monotonic() + time_limit
-    try:
-        for reader in readers:
-            reader.start()
+    with contextlib.ExitStack() as ends:
+        ends.callback(_join, readers)
+        process = ends.enter_context(supervised(command, env=child_environment(), **_STREAMS))
+        for stream, kept in ((process.stderr, errors), (process.stdout, lines)):
+            readers.append(threading.Thread(target=_drain, args=(stream, kept), daemon=True))
+            readers[-1].start()
         while True:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=min(0.05, max(0.0, deadline - time.monotonic())))
@@ -99,16 +93,8 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
                 break
             if time.monotonic() >= deadline:
                 raise ReferenceTimeoutError(time_limit, "".join(errors))
-        for reader in readers:
-            reader.join(timeout=5.0)
+        _join(readers)
         _pass_on(lines, told)
-    finally:
-        _end_group(process)
-        for reader in readers:
-            reader.join(timeout=5.0)
-        process.stdin.close()
-        process.stdout.close()
-        process.stderr.close()
     return process.returncode, "".join(errors)
 
 
@@ -117,7 +103,13 @@ def _say_nothing(_line: str) -> None:
 
 
 def _drain(stream: IO[str], lines: deque[str]) -> None:
-    lines.extend(stream)
+    with stream:
+        lines.extend(stream)
+
+
+def _join(readers: list[threading.Thread]) -> None:
+    for reader in readers:
+        reader.join(timeout=5.0)
 
 
 def _pass_on(lines: deque[str], progress: Callable[[str], None]) -> None:
@@ -125,13 +117,6 @@ def _pass_on(lines: deque[str], progress: Callable[[str], None]) -> None:
         line = lines.popleft()
         if line.startswith(_PROGRESS):
             progress(line.removeprefix(_PROGRESS).rstrip("\n"))
-
-
-def _end_group(process: subprocess.Popen[str]) -> None:
-    """End the child and whatever it started (a compiler, say)."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
 
 
 def raise_for(exit_code: int, errors: str) -> None:
@@ -149,10 +134,8 @@ def raise_for(exit_code: int, errors: str) -> None:
         raise ReferenceCrashedError(exit_code, errors)
 
 
-def serve(solve: Callable[[Say], int], *, ends_with_caller: bool) -> int:
+def serve(solve: Callable[[Say], int]) -> int:
     """The child's side: run `solve` with a way to say lines; return the exit status."""
-    if ends_with_caller:
-        threading.Thread(target=_end_with_caller, daemon=True).start()
 
     def say(line: str) -> None:
         print(f"{_PROGRESS}{line}", flush=True)
@@ -171,10 +154,3 @@ def serve(solve: Callable[[Say], int], *, ends_with_caller: bool) -> int:
 def one_line(error: BaseException) -> str:
     """An error's message without line breaks."""
     return " ".join(str(error).split())
-
-
-def _end_with_caller() -> None:
-    # Not sys.stdin: a thread inside its buffer aborts the interpreter's shutdown.
-    while os.read(0, 4096):
-        pass
-    os._exit(1)

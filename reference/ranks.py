@@ -12,16 +12,15 @@ from __future__ import annotations
 import functools
 import os
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import load_problem, save_problem
+from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 
@@ -67,8 +66,8 @@ def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress:
         ReferenceUnavailableError: mpirun is not that of the MPI FEniCSx was built with.
     """
     comm = _communicator()
-    with tempfile.TemporaryDirectory(prefix="palpate-ranks-") as folder:
-        given = Path(folder, "problem.npz")
+    with scratch_folder("ranks") as folder:
+        given = folder / "problem.npz"
         save_problem(given, problem)
         sent = given.read_bytes()
     for rank in range(1, comm.size):
@@ -127,8 +126,8 @@ def _communicator() -> Any:
 
 
 def _do_share(task: Task, sent: bytes, say: Say) -> Any:
-    with tempfile.TemporaryDirectory(prefix="palpate-ranks-") as folder:
-        given = Path(folder, "problem.npz")
+    with scratch_folder("ranks") as folder:
+        given = folder / "problem.npz"
         given.write_bytes(sent)
         problem = load_problem(given)
     return task(problem, say)

@@ -16,6 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.meshes.supervised import run_supervised
+
 # One thread in every tool; the variables that OpenMP and the BLAS libraries read.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -41,14 +43,7 @@ def run_program(command: Sequence[str], *, time_limit: float) -> dict[str, Any]:
     """
     environment = {**os.environ, **dict.fromkeys(_ONE_THREAD, "1")}
     try:
-        done = subprocess.run(
-            list(command),
-            capture_output=True,
-            text=True,
-            timeout=time_limit,
-            check=False,
-            env=environment,
-        )
+        done = run_supervised(command, time_limit=time_limit, env=environment)
     except subprocess.TimeoutExpired:
         raise ChildFailedError(f"not done within {time_limit:g} s") from None
     if done.returncode != 0:

@@ -9,18 +9,18 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.supervised import supervised
+from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.child import ChildFailedError
 
 FOLDER = Path(__file__).parent / "rivals"
@@ -48,20 +48,27 @@ class TimedChild:
     def __init__(self, file: str, body: Mapping[str, Any], interpreter: str) -> None:
         self.is_ours = is_ours(file)
         self.num_threads = int(body.get("num_threads", 1))
-        self._folder = tempfile.TemporaryDirectory(prefix="palpate-bench-")
-        given, force = Path(self._folder.name, "body.npz"), Path(self._folder.name, "force.npy")
+        self._ends = contextlib.ExitStack()
+        folder = self._ends.enter_context(scratch_folder("bench"))
+        given, force = folder / "body.npz", folder / "force.npy"
         np.savez(given, **body)
-        self._errors = Path(self._folder.name, "errors.txt").open("w+", encoding="utf-8")  # noqa: SIM115
-        self._process = subprocess.Popen(
-            [interpreter, "-P", str(FOLDER / "child.py"), str(FOLDER / file), given, force],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            text=True,
-            env=_environment(interpreter),
-            start_new_session=True,
-            cwd=self._folder.name,  # some write log files
+        self._errors = self._ends.enter_context(
+            (folder / "errors.txt").open("w+", encoding="utf-8")
         )
+        self._process = self._ends.enter_context(
+            supervised(
+                [interpreter, "-P", FOLDER / "child.py", FOLDER / file, given, force],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                text=True,
+                env=_environment(interpreter),
+                cwd=folder,  # some write log files
+            )
+        )
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            self._ends.callback(_close, stream)
         self.answers: list[dict[str, Any]] = []
         self.about = self._read()
         self.refused = str(self.about.get("missing", self.about.get("unfit", "")))
@@ -83,22 +90,12 @@ class TimedChild:
 
     def close(self) -> None:
         """End the child."""
-        self._end()
-        self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout, self._errors):
-            assert stream is not None
-            with contextlib.suppress(OSError):
-                stream.close()
-        self._folder.cleanup()
-
-    def _end(self) -> None:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        self._ends.close()
 
     def _read(self) -> dict[str, Any]:
         assert self._process.stdout is not None
         # Whoever hangs is ended, and has failed.
-        watch = threading.Timer(TIME_LIMIT, self._end)
+        watch = threading.Timer(TIME_LIMIT, self._process.terminate)
         watch.start()
         line = self._process.stdout.readline()
         watch.cancel()
@@ -189,6 +186,11 @@ def is_ours(file: str) -> bool:
 
 def _say_nothing(_line: str) -> None:
     pass
+
+
+def _close(stream: IO[str]) -> None:
+    with contextlib.suppress(OSError):
+        stream.close()
 
 
 def _environment(interpreter: str) -> dict[str, str]:

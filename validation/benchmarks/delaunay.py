@@ -6,7 +6,6 @@ of each counts.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.child import ChildFailedError, run_program, run_tool
 from palpate.validation.benchmarks.delaunay_tools import PROGRAMS, TOOLS, compile_program
 
@@ -72,9 +72,9 @@ def bench_delaunay(
         cells and peak_memory_mb (of the process; for Python tools with the interpreter's 30 MB).
     """
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as folder:
-        programs = {tool: compile_program(tool, Path(folder)) for tool in PROGRAMS}
-        source = Path(folder) / "points"
+    with scratch_folder("bench") as folder:
+        programs = {tool: compile_program(tool, folder) for tool in PROGRAMS}
+        source = folder / "points"
         for size in sizes:
             for kind in ("random", "grid", "sphere") if size == _SHAPES_SIZE else ("random",):
                 place_points(kind, size).tofile(source)

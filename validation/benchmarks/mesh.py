@@ -6,7 +6,6 @@ the best CPU time of each counts. Quality is measured here, the same way for all
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from palpate.fastsim.body import Body
 from palpate.meshes.problem import Material
 from palpate.meshes.quality import measure_quality
+from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.benchmarks.child import ChildFailedError, run_tool
@@ -58,11 +58,11 @@ def bench_mesh(
         critical_time_step_us (E = 10 kPa, nu = 0.45, 1000 kg/m3) and peak_memory_mb.
     """
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder("bench") as folder:
         for size in sizes:
             poor = ("decimated", "marching cubes") if size == _POOR_SIZE else ()
             for kind in ("gmsh", *poor):
-                source = str(Path(folder) / "surface.npz")
+                source = str(folder / "surface.npz")
                 try:
                     surface = make_surface(kind, size, source)
                 except ChildFailedError as error:

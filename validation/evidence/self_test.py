@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
@@ -139,14 +138,14 @@ def _spoiled_references(word: str) -> Iterator[None]:
     """Stored references that are missing, another case's, or cut off."""
     own = references_folder()
     before = os.environ.get("PALPATE_REFERENCES")
-    with tempfile.TemporaryDirectory(prefix="palpate-self-test-") as folder:
-        target = Path(folder, f"{_CASE_OF_REFERENCES}.npz")
+    with scratch_folder("self-test") as folder:
+        target = folder / f"{_CASE_OF_REFERENCES}.npz"
         if word == "stale-reference":
             shutil.copy(own / "kidney.npz", target)
         elif word == "damaged-reference":
             whole = (own / f"{_CASE_OF_REFERENCES}.npz").read_bytes()
             target.write_bytes(whole[: len(whole) // 2])
-        os.environ["PALPATE_REFERENCES"] = folder
+        os.environ["PALPATE_REFERENCES"] = str(folder)
         try:
             yield
         finally:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
+from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
+from palpate.meshes.supervised import run_supervised
+from palpate.meshes.temporaries import scratch_folder
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _TIME_LIMIT = 180.0
@@ -44,8 +46,8 @@ def print_pdf(page: Path) -> Path:
     """
     browser = require_browser()
     target = page.with_suffix(".pdf")
-    with tempfile.TemporaryDirectory(dir=page.parent, prefix=".pdf.") as scratch:
-        made = Path(scratch) / "page.pdf"
+    with scratch_folder("pdf") as scratch:
+        made = scratch / "page.pdf"
         command = [
             browser,
             "--headless",
@@ -58,11 +60,12 @@ def print_pdf(page: Path) -> Path:
             page.absolute().as_uri(),
         ]
         try:
-            done = subprocess.run(command, capture_output=True, timeout=_TIME_LIMIT, check=False)
+            done = run_supervised(command, time_limit=_TIME_LIMIT)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise InputError(f"{browser} could not print the report: {error}") from error
         if done.returncode != 0 or not made.is_file():
-            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            last = done.stderr.strip().splitlines()[-1:]
             raise InputError(f"{browser} could not print the report: {' '.join(last) or 'no PDF'}")
-        made.replace(target)
+        with atomic_path(target) as temporary:
+            shutil.copyfile(made, temporary)
     return target

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.problem import Strain
+from palpate.meshes.supervised import run_supervised
+from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.judging.results import CaseResult
 
 PANEL = (620, 720)
@@ -30,23 +31,23 @@ def draw_pictures(result: CaseResult, folder: Path, time_limit: float = 180.0) -
         Path of each picture that came about, by name ("states", "errors"); none is required.
     """
     arrays = _arrays(result)
-    with tempfile.TemporaryDirectory() as scratch:
-        source = Path(scratch) / "fields.npz"
+    with scratch_folder("pictures") as scratch:
+        source = scratch / "fields.npz"
         np.savez(source, **arrays)
         for module in ("draw_pyvista", "draw_matplotlib"):
             command = [sys.executable, "-m", f"palpate.validation.report.{module}"]
             try:
-                subprocess.run(
-                    [*command, str(source), scratch],
-                    capture_output=True,
-                    timeout=time_limit,
-                    check=True,
+                done = run_supervised(
+                    [*command, source, scratch],
+                    time_limit=time_limit,
                     env={**os.environ, "PYVISTA_OFF_SCREEN": "true"},
                 )
             except (subprocess.SubprocessError, OSError):
                 continue
+            if done.returncode != 0:
+                continue
             made = {}
-            for path in sorted(Path(scratch).glob("*.png")):
+            for path in sorted(scratch.glob("*.png")):
                 (folder / path.name).write_bytes(path.read_bytes())
                 made[path.stem] = folder / path.name
             if made:

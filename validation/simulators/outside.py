@@ -1,26 +1,25 @@
 """Any program as a candidate: it reads a case folder and writes a result file.
 
-It runs in a process group of its own with a time limit; the group ends with it. A crash, no
+It runs under a supervisor with a time limit; all it started ends with it. A crash, no
 answer in time, no result file or NaN in it is the candidate's failure; a file that cannot be
 read is an input error.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.supervised import supervised
+from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.exchange.case_folder import case_key, write_case_folder
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
@@ -101,10 +100,10 @@ class OutsideSimulator:
             ResultFileError: Its result cannot be read, or has the wrong count.
             CandidateFailedError: It crashed, took too long, left no result, or answered NaN.
         """
-        with tempfile.TemporaryDirectory(prefix="palpate-simulator-") as scratch:
-            case = Path(scratch, "case")
+        with scratch_folder("simulator") as scratch:
+            case = scratch / "case"
             write_case_folder(case, problem, strain, name=case_name)
-            words, file = self._filled(case, Path(scratch))
+            words, file = self._filled(case, scratch)
             progress(f"{self.name}, {strain} strain, {problem.mesh.num_cells} cells")
             start = time.perf_counter()
             _run(words, scratch, self.time_limit)
@@ -135,29 +134,25 @@ def require_answers(result: ResultFile, problem: Problem, strain: Strain) -> Non
         )
 
 
-def _run(words: list[str], folder: str, time_limit: float) -> None:
+def _run(words: list[str], folder: Path, time_limit: float) -> None:
     """Run to the end or the time limit; nothing it started outlives this."""
     program = shutil.which(words[0])
     if program is None:
         raise CommandError(f"simulator: no program {words[0]!r} here; is it on the path?")
-    with Path(folder, "output.txt").open("w+b") as output:
-        process = subprocess.Popen(
-            [os.path.abspath(program), *words[1:]],  # noqa: PTH100  (links are kept: venvs)
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+    with (folder / "output.txt").open("w+b") as output:
+        start = [os.path.abspath(program), *words[1:]]  # noqa: PTH100  (links are kept: venvs)
+        streams = {"stdin": subprocess.DEVNULL, "stdout": output, "stderr": subprocess.STDOUT}
         try:
-            process.wait(time_limit)
+            with supervised(start, **streams) as process:
+                process.wait(time_limit)
         except subprocess.TimeoutExpired:
             raise CandidateFailedError(
                 f"no answer within {time_limit:g} s{_last_line(output)}"
             ) from None
-        finally:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+        except OSError as error:
+            raise CommandError(
+                f"simulator: {program} cannot be started ({error.strerror or error})"
+            ) from error
         if process.returncode < 0:
             raise CandidateFailedError(
                 f"it crashed (signal {-process.returncode}){_last_line(output)}"
