@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -57,14 +58,38 @@ _KINDS: dict[str, type[Any]] = {
         Material,
     )
 }
-# Problems without tools or inclusions are written as before there were any: same arrays, same key.
-_LATER_GROUPS = ("tools", "inclusions")
+# Written as tables of plain values.
+_PLAIN = ("material", "time")
+# The fields that version 0.1 knew are always written. One that came later is left out at its
+# default: the arrays of a problem that does not use it, and with them its key, stay as they were.
+_FIRST_FIELDS: dict[str, frozenset[str]] = {
+    "Problem": frozenset({"supports", "loads", "material", "time"}),
+    "Material": frozenset({"youngs_modulus", "poissons_ratio", "density"}),
+    "TimeSpan": frozenset({"end_time", "time_step", "mass_damping", "num_outputs"}),
+    "Support": frozenset({"points", "facets", "components", "displacement", "amplitude"}),
+    "Traction": frozenset({"facets", "traction", "amplitude"}),
+    "Pressure": frozenset({"facets", "pressure", "amplitude"}),
+    "PointForce": frozenset({"points", "forces", "amplitude"}),
+    "BodyForce": frozenset({"force_density", "amplitude"}),
+    "TabularAmplitude": frozenset({"times", "factors", "is_smooth"}),
+    "RigidTool": frozenset({"shape", "path", "friction_coefficient", "contact_facets", "drive"}),
+    "SphereShape": frozenset({"radius"}),
+    "CapsuleShape": frozenset({"radius", "half_length"}),
+    "BoxShape": frozenset({"half_widths"}),
+    "PlaneShape": frozenset(),
+    "SurfaceShape": frozenset({"surface"}),
+    "TriSurface": frozenset({"points", "facets"}),
+    "ToolPath": frozenset({"times", "positions", "rotations"}),
+    "ForceDrive": frozenset({"direction", "force", "amplitude", "mass"}),
+    "Inclusion": frozenset({"cells", "material"}),
+}
 
 
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
     """The problem as named arrays; plain values are kept as JSON text in `header`.
 
-    The same problem always gives the same arrays, so they also serve as its identity.
+    The same problem always gives the same arrays, so they also serve as its identity. A field
+    added after version 0.1 takes part only where it differs from its default.
     """
     arrays: dict[str, NDArray[Any]] = {
         "points": problem.mesh.points,
@@ -74,32 +99,47 @@ def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
         arrays[f"facet_group:{name}"] = rows
     for name, rows in problem.mesh.point_groups.items():
         arrays[f"point_group:{name}"] = rows
-    header: dict[str, Any] = {
-        "schema": 1,
-        "material": dataclasses.asdict(problem.material),
-        "time": dataclasses.asdict(problem.time) if problem.time else None,
-    }
-    for group in ("supports", "loads", *_LATER_GROUPS):
-        items = getattr(problem, group)
-        if items or group not in _LATER_GROUPS:
-            header[group] = [
-                _encoded(item, f"{group}:{index}", arrays) for index, item in enumerate(items)
+    header: dict[str, Any] = {"schema": 1}
+    for name, value in _written_fields(problem):
+        if name in _PLAIN:
+            header[name] = dict(_written_fields(value)) if value else None
+        elif isinstance(value, tuple):
+            header[name] = [
+                _encoded(item, f"{name}:{index}", arrays) for index, item in enumerate(value)
             ]
+        elif name != "mesh":
+            header[name] = value
     arrays["header"] = np.array(json.dumps(header, sort_keys=True))
     return arrays
+
+
+def _written_fields(item: Any) -> Iterator[tuple[str, Any]]:
+    first = _FIRST_FIELDS[type(item).__name__]
+    for part in dataclasses.fields(item):
+        value = getattr(item, part.name)
+        if part.name in first or not _is_default(part, value):
+            yield part.name, value
+
+
+def _is_default(part: dataclasses.Field[Any], value: Any) -> bool:
+    default = part.default
+    if part.default_factory is not dataclasses.MISSING:
+        default = part.default_factory()
+    if isinstance(value, np.ndarray):
+        return isinstance(default, np.ndarray) and np.array_equal(value, default)
+    return default is not dataclasses.MISSING and bool(value == default)
 
 
 def _encoded(item: Any, place: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     """A dataclass as JSON values; its arrays go to `arrays` under their place. None is left out."""
     entry: dict[str, Any] = {"kind": type(item).__name__}
-    for part in dataclasses.fields(item):
-        value = getattr(item, part.name)
+    for name, value in _written_fields(item):
         if isinstance(value, np.ndarray):
-            arrays[f"{place}:{part.name}"] = value
+            arrays[f"{place}:{name}"] = value
         elif dataclasses.is_dataclass(value):
-            entry[part.name] = _encoded(value, f"{place}:{part.name}", arrays)
+            entry[name] = _encoded(value, f"{place}:{name}", arrays)
         elif value is not None:
-            entry[part.name] = value
+            entry[name] = value
     return entry
 
 
@@ -136,28 +176,22 @@ def load_problem(path: str | Path) -> Problem:
         header = json.loads(str(arrays["header"]))
         if header["schema"] != 1:
             raise FileFormatError(path, f"schema {header['schema']} is not known here (1 is)")
-        groups: dict[str, tuple[Any, ...]] = {
-            group: tuple(
-                _decoded(entry, f"{group}:{index}", arrays)
-                for index, entry in enumerate(header.get(group, []))
-            )
-            for group in ("supports", "loads", *_LATER_GROUPS)
-        }
         mesh = TetMesh(
             arrays["points"],
             arrays["cells"],
             _group(arrays, "facet_group:"),
             _group(arrays, "point_group:"),
         )
-        return Problem(
-            mesh,
-            Material(**header["material"]),
-            groups["supports"],
-            groups["loads"],
-            TimeSpan(**header["time"]) if header["time"] else None,
-            groups["tools"],
-            groups["inclusions"],
-        )
+        values = {name: value for name, value in header.items() if name != "schema"}
+        values["material"] = Material(**header["material"])
+        values["time"] = TimeSpan(**header["time"]) if header["time"] else None
+        for name, entries in values.items():
+            if isinstance(entries, list):
+                values[name] = tuple(
+                    _decoded(entry, f"{name}:{index}", arrays)
+                    for index, entry in enumerate(entries)
+                )
+        return Problem(mesh, **values)
     except FileFormatError:
         raise
     except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,6 +83,68 @@ def test_a_problem_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert back.tools[1].shape == PROBLEM.tools[1].shape
     assert back.tools[1].drive == PROBLEM.tools[1].drive
     assert back.inclusions[0].material == PROBLEM.inclusions[0].material
+
+
+# Of version 0.1.
+IDENTITY_OF_0_1 = "884539c97c17ffb1e26ea131c5626a757a28e53fdcd9900741d105eff697ed8a"
+
+
+def identity(problem: Problem) -> str:
+    digest = hashlib.sha256()
+    for name, array in sorted(problem_arrays(problem).items()):
+        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def with_later_fields(item: Any, **later: Any) -> Any:
+    """The item as a class of the same name in a later version, which has more optional fields."""
+    fields = [
+        (name, type(default), dataclasses.field(default_factory=lambda d=default: d))
+        for name, (default, _) in later.items()
+    ]
+    kind = dataclasses.make_dataclass(
+        type(item).__name__, fields, bases=(type(item),), frozen=True, eq=False
+    )
+    values = {f.name: getattr(item, f.name) for f in dataclasses.fields(item)}
+    return kind(**values, **{name: value for name, (_, value) in later.items()})
+
+
+def test_every_kind_of_thing_has_the_arrays_that_version_0_1_gave_it() -> None:
+    """A literal of 0.1: supports, all loads, amplitudes, tools, inclusions, time, groups."""
+    assert identity(PROBLEM) == IDENTITY_OF_0_1
+
+
+@pytest.mark.parametrize(
+    ("default", "other"),
+    [
+        (0.0, 0.1),
+        (None, 3.0),
+        ("svk", "neo-hookean"),
+        (np.zeros((0, 3)), np.ones((1, 3))),
+        ((), (1,)),
+    ],
+)
+def test_an_optional_field_of_a_later_version_counts_only_where_it_is_used(
+    default: Any, other: Any
+) -> None:
+    parts = ("material", "time", "supports", "loads", "tools", "inclusions")
+
+    def later(part: str, value: Any) -> Problem:
+        item = getattr(PROBLEM, part)
+        if isinstance(item, tuple):
+            changed: Any = (with_later_fields(item[0], extra=(default, value)), *item[1:])
+        else:
+            changed = with_later_fields(item, extra=(default, value))
+        return dataclasses.replace(PROBLEM, **{part: changed})
+
+    for part in parts:
+        assert identity(later(part, default)) == identity(PROBLEM), part
+        if not (isinstance(other, np.ndarray) and part in ("material", "time")):
+            assert identity(later(part, other)) != identity(PROBLEM), part
+    # The problem itself, too.
+    if not isinstance(other, np.ndarray | tuple):
+        assert identity(with_later_fields(PROBLEM, extra=(default, default))) == identity(PROBLEM)
+        assert identity(with_later_fields(PROBLEM, extra=(default, other))) != identity(PROBLEM)
 
 
 def test_a_cell_has_one_material() -> None:

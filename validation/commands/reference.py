@@ -1,4 +1,4 @@
-"""`palpate reference build|check|accept`: how stored references come to be, and who let them."""
+"""`palpate reference build|check|accept|renew`: stored references, and who let them in."""
 
 from __future__ import annotations
 
@@ -59,24 +59,62 @@ def build(names: Cases = None) -> None:
 
 @app.command()
 def check(names: Cases = None) -> None:
-    """Check that the accepted references belong to their cases; exit code 2 where one does not."""
+    """Check all that can be checked of accepted references; exit code 2 where one is refused.
+
+    The hash, that they belong to their case, header numbers, supports, times, equilibrium, error
+    bars, and every step of a motion on the same mesh.
+    """
     from palpate.validation.case import load_case
-    from palpate.validation.references.stored import load_stored, references_folder
+    from palpate.validation.references.stored import (
+        accepted_path,
+        describe_acceptance,
+        load_checked,
+    )
 
     troubles = []
     for name in _chosen(names):
         case = load_case(name)
         try:
-            folder = references_folder(_beside(case))
-            stored = load_stored(case.name, case.problem, folder=folder)
+            path = accepted_path(case.name, _beside(case))
+            stored = load_checked(path, case.name, case.problem, name, thoroughly=True)
         except InputError as error:
             troubles.append(str(error))
             continue
-        made = stored.provenance.get("date", "?")
-        accepted = stored.provenance.get("accepted", {})
-        print(f"{case.name}: {stored.origin}, made {made}")
+        print(f"{case.name}: {stored.origin}, made {stored.provenance.get('date', '?')}")
+        accepted = describe_acceptance(stored)
         if accepted:
-            print(f"  accepted {accepted['date']} by {accepted['by']}: {accepted['reason']}")
+            print(f"  {accepted}")
+    if troubles:
+        raise InputError("; ".join(troubles))
+
+
+@app.command()
+def renew(
+    names: Cases = None,
+    is_all: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
+) -> None:
+    """Take accepted references of version 0.1 over: check them, add a hash, tell what changed.
+
+    Nothing is solved. Who accepted them and why is kept.
+    """
+    from palpate.validation.case import builtin_cases, load_case
+    from palpate.validation.references.renewal import renew_reference
+    from palpate.validation.references.stored import accepted_path
+
+    if bool(names) == is_all:
+        raise InputError("name the cases whose references to renew, or --all for all built-in ones")
+    troubles = []
+    for name in names or list(builtin_cases()):
+        case = load_case(name)
+        path = accepted_path(case.name, _beside(case))
+        try:
+            lines = renew_reference(path, case.name, case.problem, name)
+        except InputError as error:
+            troubles.append(str(error))
+            continue
+        print(path)
+        for line in lines:
+            print(f"  {line}")
     if troubles:
         raise InputError("; ".join(troubles))
 

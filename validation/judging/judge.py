@@ -23,14 +23,9 @@ from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
+from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
-from palpate.validation.references.stored import (
-    MissingReferenceError,
-    StaleReferenceError,
-    load_stored,
-    problem_key,
-    references_folder,
-)
+from palpate.validation.references.stored import load_stored, problem_key, references_folder
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import State, Verdict, gravest
@@ -172,6 +167,8 @@ def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) 
         from palpate.reference.availability import is_available
 
         if is_available():
+            if trouble is not None:
+                progress(f"left aside: {trouble}")
             wanted = {spec.against for spec in case.checks}
             return solve_live(problem, progress, stored=stored, wanted=wanted)
     if stored is not None:

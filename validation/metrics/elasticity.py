@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.exchange.nodal_loads import cell_materials, held_components
+from palpate.validation.exchange.nodal_loads import cell_materials, held_components, nodal_force
 
 Array = NDArray[np.float64]
 
@@ -53,20 +54,75 @@ def strain_energy(problem: Problem, displacement: Points, strain: Strain) -> flo
     return float(signed_volumes(mesh.points, mesh.cells) @ density)
 
 
+class ElasticForces:
+    """Internal forces of one body again and again: what does not change is worked out once."""
+
+    def __init__(self, problem: Problem, strain: Strain) -> None:
+        mesh = problem.mesh
+        self._cells, self._shape = mesh.cells, mesh.points.shape
+        self._gradients = shape_gradients(mesh)
+        self._by_volume = (
+            signed_volumes(mesh.points, mesh.cells)[:, None, None] * self._gradients
+        ).transpose(0, 2, 1)
+        self._lmbda, self._mu = _lame(problem)
+        self._strain = strain
+
+    def __call__(self, displacement: Points) -> Points:
+        """Derivative of the strain energy by the points [N], (num_points, 3); sums to zero."""
+        gradients = displacement[self._cells].transpose(0, 2, 1) @ self._gradients
+        E = 0.5 * (gradients + gradients.transpose(0, 2, 1))
+        if self._strain is Strain.GREEN:
+            E += 0.5 * (gradients.transpose(0, 2, 1) @ gradients)
+        S = 2.0 * self._mu[:, None, None] * E
+        diagonal = np.arange(3)
+        S[:, diagonal, diagonal] += (self._lmbda * np.trace(E, axis1=1, axis2=2))[:, None]
+        P = S if self._strain is Strain.LINEAR else S + gradients @ S
+        by_corner = (P @ self._by_volume).transpose(0, 2, 1)
+        return sum_at_points(self._cells, by_corner, self._shape[0])
+
+
+def sum_at_points(places: Indices, forces: Array, num_points: int) -> Points:
+    """Sum forces (n, k, 3) of the corners of cells or facets (n, k) at the points they name."""
+    flat, rows = places.ravel(), forces.reshape(-1, 3)
+    summed: Points = np.stack(
+        [np.bincount(flat, rows[:, axis], num_points) for axis in range(3)], axis=1
+    )
+    return summed
+
+
 def internal_force(problem: Problem, displacement: Points, strain: Strain) -> Points:
     """Derivative of the strain energy by the points [N], (num_points, 3); sums to zero."""
-    mesh = problem.mesh
-    lmbda, mu = _lame(problem)
-    gradients = displacement_gradients(mesh, displacement)
-    E = _strain(gradients, strain)
-    S = 2.0 * mu[:, None, None] * E
-    S += (lmbda * np.einsum("cii->c", E))[:, None, None] * np.eye(3)
-    P = S if strain is Strain.LINEAR else S + gradients @ S
-    volumes = signed_volumes(mesh.points, mesh.cells)
-    by_corner = np.einsum("c,cij,caj->cai", volumes, P, shape_gradients(mesh), optimize=True)
-    force = np.zeros_like(mesh.points)
-    np.add.at(force, mesh.cells, by_corner)
-    return force
+    return ElasticForces(problem, strain)(displacement)
+
+
+def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) -> Points:
+    """Force of any load at full size on each point [N], (num_points, 3).
+
+    A pressure follows: -p times a third of the deformed facet's area along its outward normal at
+    each corner, exact on linear tetrahedra; with linear strain on the facet at rest.
+    """
+    if not isinstance(load, Pressure):
+        return nodal_force(mesh, load)
+    places = mesh.points if strain is Strain.LINEAR else mesh.points + displacement
+    a, b, c = (places[load.facets[:, k]] for k in range(3))
+    thirds = -load.pressure / 6.0 * np.cross(b - a, c - a)
+    return sum_at_points(load.facets, np.repeat(thirds[:, None], 3, axis=1), mesh.num_points)
+
+
+def out_of_balance(problem: Problem, displacement: Points, strain: Strain) -> tuple[Points, float]:
+    """What is left of external and internal forces where nothing is held, tools left out.
+
+    Returns:
+        External less internal force at each point, 0 in held components [N], (num_points, 3);
+        the largest internal or external force of a point [N], to hold it against.
+    """
+    internal = internal_force(problem, displacement, strain)
+    external = np.zeros_like(internal)
+    for load in problem.loads:
+        external += load_force(problem.mesh, load, displacement, strain)
+    scale = max(float(np.linalg.norm(f, axis=1).max()) for f in (internal, external))
+    fixed, _ = held_components(problem)
+    return (external - internal) * (1.0 - fixed), scale
 
 
 def support_reactions(problem: Problem, displacement: Points, strain: Strain) -> Points:
@@ -75,8 +131,6 @@ def support_reactions(problem: Problem, displacement: Points, strain: Strain) ->
     The internal force less the dead loads at the held points: zero elsewhere in equilibrium.
     Follower pressure on held points is not subtracted.
     """
-    from palpate.validation.exchange.nodal_loads import nodal_force
-
     force = internal_force(problem, displacement, strain)
     for load in problem.loads:
         force = force - nodal_force(problem.mesh, load)

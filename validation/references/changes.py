@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.validation.references.stored import MissingReferenceError, read_reference
+from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
+from palpate.validation.references.reference_files import read_reference
 
 
 def describe_changes(before: Path, after: Path) -> list[str]:
@@ -19,12 +20,12 @@ def describe_changes(before: Path, after: Path) -> list[str]:
         largest change of displacement, and one for each error bar.
 
     Raises:
-        MissingReferenceError: `after` is missing or damaged.
+        MissingReferenceError, UntrustedReferenceError: `after` is missing, damaged or altered.
     """
-    new, new_key = read_reference(after)
+    new, new_key, _ = read_reference(after)
     try:
-        old, old_key = read_reference(before)
-    except MissingReferenceError as error:
+        old, old_key, _ = read_reference(before)
+    except (MissingReferenceError, UntrustedReferenceError) as error:
         return [f"nothing to compare with: {error}"]
     lines = [] if old_key == new_key else ["mesh, material, supports or loads have changed"]
     for place in sorted({*old.states, *new.states}):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shutil
 
+import numpy as np
 import pytest
 
 from palpate.meshes.problem import Material, Strain
@@ -12,15 +13,19 @@ from palpate.validation.case import QUICK, builtin_cases, builtin_folder, load_c
 from palpate.validation.cli import main
 from palpate.validation.references import sets
 from palpate.validation.references.changes import describe_changes
-from palpate.validation.references.stored import (
+from palpate.validation.references.errors import (
     MissingReferenceError,
     StaleReferenceError,
+    UntrustedReferenceError,
+)
+from palpate.validation.references.reference_files import read_reference
+from palpate.validation.references.sets import TRUTH
+from palpate.validation.references.stored import (
     accept_pending,
     accepted_path,
     load_stored,
     pending_path,
     problem_key,
-    read_reference,
     references_folder,
     store,
 )
@@ -42,17 +47,22 @@ def palpate(monkeypatch, *arguments):
     return caught.value.code
 
 
-def build_softer(name="block"):
-    """What `build` would leave behind, of a body whose displacements are 1 % larger."""
+def build_anew(name="block"):
+    """What `build` would leave behind, of a truth with 1e-9 of noise and a wider bar."""
     case = load_case(name)
-    found, _ = read_reference(accepted_path(name))
+    found, *_ = read_reference(accepted_path(name))
     states = {
         place: dataclasses.replace(
-            s, displacement=1.01 * s.displacement, max_displacement=1.01 * s.max_displacement
+            s,
+            displacement=(1.0 + 1e-9) * s.displacement,
+            max_displacement=(1.0 + 1e-9) * s.max_displacement,
         )
+        if s.label == TRUTH
+        else s
         for place, s in found.states.items()
     }
-    changed = dataclasses.replace(found, states=states)
+    bars = {**found.bars, ("volume", Strain.GREEN): 1.01 * found.bars["volume", Strain.GREEN]}
+    changed = dataclasses.replace(found, states=states, bars=bars)
     store(name, case.problem, changed, {"date": "2026-01-01"}, path=pending_path(name))
     return case
 
@@ -90,31 +100,32 @@ def test_references_of_ones_own_case_are_kept_beside_it(tmp_path, monkeypatch, c
 
 @pytest.mark.usefixtures("folder")
 def test_nothing_is_used_before_it_is_accepted(monkeypatch, capsys):
-    case = build_softer()
-    place = ("reference P1", Strain.GREEN)
-    before = load_stored("block", case.problem).states[place]
+    case = build_anew()
+    place = ("volume", Strain.GREEN)
+    before = load_stored("block", case.problem).bars[place]
     assert palpate(monkeypatch, "reference", "accept", "block", "--reason", " ") == 2
-    assert load_stored("block", case.problem).states[place].max_displacement == (
-        before.max_displacement
-    )
-    reason = ("--reason", "softer, and that is right", "--by", "a tester")
+    assert load_stored("block", case.problem).bars[place] == before
+    reason = ("--reason", "wider, and that is right", "--by", "a tester")
     assert palpate(monkeypatch, "reference", "accept", "block", *reason) == 0
     after = load_stored("block", case.problem)
-    assert after.states[place].max_displacement == pytest.approx(1.01 * before.max_displacement)
+    assert after.bars[place] == 1.01 * before
     accepted = after.provenance["accepted"]
-    assert (accepted["by"], accepted["reason"]) == ("a tester", "softer, and that is right")
-    line = next(x for x in accepted["changes"] if "P1, green strain, max_displacement" in x)
-    assert "relative change 0.01" in line
+    assert (accepted["by"], accepted["reason"]) == ("a tester", "wider, and that is right")
+    line = next(x for x in accepted["changes"] if "refined, green strain, max_displacement" in x)
+    assert "relative change 1e-09" in line
+    assert any(
+        x.startswith("error bar of volume, green strain: 0.016") for x in accepted["changes"]
+    )
     assert not pending_path("block").exists()
     capsys.readouterr()
     assert palpate(monkeypatch, "reference", "check", "block") == 0
-    assert "by a tester: softer, and that is right" in capsys.readouterr().out
+    assert "by a tester: wider, and that is right" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("folder")
 def test_accepting_needs_something_built_for_the_case_as_it_is(monkeypatch):
     assert palpate(monkeypatch, "reference", "accept", "block", "--reason", "why not") == 2
-    case = build_softer()
+    case = build_anew()
     other = dataclasses.replace(case.problem, material=Material(1.0, 0.3))
     with pytest.raises(StaleReferenceError, match="has changed since"):
         accept_pending("block", other, {})
@@ -123,7 +134,13 @@ def test_accepting_needs_something_built_for_the_case_as_it_is(monkeypatch):
         accept_pending("block", case.problem, {})
 
 
-@pytest.mark.parametrize("spoil", ["missing", "damaged", "cut", "stale"])
+def halve_displacements(path, *, keeps_hash=True):
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files if keeps_hash or name != "sha256"}
+    np.savez(path, **{n: 0.5 * a if n.startswith("displ") else a for n, a in arrays.items()})
+
+
+@pytest.mark.parametrize("spoil", ["missing", "damaged", "cut", "stale", "altered"])
 def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, monkeypatch, capsys, spoil):
     path = folder / "block.npz"
     whole = path.read_bytes()
@@ -133,8 +150,10 @@ def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, monkeypatch, ca
         path.write_bytes(whole[:100] + bytes(100) + whole[200:])
     elif spoil == "cut":
         path.write_bytes(whole[: len(whole) // 2])
-    else:
+    elif spoil == "stale":
         shutil.copy(folder / "beam.npz", path)
+    else:
+        halve_displacements(path)
     assert palpate(monkeypatch, "reference", "check", "beam", "block", "kidney") == 2
     told = capsys.readouterr()
     assert "kidney:" in told.out
@@ -143,7 +162,7 @@ def test_a_gate_refuses_what_does_not_belong_to_its_case(folder, monkeypatch, ca
 
 
 def test_changes_of_the_case_and_of_bars_are_told(folder):
-    case = build_softer()
+    case = build_anew()
     lines = describe_changes(accepted_path("beam"), pending_path("block"))
     assert lines[0] == "mesh, material, supports or loads have changed"
     assert any("another mesh" in line for line in lines)
@@ -151,6 +170,36 @@ def test_changes_of_the_case_and_of_bars_are_told(folder):
     (folder / "none.npz").write_bytes(b"")
     assert describe_changes(folder / "none.npz", pending_path("block"))[0].startswith("nothing")
     assert problem_key(case.problem) == read_reference(pending_path("block"))[1]
+
+
+def test_references_of_0_1_are_renewed_by_one_command(folder, monkeypatch, capsys):
+    with np.load(folder / "block.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "sha256"}
+    np.savez(folder / "block.npz", **arrays)
+    assert palpate(monkeypatch, "gate", "block") == 2
+    assert "palpate reference renew block" in capsys.readouterr().err
+    with pytest.raises(UntrustedReferenceError):
+        load_stored("block", load_case("block").problem)
+    assert palpate(monkeypatch, "reference", "renew", "block", "beam") == 0
+    told = capsys.readouterr().out
+    assert "added: its hash" in told
+    assert "kept: accepted 2026-11-21" in told
+    assert "nothing to renew" in told
+    assert palpate(monkeypatch, "gate", "block") == 0
+    # One that cannot be right stays as it is, and the others are renewed all the same.
+    halve_displacements(folder / "beam.npz", keeps_hash=False)
+    np.savez(folder / "block.npz", **arrays)
+    capsys.readouterr()
+    assert palpate(monkeypatch, "reference", "renew", "beam", "block") == 2
+    told = capsys.readouterr()
+    assert "cannot be right" in told.err
+    assert "added: its hash" in told.out
+    assert palpate(monkeypatch, "reference", "check", "block") == 0
+
+
+def test_renewing_wants_its_cases_said_once(monkeypatch):
+    assert palpate(monkeypatch, "reference", "renew") == 2
+    assert palpate(monkeypatch, "reference", "renew", "block", "--all") == 2
 
 
 @pytest.mark.usefixtures("folder")

@@ -7,14 +7,17 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
-from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.boundary_conditions import Pressure, Support
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
+from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import CATALOGUE, elasticity, fields, make_state, measure
+from palpate.validation.metrics.elasticity import load_force, out_of_balance
 from palpate.validation.states import State, Verdict
 
 E, NU = 1000.0, 0.25
@@ -141,3 +144,31 @@ def test_every_metric_of_a_case_file_is_in_the_catalogue_and_says_what_it_means(
     for metric in CATALOGUE.values():
         assert metric.meaning
         assert metric.scale
+
+
+def test_a_pressure_all_around_works_on_the_change_of_volume(problem: Problem) -> None:
+    """F . v = -p dV/dv: the force of a follower by a difference of volumes, 1e-6 of its size."""
+    mesh, rng = problem.mesh, np.random.default_rng(3)
+    load = Pressure(mesh.boundary_facets, 7.0)
+    displacement, along = 0.05 * rng.standard_normal((2, *mesh.points.shape))
+    h = 1e-6
+
+    def volume(u: NDArray[np.float64]) -> float:
+        return float(signed_volumes(mesh.points + u, mesh.cells).sum())
+
+    change = (volume(displacement + h * along) - volume(displacement - h * along)) / (2.0 * h)
+    force = load_force(mesh, load, displacement, Strain.GREEN)
+    assert abs(change) > 1e-3
+    assert float((force * along).sum()) == pytest.approx(-7.0 * change, rel=1e-6)
+    # With linear strain it pushes on the surface at rest.
+    at_rest = load_force(mesh, load, 0.0 * displacement, Strain.GREEN)
+    np.testing.assert_array_equal(load_force(mesh, load, displacement, Strain.LINEAR), at_rest)
+
+
+def test_an_answer_of_fastsim_is_in_balance_and_half_of_it_is_not(
+    problem: Problem, answer: NDArray[np.float64]
+) -> None:
+    residual, scale = out_of_balance(problem, answer, Strain.GREEN)
+    assert np.abs(residual).max() < 1e-9 * scale
+    residual, scale = out_of_balance(problem, 0.5 * answer, Strain.GREEN)
+    assert np.abs(residual).max() > 0.01 * scale

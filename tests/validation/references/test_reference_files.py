@@ -1,0 +1,133 @@
+"""A file of references says its own hash; whatever was altered is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Strain
+from palpate.validation.case import load_case
+from palpate.validation.references.errors import (
+    MissingReferenceError,
+    UnsoundReferenceError,
+    UntrustedReferenceError,
+)
+from palpate.validation.references.reference_files import content_hash, read_reference
+from palpate.validation.references.renewal import renew_reference
+from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.references.stored import load_stored, references_folder
+
+
+@pytest.fixture
+def path(tmp_path):
+    shutil.copy(references_folder() / "block.npz", tmp_path)
+    return tmp_path / "block.npz"
+
+
+def rewrite(path, *, change=None, drops_hash=False):
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    header = json.loads(str(arrays["header"]))
+    if change is not None:
+        change(arrays, header)
+    arrays["header"] = np.array(json.dumps(header, sort_keys=True))
+    if drops_hash:
+        del arrays["sha256"]
+    np.savez(path, **arrays)
+
+
+def halve_all(arrays, _header):
+    for name in arrays:
+        if name.startswith("displacement"):
+            arrays[name] = 0.5 * arrays[name]
+
+
+def negate_bars(_arrays, header):
+    header["bars"] = dict.fromkeys(header["bars"], -1.0)
+
+
+def swell(_arrays, header):
+    for state in header["states"]:
+        state["volume"] *= 1.5
+
+
+def accept_again(_arrays, header):
+    header["provenance"]["accepted"]["by"] = "somebody else"
+
+
+@pytest.mark.parametrize("change", [halve_all, negate_bars, swell, accept_again])
+def test_an_altered_file_is_refused_by_its_hash(path, change):
+    rewrite(path)
+    problem = load_case("block").problem
+    assert load_stored("block", problem, folder=path.parent).states
+    rewrite(path, change=change)
+    with pytest.raises(UntrustedReferenceError, match=r"was altered: .*reference build block"):
+        load_stored("block", problem, folder=path.parent)
+
+
+@pytest.mark.parametrize("change", [halve_all, negate_bars, swell])
+def test_a_wrong_file_without_a_hash_is_not_renewed(path, change):
+    rewrite(path, change=change, drops_hash=True)
+    before = path.read_bytes()
+    with pytest.raises(UnsoundReferenceError):
+        renew_reference(path, "block", load_case("block").problem)
+    assert path.read_bytes() == before
+
+
+def test_a_file_without_a_hash_is_refused_until_it_is_renewed(path):
+    rewrite(path, drops_hash=True)
+    problem = load_case("block").problem
+    before = read_reference(path)[0]
+    with pytest.raises(UntrustedReferenceError, match="palpate reference renew block"):
+        load_stored("block", problem, folder=path.parent)
+    told = "\n".join(renew_reference(path, "block", problem))
+    assert "added: its hash" in told
+    assert "kept: accepted 2026-11-21 by the palpate developers" in told
+    after = load_stored("block", problem, folder=path.parent)
+    assert after.provenance["accepted"] == before.provenance["accepted"]
+    assert "hash added" in after.provenance["renewed"]["changes"]
+    assert after.bars == before.bars
+    for place, state in before.states.items():
+        assert np.array_equal(state.displacement, after.states[place].displacement)
+    whole = path.read_bytes()
+    assert "nothing to renew" in renew_reference(path, "block", problem)[0]
+    assert path.read_bytes() == whole
+
+
+def test_the_hash_hangs_on_name_type_shape_and_every_byte():
+    array = np.arange(6, dtype=np.int32)
+    of = content_hash({"a": array})
+    others = (
+        {"b": array},
+        {"a": array.astype(np.uint32)},
+        {"a": array.reshape(2, 3)},
+        {"a": array[::-1]},
+        {"a": array, "b": array[:0]},
+    )
+    assert len({of, *(content_hash(other) for other in others)}) == 6
+    assert of == content_hash({"a": np.repeat(array, 2)[::2]})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda _arrays, header: header.update(provenance=[1, 2]),
+        lambda _arrays, header: header.update(bars={"volume": 0.1}),
+        lambda _arrays, header: header.update(states="six"),
+        lambda arrays, _header: arrays.update(displacement_0=np.array(["far", "away"])),
+    ],
+)
+def test_a_header_of_the_wrong_kind_is_damage(path, change):
+    rewrite(path, change=change, drops_hash=True)
+    with pytest.raises(MissingReferenceError, match="damaged"):
+        renew_reference(path, "block", load_case("block").problem)
+
+
+def test_the_states_come_back_as_they_were_written(path):
+    references, key, is_hashed = read_reference(path)
+    assert is_hashed
+    assert key.startswith("5ddd43083f32")
+    assert references.states[SAME_MESH, Strain.GREEN].degree == 1

@@ -1,0 +1,204 @@
+"""Stored references that cannot be right are refused, hash or no hash."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Strain
+from palpate.validation.case import builtin_cases, load_case
+from palpate.validation.metrics import make_state
+from palpate.validation.references.errors import UnsoundReferenceError
+from palpate.validation.references.reference_files import read_reference, write_reference
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
+from palpate.validation.references.soundness import SCALARS, find_contradictions
+from palpate.validation.references.stored import accepted_path, load_stored, problem_key, store
+from palpate.validation.states import Trajectory
+
+
+def references_of(name):
+    return load_case(name).problem, read_reference(accepted_path(name))[0]
+
+
+def changed(references, label, strain=Strain.GREEN, **fields):
+    states = dict(references.states)
+    states[label, strain] = dataclasses.replace(states[label, strain], **fields)
+    return dataclasses.replace(references, states=states)
+
+
+def measured_again(problem, references, label, displacement, strain=Strain.GREEN, **more):
+    """Another displacement with header numbers that follow from it."""
+    own = make_state(problem.mesh, displacement, label=label, simulator="", strain=strain)
+    numbers = {name: getattr(own, name) for name in SCALARS}
+    return changed(references, label, strain, displacement=displacement, **numbers, **more)
+
+
+def contradictions(problem, references, **options):
+    return " | ".join(find_contradictions(problem, references, **options))
+
+
+@pytest.mark.parametrize("name", builtin_cases())
+def test_the_built_in_references_hold_all_that_can_be_held_against_them(name):
+    problem, references = references_of(name)
+    assert find_contradictions(problem, references, thoroughly=True) == []
+
+
+@pytest.mark.parametrize("name", ["block", "kidney", "cantilever", "shear"])
+@pytest.mark.parametrize("strain", Strain)
+def test_halved_displacements_are_not_in_equilibrium(name, strain):
+    """The block has a pressure that follows, the others tractions."""
+    problem, references = references_of(name)
+    half = 0.5 * references.states[SAME_MESH, strain].displacement
+    spoiled = measured_again(problem, references, SAME_MESH, half, strain)
+    assert "not in equilibrium" in contradictions(problem, spoiled)
+
+
+def test_a_halved_displacement_of_a_motion_is_not_what_the_steps_of_the_case_give():
+    problem, references = references_of("block-motion")
+    state = references.states[SAME_MESH, Strain.GREEN]
+    motion = Trajectory(state.trajectory.times, 0.5 * state.trajectory.displacements)
+    spoiled = measured_again(
+        problem, references, SAME_MESH, motion.displacements[-1], trajectory=motion
+    )
+    assert "from the case's own steps" in contradictions(problem, spoiled)
+
+
+def test_a_motion_that_goes_wrong_late_is_found_when_all_steps_are_repeated():
+    problem, references = references_of("block-motion")
+    state = references.states[SAME_MESH, Strain.GREEN]
+    moved = state.trajectory.displacements.copy()
+    moved[40] *= 1.01
+    late = Trajectory(state.trajectory.times, moved)
+    spoiled = changed(references, SAME_MESH, trajectory=late)
+    assert contradictions(problem, spoiled) == ""
+    assert "from the case's own steps" in contradictions(problem, spoiled, thoroughly=True)
+
+
+def test_the_motion_beside_a_tool_is_repeated_as_far_as_nothing_touches():
+    problem, references = references_of("slide")
+    state = references.states[SAME_MESH, Strain.GREEN]
+    moved = state.trajectory.displacements.copy()
+    assert not state.tool_forces[:, :2].any()
+    moved[1, :, 2] += 1e-5 * (problem.mesh.points[:, 2] > 0.01)
+    spoiled = changed(references, SAME_MESH, trajectory=Trajectory(state.trajectory.times, moved))
+    assert "from the case's own steps" in contradictions(problem, spoiled)
+
+
+def test_forces_on_tools_are_what_the_body_pushes_back_with():
+    problem, references = references_of("press")
+    forces = references.states[SAME_MESH, Strain.GREEN].tool_forces
+    softer = changed(references, SAME_MESH, tool_forces=0.99 * forces)
+    assert "tools are said to feel" in contradictions(problem, softer)
+    assert "no force" in contradictions(problem, changed(references, SAME_MESH, tool_forces=None))
+
+
+@pytest.mark.parametrize("number", SCALARS)
+def test_a_header_number_that_its_displacement_does_not_give_is_refused(number):
+    problem, references = references_of("block")
+    told = getattr(references.states[SAME_MESH, Strain.GREEN], number)
+    spoiled = changed(references, SAME_MESH, **{number: told * (1.0 + 1e-6)})
+    assert f"{number} is said to be" in contradictions(problem, spoiled)
+
+
+def test_what_the_header_says_of_a_truth_must_be_possible():
+    problem, references = references_of("block")
+    truth = references.states[TRUTH, Strain.GREEN]
+    larger = changed(references, TRUTH, max_displacement=2.0 * truth.max_displacement)
+    assert "max_displacement is said" in contradictions(problem, larger)
+    # A ball of the truth's area, 4.70e-3 m2, holds A^1.5 / (6 sqrt(pi)) = 3.03e-5 m3.
+    ball = truth.surface_area**1.5 / (6.0 * math.sqrt(math.pi))
+    swollen = changed(references, TRUTH, volume=1.001 * ball)
+    assert "isoperimetric" in contradictions(problem, swollen)
+    assert "finite" in contradictions(problem, changed(references, TRUTH, volume=math.nan))
+
+
+@pytest.mark.parametrize("name", ["block", "beam"])
+def test_a_truth_far_from_its_own_sequence_of_meshes_is_refused(name):
+    """Of three grids the kept differences bound it, of two the bar itself."""
+    problem, references = references_of(name)
+    half = 0.5 * references.states[TRUTH, Strain.GREEN].displacement
+    largest = float(np.linalg.norm(half, axis=1).max())
+    spoiled = changed(references, TRUTH, displacement=half, max_displacement=largest)
+    assert "the file's own record of meshes" in contradictions(problem, spoiled)
+
+
+@pytest.mark.parametrize("bar", [-0.01, math.nan, -math.inf])
+def test_a_bar_below_zero_or_nan_is_refused(bar):
+    problem, references = references_of("block")
+    spoiled = dataclasses.replace(
+        references, bars={**references.bars, ("volume", Strain.GREEN): bar}
+    )
+    assert "a bar is 0 or more" in contradictions(problem, spoiled)
+
+
+@pytest.mark.parametrize("name", ["block", "beam", "block-motion"])
+def test_a_bar_below_what_the_kept_meshes_and_steps_make_it_is_refused(name):
+    problem, references = references_of(name)
+    place = ("displacement_max", Strain.LINEAR)
+    smaller = {**references.bars, place: 0.5 * references.bars[place]}
+    spoiled = dataclasses.replace(references, bars=smaller)
+    assert "error bar of displacement_max" in contradictions(problem, spoiled)
+
+
+def test_supports_hold_in_every_stored_state():
+    problem, references = references_of("stretch")
+    moved = references.states[QUADRATIC, Strain.GREEN].displacement + 1e-4
+    largest = float(np.linalg.norm(moved, axis=1).max())
+    spoiled = changed(references, QUADRATIC, displacement=moved, max_displacement=largest)
+    assert "a held point is 0.0001 m from" in contradictions(problem, spoiled)
+
+
+def test_a_motion_starts_at_rest_and_has_the_times_of_its_case():
+    problem, references = references_of("wave")
+    motion = references.states[QUADRATIC, Strain.GREEN].trajectory
+    late = Trajectory(motion.times + 0.01, motion.displacements)
+    told = contradictions(problem, changed(references, QUADRATIC, trajectory=late))
+    assert "are not the 101 outputs" in told
+    moved = motion.displacements.copy()
+    moved[0] = moved[-1]
+    begun = Trajectory(motion.times, moved)
+    told = contradictions(problem, changed(references, QUADRATIC, trajectory=begun))
+    assert "start at rest" in told
+    short = Trajectory(motion.times[:-1], motion.displacements[:-1])
+    told = contradictions(problem, changed(references, QUADRATIC, trajectory=short))
+    assert "does not fit the mesh and [time]" in told
+    told = contradictions(problem, changed(references, QUADRATIC, trajectory=None))
+    assert "no motion over [time]" in told
+    last = changed(references, QUADRATIC, displacement=0.5 * motion.displacements[-1])
+    assert "not the last state of its motion" in contradictions(problem, last)
+
+
+def test_a_state_that_does_not_fit_the_mesh_is_refused():
+    problem, references = references_of("block")
+    state = references.states[QUADRATIC, Strain.GREEN]
+    short = changed(references, QUADRATIC, displacement=state.displacement[:-1])
+    assert "does not fit the mesh" in contradictions(problem, short)
+    nan = changed(references, QUADRATIC, displacement=state.displacement * math.nan)
+    assert "does not fit the mesh" in contradictions(problem, nan)
+    assert "stands for degree 2" in contradictions(problem, changed(references, TRUTH, degree=1))
+
+
+def test_what_contradicts_itself_is_neither_written_nor_read(tmp_path):
+    problem, references = references_of("block")
+    half = 0.5 * references.states[SAME_MESH, Strain.GREEN].displacement
+    spoiled = measured_again(problem, references, SAME_MESH, half)
+    path = tmp_path / "block.npz"
+    with pytest.raises(UnsoundReferenceError, match="nothing was written"):
+        store("block", problem, spoiled, {}, path=path)
+    assert not path.exists()
+    # With a hash of its own, as somebody who means it would write it.
+    write_reference(path, "block", problem_key(problem), spoiled, {})
+    with pytest.raises(UnsoundReferenceError, match=r"cannot be right.*reference build") as caught:
+        load_stored("block", problem, folder=tmp_path)
+    assert len(caught.value.contradictions) == 1
+
+
+def test_records_of_a_wrong_type_are_no_records():
+    problem, references = references_of("block")
+    for kept in ("often", ["green"], {"green": {"volume": 3.0}}, {"green": {"volume": {}}}):
+        provenance = {"sequence": "degree 2", "grid_convergence": kept, "convergence": kept}
+        told = dataclasses.replace(references, provenance=provenance)
+        assert all("error bar of" in line for line in find_contradictions(problem, told))

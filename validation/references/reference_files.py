@@ -1,0 +1,165 @@
+"""References as a file: fields and header in one .npz, and a SHA-256 over all of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.problem import Strain
+from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
+from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.soundness import SCALARS
+from palpate.validation.states import State, Trajectory
+
+SCHEMA = 1
+_HASH = "sha256"
+
+
+def content_hash(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over name, type, shape and bytes of every array of a file, its header among them."""
+    digest = hashlib.sha256(b"palpate reference file")
+    for name, array in sorted(arrays.items()):
+        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def write_reference(
+    path: Path, name: str, key: str, references: ReferenceSet, provenance: dict[str, Any]
+) -> None:
+    """Write references with their hash, whole or not at all.
+
+    Args:
+        path: Where.
+        name: Of the case.
+        key: Of the problem they belong to.
+        references: What is written.
+        provenance: Who made and accepted them, and with what.
+    """
+    header: dict[str, Any] = {
+        "schema": SCHEMA,
+        "key": key,
+        "case": name,
+        "origin": references.origin,
+        "provenance": provenance,
+        # JSON knows no infinity, which is a bar that allows no verdict.
+        "bars": {
+            f"{m}|{s}": bar if math.isfinite(bar) else None
+            for (m, s), bar in references.bars.items()
+        },
+        "states": [],
+    }
+    arrays: dict[str, NDArray[Any]] = {}
+    for index, state in enumerate(references.states.values()):
+        header["states"].append(
+            {
+                "label": state.label,
+                "strain": state.strain.value,
+                "degree": state.degree,
+                "details": _details(state),
+                **{scalar: getattr(state, scalar) for scalar in SCALARS},
+            }
+        )
+        arrays[f"displacement_{index}"] = state.displacement
+        if state.trajectory is not None:
+            arrays[f"times_{index}"] = state.trajectory.times
+            arrays[f"displacements_{index}"] = state.trajectory.displacements
+    arrays["header"] = np.array(json.dumps(header, sort_keys=True, allow_nan=False))
+    arrays[_HASH] = np.array(content_hash(arrays))
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, **dict(arrays))
+
+
+def _details(state: State) -> dict[str, Any]:
+    """Details of a state with what else the header of schema 1 keeps among them."""
+    forces = None if state.tool_forces is None else state.tool_forces.tolist()
+    more = {"tool_forces": forces, "versions": dict(state.versions)}
+    return {**state.details, **{name: value for name, value in more.items() if value}}
+
+
+def read_reference(path: Path) -> tuple[ReferenceSet, str, bool]:
+    """Read a file of references, whatever it was made for.
+
+    Returns:
+        The references, not yet held against any case; their key; whether the file has a hash,
+        which then is that of its contents.
+
+    Raises:
+        MissingReferenceError: Missing, damaged, or of another schema.
+        UntrustedReferenceError: Its contents have another hash than it says.
+    """
+    try:
+        # Our own stream: numpy leaves a damaged file open.
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        told = arrays.pop(_HASH, None)
+        if told is not None and str(told) != content_hash(arrays):
+            raise UntrustedReferenceError(
+                f"was altered: its contents have the SHA-256 {content_hash(arrays)[:12]}..., "
+                f"not {str(told)[:12]}... as when it was written"
+            )
+        header = json.loads(str(arrays["header"]))
+        if header["schema"] != SCHEMA:
+            raise ValueError(f"schema {header['schema']}")
+        return _unpacked(header, arrays), str(header["key"]), told is not None
+    except FileNotFoundError:
+        raise MissingReferenceError("missing") from None
+    except UntrustedReferenceError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        BadZipFile,
+        zlib.error,
+    ) as error:
+        raise MissingReferenceError(f"damaged ({type(error).__name__})") from error
+
+
+def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> ReferenceSet:
+    states = {}
+    for index, entry in enumerate(header["states"]):
+        strain, details = Strain(entry["strain"]), dict(entry["details"])
+        forces, versions = details.pop("tool_forces", None), details.pop("versions", {})
+        motion = None
+        if f"times_{index}" in arrays:
+            motion = Trajectory(
+                _numbers(arrays[f"times_{index}"]), _numbers(arrays[f"displacements_{index}"])
+            )
+        states[str(entry["label"]), strain] = State(
+            label=str(entry["label"]),
+            simulator="reference",
+            strain=strain,
+            degree=int(entry["degree"]),
+            displacement=_numbers(arrays[f"displacement_{index}"]),
+            details=details,
+            tool_forces=None if forces is None else _numbers(forces),
+            versions=versions,
+            trajectory=motion,
+            volume=float(entry["volume"]),
+            surface_area=float(entry["surface_area"]),
+            smallest_det_f=float(entry["smallest_det_f"]),
+            max_displacement=float(entry["max_displacement"]),
+        )
+    bars = {}
+    for place, bar in dict(header["bars"]).items():
+        metric, strain_name = place.split("|")
+        bars[metric, Strain(strain_name)] = math.inf if bar is None else float(bar)
+    return ReferenceSet(states, bars, str(header["origin"]), provenance=dict(header["provenance"]))
+
+
+def _numbers(values: Any) -> NDArray[np.float64]:
+    return np.asarray(values, dtype=np.float64)

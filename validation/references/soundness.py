@@ -1,0 +1,278 @@
+"""What a file of references claims, held against its own arrays and against the case.
+
+A hash tells whether a file is what was written; this tells whether what was written can be right.
+Everything here follows from the case and the arrays by the judge's own NumPy: nothing is solved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.evidence.grid_convergence import SAFETY_FACTOR as THREE_MESHES
+from palpate.validation.exchange.nodal_loads import held_components
+from palpate.validation.metrics import COMPARISONS, make_state
+from palpate.validation.metrics.elasticity import out_of_balance
+from palpate.validation.references.replay import held_places, replay_motion, steps_per_output
+from palpate.validation.references.sequences import NOISE
+from palpate.validation.references.sets import (
+    QUADRATIC,
+    SAFETY_FACTOR,
+    SAME_MESH,
+    TRUTH,
+    ReferenceSet,
+)
+from palpate.validation.states import State
+
+SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
+_DEGREES = {SAME_MESH: 1, QUADRATIC: 2, TRUTH: 2}
+# Relative. Sums over some thousand cells in another order leave 1e-13; a volume that is 1e-9 off
+# could not turn a verdict.
+_ROUNDING = 1e-9
+# Relative. A truth of a motion is kept in single precision, 6e-8.
+_SINGLE = 1e-6
+# The reference solves to this norm of the residual over that of the forces; a largest entry may
+# be the square root of their number above that, and another order of summing takes the rest.
+_SOLVED_TO = 1e-10
+_SLACK = 10.0
+# Of a trajectory's largest displacement: rounding grows at most with the square of the number of
+# steps, (1e4)^2 eps = 2e-8, and the least mistake worth finding is 1 %.
+_REPLAY = 1e-6
+# Steps that are repeated whenever a motion is read: some milliseconds. `palpate reference check`
+# repeats them all.
+_STEPS_ON_READING = 100
+
+
+def find_contradictions(
+    problem: Problem, references: ReferenceSet, *, thoroughly: bool = False
+) -> list[str]:
+    """Everything that cannot be in a case's references; empty where nothing is wrong.
+
+    Args:
+        problem: Of the case.
+        references: As read from a file.
+        thoroughly: Repeat every step of a motion on the same mesh, not the first few only.
+    """
+    found = []
+    for (label, strain), state in references.states.items():
+        wrong = list(_wrong_form(problem, label, state))
+        if not wrong:
+            wrong = [
+                *_wrong_supports(problem, state),
+                *_wrong_numbers(problem, state),
+                *_wrong_motion(problem, state, thoroughly),
+                *_wrong_balance(problem, state),
+            ]
+        found += [f"{label}, {strain} strain: {line}" for line in wrong]
+    # Bars compare states with one another, which needs states that can be.
+    return found or [*_wrong_bars(problem, references), *_far_truths(problem, references)]
+
+
+def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
+    records = _recorded_bars(references.provenance)
+    for (metric, strain), bar in references.bars.items():
+        name = f"error bar of {metric}, {strain} strain"
+        if math.isnan(bar) or bar < 0.0:
+            yield f"{name}: {bar:g}; a bar is 0 or more"
+            continue
+        kept = records.get((metric, strain), 0.0)
+        least = max(kept, _of_two_grids(problem, metric, strain, references))
+        if bar < least * (1.0 - _ROUNDING):
+            yield f"{name}: {bar:.4g}, but the file's own record of meshes makes it {least:.4g}"
+
+
+def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], float]:
+    """The least bar that the kept sequences allow: their own, those of time and mesh together."""
+    least: dict[tuple[str, Strain], float] = {}
+    statics = _table(provenance, "grid_convergence") if _is_of_three(provenance) else {}
+    motions = _table(provenance, "convergence")
+    for strain in Strain:
+        for table in (_table(statics, strain), *_table(motions, strain).values()):
+            for metric in _table({"": table}, ""):
+                bar = _number(_table(table, metric), "error_bar")
+                own = math.inf if bar is None else bar
+                least[metric, strain] = least.get((metric, strain), 0.0) + own
+    return least
+
+
+def _is_of_three(provenance: Mapping[str, Any]) -> bool:
+    """Whether the sequence kept is that of the truth itself."""
+    return "degree 2" in str(provenance.get("sequence", ""))
+
+
+def _table(holder: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A table of a record that anybody may have written; empty where it is none."""
+    found = holder.get(key)
+    return found if isinstance(found, Mapping) else {}
+
+
+def _number(holder: Mapping[str, Any], key: str) -> float | None:
+    found = holder.get(key)
+    return float(found) if isinstance(found, int | float) else None
+
+
+def _of_two_grids(problem: Problem, metric: str, strain: Strain, references: ReferenceSet) -> float:
+    """Roache's bar from the two quadratic states, where that is the rule a file was made by."""
+    coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
+    is_of_two = "degree 1" in str(references.provenance.get("sequence", ""))
+    if not is_of_two or coarse is None or truth is None or metric not in COMPARISONS:
+        return 0.0
+    return SAFETY_FACTOR * COMPARISONS[metric](problem.mesh, coarse, truth).value
+
+
+def _far_truths(problem: Problem, references: ReferenceSet) -> Iterator[str]:
+    """The truth and P2 on the case's mesh against the kept differences of three meshes.
+
+    Norms obey |coarse - fine| <= |coarse - middle| + |middle - fine|, and both are on record: the
+    second is the bar times (2^p - 1) over its safety factor, the first 2^p times that.
+    """
+    if not _is_of_three(references.provenance):
+        return
+    for strain in Strain:
+        coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
+        table = _table(_table(references.provenance, "grid_convergence"), strain)
+        for metric in ("displacement_l2", "displacement_max"):
+            record = _table(table, metric)
+            order, bar = _number(record, "order"), _number(record, "error_bar")
+            if coarse is None or truth is None or order is None or bar is None:
+                continue
+            fine = bar * (2.0**order - 1.0) / THREE_MESHES
+            most = fine * (1.0 + 2.0**order)
+            apart = COMPARISONS[metric](problem.mesh, coarse, truth).value
+            if not apart <= most * (1.0 + _SINGLE) + NOISE:
+                yield (
+                    f"{truth.label}, {strain} strain: {apart:.3g} from {coarse.label} in "
+                    f"{metric}, but the file's own record of meshes allows {most:.3g}"
+                )
+
+
+def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:
+    """What would make every other question pointless."""
+    shape = problem.mesh.points.shape
+    if _DEGREES.get(label, state.degree) != state.degree:
+        yield f"degree {state.degree}; its name stands for degree {_DEGREES[label]}"
+    if state.displacement.shape != shape or not np.isfinite(state.displacement).all():
+        yield f"displacement does not fit the mesh: shape {state.displacement.shape}, not {shape}"
+    if (state.trajectory is None) != (problem.time is None):
+        yield "a motion of a case without [time]" if state.trajectory else "no motion over [time]"
+    if state.trajectory is None or problem.time is None:
+        return
+    count = problem.time.num_outputs + 1
+    times, motion = state.trajectory.times, state.trajectory.displacements
+    if motion.shape != (count, *shape) or not np.isfinite(motion).all():
+        yield f"its motion does not fit the mesh and [time]: {motion.shape}, not {(count, *shape)}"
+        return
+    expected = np.linspace(0.0, problem.time.end_time, count)
+    if times.shape != expected.shape or not np.allclose(
+        times, expected, rtol=0.0, atol=_ROUNDING * problem.time.end_time
+    ):
+        last = f", to {times.flat[-1]:g} s," if times.size else ""
+        yield (
+            f"its {times.size} times{last} are not the {count} outputs of [time], to "
+            f"{problem.time.end_time:g} s"
+        )
+    if not np.array_equal(motion[-1], state.displacement):
+        yield "its displacement is not the last state of its motion"
+
+
+def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
+    fixed, full = held_components(problem)
+    scale = max(float(np.abs(state.displacement).max()), float(np.abs(full).max()))
+    gap = float(np.abs((state.displacement - full) * fixed).max())
+    if state.trajectory is not None:
+        motion = state.trajectory
+        scale = max(scale, float(np.abs(motion.displacements).max()))
+        gap = max(
+            float(np.abs((placed - held_places(problem, float(time))) * fixed).max())
+            for time, placed in zip(motion.times, motion.displacements, strict=True)
+        )
+        start = float(np.abs(motion.displacements[0] * (1 - fixed)).max())
+        if start > _SINGLE * scale:
+            yield f"a free point is {start:.3g} m from rest at t = 0; motions start at rest"
+    if gap > _SINGLE * scale:
+        yield f"a held point is {gap:.3g} m from where its support holds it"
+
+
+def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
+    """Header numbers against the arrays; of a static P2 state only what the points tell."""
+    mesh = problem.mesh
+    own = make_state(mesh, state.displacement, label=state.label, simulator="", strain=state.strain)
+    follow = state.degree == 1 or state.trajectory is not None
+    for name in SCALARS if follow else ("max_displacement",):
+        told, found = float(getattr(state, name)), float(getattr(own, name))
+        size = abs(found) if name != "smallest_det_f" else max(abs(found), 1.0)
+        if not abs(told - found) <= _ROUNDING * size:
+            yield f"{name} is said to be {told:.9g}, but its displacement makes it {found:.9g}"
+    told_all = [float(getattr(state, name)) for name in SCALARS]
+    if not np.isfinite(told_all).all():
+        yield f"{', '.join(SCALARS)} = {told_all}: not all finite"
+    # Of all bodies of an area the ball holds most: A^3 >= 36 pi V^2.
+    elif state.surface_area**3 < 36.0 * math.pi * state.volume**2 * (1.0 - _ROUNDING):
+        yield (
+            f"no body of {state.surface_area:.6g} m2 holds {state.volume:.6g} m3 "
+            "(isoperimetric inequality)"
+        )
+
+
+def _wrong_motion(problem: Problem, state: State, thoroughly: bool) -> Iterator[str]:
+    """The twin's motion, stepped through once more; with tools as far as nothing touches."""
+    steps = steps_per_output(problem)
+    if state.trajectory is None or state.degree != 1 or not steps:
+        return
+    outputs = len(state.trajectory.times) - 1 if thoroughly else _STEPS_ON_READING // steps
+    if problem.tools:
+        forces = state.tool_forces
+        if forces is None or forces.shape != (len(problem.tools), len(state.trajectory.times), 3):
+            yield "no force over time for each tool"
+            return
+        touched = np.flatnonzero(np.abs(forces).max(axis=(0, 2)))
+        outputs = min(outputs, int(touched[0]) - 1 if len(touched) else outputs)
+    outputs = min(outputs, len(state.trajectory.times) - 1)
+    if outputs < 1:
+        return
+    own = replay_motion(problem, state.strain, outputs)
+    error = float(np.abs(own - state.trajectory.displacements[: outputs + 1]).max())
+    scale = float(np.abs(own).max())
+    if not error <= _REPLAY * scale:
+        end = state.trajectory.times[outputs]
+        yield (
+            f"{error:.3g} m from the case's own steps until t = {end:g} s, "
+            f"where {scale:.3g} m is the largest displacement"
+        )
+
+
+def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
+    """Equilibrium of a static state of degree 1; with tools of what does not touch them."""
+    if state.degree != 1 or state.trajectory is not None:
+        return
+    residual, scale = out_of_balance(problem, state.displacement, state.strain)
+    limit = _SLACK * _SOLVED_TO * math.sqrt(residual.size) * scale
+    may_touch = np.zeros(problem.mesh.num_points, dtype=bool)
+    for tool in problem.tools:
+        facets = tool.contact_facets if len(tool.contact_facets) else problem.mesh.boundary_facets
+        may_touch[facets] = True
+    largest = float(np.abs(residual[~may_touch]).max(initial=0.0))
+    if not largest <= limit:
+        yield (
+            f"not in equilibrium: {largest:.3g} N is left at a free point, where the largest "
+            f"nodal force is {scale:.3g} N"
+        )
+    if not problem.tools:
+        return
+    if state.tool_forces is None or state.tool_forces.shape != (len(problem.tools), 3):
+        yield "no force for each tool"
+        return
+    # A point that is held along one axis hands the tool's push there to its support.
+    fixed = held_components(problem)[0].astype(bool)
+    partly = may_touch & fixed.any(axis=1) & ~fixed.all(axis=1)
+    whole = ~fixed[partly].any(axis=0)
+    gap = np.abs(residual[may_touch].sum(axis=0) - state.tool_forces.sum(axis=0))[whole]
+    if not gap.max(initial=0.0) <= _SINGLE * scale:
+        yield (
+            f"the tools are said to feel {gap.max():.3g} N other than what the body "
+            "pushes back with"
+        )
