@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import sys
-import tempfile
-import traceback
 
 import typer
 
-from palpate.meshes.errors import InputError
 from palpate.validation.commands import reference as reference_cli
 from palpate.validation.commands.audit import audit
 from palpate.validation.commands.bench import bench
+from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
 from palpate.validation.commands.exchange import compare, export
 from palpate.validation.commands.gate import gate
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.report import report
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
-
-# Exit codes, the same for every verb (README).
-USAGE, INTERNAL = 2, 4
 
 app = typer.Typer(
     name="palpate",
@@ -62,48 +56,24 @@ def main() -> None:
 
     if ranks.is_follower():
         sys.exit(ranks.follow())
+    outlive_readers()
     try:
-        _lead()
+        sys.exit(_lead())
     finally:
         ranks.dismiss()
 
 
-def _lead() -> None:
-    try:
-        code = app(standalone_mode=False)
-        sys.exit(code if isinstance(code, int) else 0)
-    except (KeyboardInterrupt, typer.Abort):
-        print("palpate: stopped; nothing half-written was left", file=sys.stderr)
-        sys.exit(130)
-    except InputError as error:
-        print(f"palpate: {error}", file=sys.stderr)
-        sys.exit(USAGE)
-    except OSError as error:
-        print(f"palpate: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(USAGE)
-    except Exception as error:
-        sys.exit(_other_end(error))
-
-
-def _other_end(error: Exception) -> int:
-    """Usage errors of the command line, a reference that failed, or an error of palpate's own."""
-    # typer brings its own copy of click or the real one: known by what they can do.
-    if hasattr(error, "format_message") and hasattr(error, "exit_code"):
-        print(f"palpate: {error.format_message()}", file=sys.stderr)
-        return USAGE
-    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-
-    if isinstance(error, ReferenceUnavailableError):
-        print(f"palpate: {error}", file=sys.stderr)
-        return USAGE
-    if isinstance(error, ReferenceFailedError):
-        print(f"palpate: {error}", file=sys.stderr)
-        return 3
-    handle, name = tempfile.mkstemp(prefix="palpate-error-", suffix=".txt", text=True)
-    with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        traceback.print_exception(error, file=stream)
-    print(f"palpate: internal error: {type(error).__name__}: {error} ({name})", file=sys.stderr)
-    return INTERNAL
+def _lead() -> int:
+    with stoppable() as stop:
+        try:
+            code = app(standalone_mode=False)
+            sys.stdout.flush()
+        except (Exception, KeyboardInterrupt) as error:
+            if stop.number is None:
+                return end_of(error)
+    if stop.number is not None:
+        return end_by(stop.number)
+    return code if isinstance(code, int) else 0
 
 
 if __name__ == "__main__":

@@ -1,0 +1,169 @@
+"""How a command ends: by a verdict, an error, a signal, or with nobody left to read it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import signal
+import sys
+import tempfile
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn, TextIO
+
+import typer
+
+from palpate.meshes.errors import InputError
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+# Exit codes, the same for every verb (README).
+USAGE, INCONCLUSIVE, INTERNAL = 2, 3, 4
+_STOPS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+# The core answers no signal while it computes: so long it is waited for [s].
+_PATIENCE = 5.0
+
+
+@dataclass
+class Stop:
+    """Which signal asked to end, if one did."""
+
+    number: int | None = None
+
+
+@contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Turn the signals that ask to end into KeyboardInterrupt, raised where the program stands.
+
+    Which it was is told by what this yields: a library may take the error for its own.
+
+    Signals that are ignored, under nohup say, stay so. Where the main thread is deep in a
+    computation and cannot answer, the process ends after some seconds all the same: what it
+    started ends with it, and what it left is swept by the next run.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield Stop()  # only the main thread can take signals
+        return
+    asked = Stop()
+    answered = threading.Event()
+
+    def stop(number: int, _frame: FrameType | None) -> NoReturn:
+        asked.number = number
+        answered.set()
+        for other in free:
+            signal.signal(other, signal.SIG_IGN)  # a second one must not disturb the tidying
+        raise KeyboardInterrupt
+
+    # None: taken by somebody's C code.
+    free = [n for n in _STOPS if signal.getsignal(n) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, stop) for number in free}
+    woken, wake = os.pipe()
+    os.set_blocking(wake, False)
+    before_wake = signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
+    watch = threading.Thread(target=_end_if_deaf, args=(woken, answered), daemon=True)
+    watch.start()
+    try:
+        yield asked
+    finally:
+        answered.set()
+        signal.set_wakeup_fd(before_wake)
+        os.close(wake)
+        watch.join()
+        os.close(woken)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _end_if_deaf(woken: int, answered: threading.Event) -> None:
+    while told := os.read(woken, 1):
+        if told[0] in _STOPS and not answered.wait(_PATIENCE):
+            os._exit(128 + told[0])
+
+
+class _PatientFile(io.FileIO):
+    """A stream whose reader may leave, as `head` does: the rest goes nowhere.
+
+    Other trouble, a full disk say, is raised once: at the interpreter's end nobody could tell it.
+    """
+
+    is_lost = False
+
+    def write(self, data: Buffer, /) -> int:
+        view = memoryview(data)
+        if self.is_lost:
+            return view.nbytes
+        try:
+            return super().write(view) or 0
+        except BrokenPipeError:
+            self.is_lost = True
+            return view.nbytes
+        except OSError:
+            self.is_lost = True
+            raise
+
+
+def outlive_readers() -> None:
+    """Let standard output and error outlive who reads them: the verdict does not depend on it."""
+    sys.stdout = _patient(sys.stdout, sys.__stdout__)
+    sys.stderr = _patient(sys.stderr, sys.__stderr__)
+
+
+def _patient(stream: TextIO | None, original: TextIO | None) -> TextIO:
+    if stream is None:  # closed by who started us; its number is taken before a file gets it
+        return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123
+    if stream is not original or not isinstance(stream, io.TextIOWrapper):
+        return stream  # somebody else's
+    stream.flush()
+    raw = _PatientFile(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors=stream.errors,
+        line_buffering=stream.line_buffering,
+    )
+
+
+def end_by(number: int) -> int:
+    """Say that a signal ended a command, and give its exit code."""
+    _say("stopped; nothing half-written was left")
+    return 128 + number
+
+
+def end_of(error: BaseException) -> int:
+    """Say what ended a command, in a line, and give its exit code."""
+    if isinstance(error, typer.Abort):  # typer's word for Ctrl-C, and for an end of file
+        error = error.__cause__ or KeyboardInterrupt()
+    if isinstance(error, KeyboardInterrupt):
+        return end_by(signal.SIGINT)
+    if isinstance(error, InputError | ReferenceUnavailableError):
+        _say(str(error))
+        return USAGE
+    if isinstance(error, OSError):
+        _say(f"{error.filename or ''}: {error.strerror or error}")
+        return USAGE
+    if isinstance(error, ReferenceFailedError):
+        _say(str(error))
+        return INCONCLUSIVE
+    # typer brings its own copy of click or the real one: known by what they can do.
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+        _say(error.format_message())
+        return USAGE
+    handle, name = tempfile.mkstemp(prefix="palpate-error-", suffix=".txt", text=True)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        traceback.print_exception(error, file=file)
+    _say(f"internal error: {type(error).__name__}: {error} ({name})")
+    return INTERNAL
+
+
+def _say(line: str) -> None:
+    with contextlib.suppress(OSError):
+        print(f"palpate: {line}", file=sys.stderr)
