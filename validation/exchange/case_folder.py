@@ -1,16 +1,7 @@
 """A case as a folder that any simulator can read: case.json, rest.vtu and rest.npz.
 
-`rest.vtu` and `rest.npz` hold the same arrays, all in the rest numbering and SI units:
-
-    points, cells            the tetrahedra
-    fixed                    1 where a component of a point is held, (num_points, 3)
-    prescribed_displacement  where it is held [m], (num_points, 3)
-    external_force           dead loads at their full size, at the points [N], (num_points, 3)
-    lumped_mass              [kg], (num_points,)
-    youngs_modulus, poissons_ratio, density    by cell [Pa], [-], [kg/m3]
-
-`rest.npz` alone also holds `pressure_facets` (n, 3) and `pressure` (n,) [Pa], which follow the
-surface, and `external_force_K` for each load K that has an amplitude of its own.
+`rest.vtu` and `rest.npz` hold the same arrays, all in the rest numbering and SI units; `rest.npz`
+has some more. case.json says what each of them is, and what the equations are (`conventions`).
 """
 
 from __future__ import annotations
@@ -31,6 +22,13 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
+from palpate.validation.exchange.conventions import (
+    ANSWER,
+    ARRAYS,
+    KEYS,
+    LAWS,
+    describe_conventions,
+)
 from palpate.validation.exchange.nodal_loads import (
     cell_materials,
     held_components,
@@ -40,17 +38,6 @@ from palpate.validation.exchange.nodal_loads import (
 
 SCHEMA = 1
 FILES = ("case.json", "rest.vtu", "rest.npz")
-_LAWS = {
-    Strain.GREEN: "Saint-Venant-Kirchhoff: S = lmbda tr(E) I + 2 mu E, E = (F^T F - I) / 2",
-    Strain.LINEAR: "linear elasticity: sigma = lmbda tr(e) I + 2 mu e, e = sym(grad u)",
-}
-_ANSWER = (
-    "write one file: .npz, .vtu or .csv with `displacement` [m], (num_points, 3), in the order of "
-    "the points here; or with `original_id` in another order; or .vtu with tetrahedra of its own. "
-    "`positions` instead of `displacement` if you have those. Dynamic cases: .npz with "
-    "`displacement` (num_times, num_points, 3) and `times`. Optional text in .npz: `length_unit` "
-    "(m, cm, mm), `case_key`, `about` (JSON: tool, version, law)."
-)
 
 
 def case_key(problem: Problem, strain: Strain) -> str:
@@ -110,6 +97,7 @@ def write_case_folder(
     arrays: dict[str, Any] = {"points": problem.mesh.points, "cells": problem.mesh.cells}
     arrays |= by_point | by_cell
     arrays |= _follower_pressures(problem)
+    arrays["support"] = _holding_supports(problem)
     for index, load in enumerate(problem.loads):
         if load.amplitude is not None and not isinstance(load, Pressure):
             arrays[f"external_force_{index}"] = nodal_force(problem.mesh, load)
@@ -132,7 +120,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
         "title": title,
         "case_key": case_key(problem, strain),
         "strain": strain.value,
-        "law": _LAWS[strain],
+        "law": LAWS[strain],
         "units": {"length": "m", "force": "N", "stress": "Pa", "density": "kg/m3", "time": "s"},
         "material": dataclasses.asdict(problem.material),
         "has_inclusions": bool(problem.inclusions),
@@ -140,17 +128,24 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
         "num_cells": problem.mesh.num_cells,
         "time": time,
         "loads": [_describe_load(load) for load in problem.loads],
+        "supports": [
+            {
+                "components": list(support.components),
+                "displacement": list(support.displacement),
+                "amplitude": _plain(support.amplitude),
+            }
+            for support in problem.supports
+        ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
-        "arrays": "rest.vtu, and the same in rest.npz",
-        "answer": _ANSWER,
+        "arrays": {name: dict(told) for name, told in ARRAYS.items()},
+        "conventions": describe_conventions(strain),
+        "keys": dict(KEYS),
+        "answer": ANSWER,
     }
 
 
 def _describe_load(load: Load) -> dict[str, Any]:
-    entry: dict[str, Any] = {"kind": type(load).__name__, "amplitude": None}
-    if load.amplitude is not None:
-        entry["amplitude"] = _plain(load.amplitude)
-    return entry
+    return {"kind": type(load).__name__, "amplitude": _plain(load.amplitude)}
 
 
 def _describe_tool(tool: RigidTool) -> dict[str, Any]:
@@ -173,7 +168,23 @@ def _plain(item: Any) -> Any:
 
 
 def _follower_pressures(problem: Problem) -> dict[str, NDArray[Any]]:
-    pressures = [load for load in problem.loads if isinstance(load, Pressure)]
-    facets = [load.facets for load in pressures] or [np.zeros((0, 3), dtype=np.int32)]
-    sizes = [np.full(len(load.facets), load.pressure) for load in pressures] or [np.zeros(0)]
-    return {"pressure_facets": np.vstack(facets), "pressure": np.concatenate(sizes)}
+    facets, sizes, numbers = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0)], [np.zeros(0)]
+    for number, load in enumerate(problem.loads):
+        if isinstance(load, Pressure):
+            facets.append(load.facets)
+            sizes.append(np.full(len(load.facets), load.pressure))
+            numbers.append(np.full(len(load.facets), number))
+    return {
+        "pressure_facets": np.vstack(facets),
+        "pressure": np.concatenate(sizes),
+        "pressure_load": np.concatenate(numbers).astype(np.int32),
+    }
+
+
+def _holding_supports(problem: Problem) -> NDArray[np.int32]:
+    """Number of the support that holds a component, -1 where free, (num_points, 3)."""
+    numbers = np.full(problem.mesh.points.shape, -1, dtype=np.int32)
+    for number, support in enumerate(problem.supports):
+        for axis in np.flatnonzero(support.components):
+            numbers[support.points, axis] = number
+    return numbers

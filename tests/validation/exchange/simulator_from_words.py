@@ -1,0 +1,96 @@
+"""A simulator written from the words of case.json and nothing else; NumPy alone, no palpate.
+
+python simulator_from_words.py CASE_FOLDER RESULT.npz
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+folder, result = Path(sys.argv[1]), Path(sys.argv[2])
+case = json.loads((folder / "case.json").read_text())
+with np.load(folder / "rest.npz") as stored:
+    rest = dict(stored)
+X, cells, fixed = rest["points"], rest["cells"], rest["fixed"] == 1
+E, nu = rest["youngs_modulus"][:, None, None], rest["poissons_ratio"][:, None, None]
+lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+edges = X[cells[:, 1:]] - X[cells[:, :1]]
+V, inverse = np.linalg.det(edges)[:, None, None] / 6, np.linalg.inv(edges).transpose(0, 2, 1)
+gradients = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+is_linear = case["strain"] == "linear"
+
+
+def factor(amplitude, t):
+    if amplitude is None:
+        return 1.0
+    times, factors = amplitude["times"], amplitude["factors"]
+    k = np.searchsorted(times, t, side="right")
+    if k == 0 or k == len(times):
+        return factors[min(k, len(times) - 1)]
+    s = (t - times[k - 1]) / (times[k] - times[k - 1])
+    s = 10 * s**3 - 15 * s**4 + 6 * s**5 if amplitude["is_smooth"] else s
+    return factors[k - 1] + s * (factors[k] - factors[k - 1])
+
+
+def out_of_balance(u, t):
+    """F(t) - R(u); t is None in statics."""
+    total = rest["external_force"].copy()
+    factors = [1.0 if t is None else factor(load["amplitude"], t) for load in case["loads"]]
+    for k, scale in enumerate(factors):
+        if scale != 1.0 and f"external_force_{k}" in rest:
+            total += (scale - 1.0) * rest[f"external_force_{k}"]
+    a, b, c = np.moveaxis((X if is_linear else X + u)[rest["pressure_facets"]], 1, 0)
+    p = rest["pressure"] * np.array([*factors, 0.0])[rest["pressure_load"]]
+    np.add.at(total, rest["pressure_facets"], (-p[:, None] / 6 * np.cross(b - a, c - a))[:, None])
+    H = np.einsum("cai,caj->cij", u[cells], gradients)
+    strain = (H + H.transpose(0, 2, 1)) / 2
+    strain += 0.0 if is_linear else H.transpose(0, 2, 1) @ H / 2
+    S = lmbda * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 2 * mu * strain
+    P = S if is_linear else (np.eye(3) + H) @ S
+    np.add.at(total, cells, -V * np.einsum("cij,caj->cai", P, gradients))
+    return total
+
+
+def held(t):
+    scale = [factor(support["amplitude"], t) for support in case["supports"]]
+    return np.array([*scale, 0.0])[rest["support"]] * rest["prescribed_displacement"]
+
+
+if case["time"] is None:
+    u, free = np.zeros_like(X), np.flatnonzero(~fixed)
+    for share in np.linspace(0.1, 1.0, 10):
+        full = {k: rest[k].copy() for k in ("external_force", "pressure")}
+        rest |= {k: share * values for k, values in full.items()}
+        u[fixed] = share * rest["prescribed_displacement"][fixed]
+        for _ in range(12):
+            K, h = np.empty((len(free), len(free))), 1e-4 * np.ptp(X)
+            for column, dof in enumerate(free):
+                d = np.zeros(X.size)
+                d[dof] = h
+                ahead, back = (out_of_balance(u + s * d.reshape(X.shape), None) for s in (1, -1))
+                K[:, column] = (back - ahead).ravel()[free] / (2 * h)
+            step = np.zeros(X.size)
+            step[free] = np.linalg.solve(K, out_of_balance(u, None).ravel()[free])
+            u += step.reshape(X.shape)
+            if abs(step).max() < 1e-13 * abs(u).max():
+                break
+        rest |= full
+    np.savez(result, displacement=u, case_key=case["case_key"])
+else:
+    dt, half = (
+        case["time"]["time_step"],
+        case["time"]["mass_damping"] * case["time"]["time_step"] / 2,
+    )
+    m, n = rest["lumped_mass"][:, None], case["time"]["num_outputs"]
+    per_output = round(case["time"]["end_time"] / n / dt)
+    a = np.where(fixed, held(0.0), 0.0)
+    before, outputs = a + dt**2 / 2 * out_of_balance(a, 0.0) / m, [a]
+    for step in range(n * per_output):
+        ahead = dt**2 * out_of_balance(a, step * dt) / m + 2 * a - (1 - half) * before
+        a, before = np.where(fixed, held((step + 1) * dt), ahead / (1 + half)), a
+        if (step + 1) % per_output == 0:
+            outputs.append(a)
+    times = case["time"]["output_times"]
+    np.savez(result, displacement=outputs, times=times, case_key=case["case_key"])
