@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
@@ -16,15 +17,33 @@ from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.report import report
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
+from palpate.validation.commands.words import listed
+from palpate.validation.simulators.faults import FAULTS
+from palpate.validation.studies import STUDIES
+from palpate.validation.versions import version_of
 
 app = typer.Typer(
     name="palpate",
-    help="Judge fast soft-tissue simulators against a FEniCSx reference.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.add_typer(reference_cli.app, name="reference")
+
+
+def _tell_version(is_asked: bool) -> None:
+    if is_asked:
+        print(f"palpate {version_of('palpate')}")
+        raise typer.Exit
+
+
+@app.callback()
+def palpate(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_tell_version, is_eager=True, help="tell it and end"),
+    ] = False,
+) -> None:
+    """Judge fast soft-tissue simulators against a FEniCSx reference."""
 
 
 @app.command()
@@ -41,9 +60,9 @@ app.command()(export)
 app.command()(compare)
 app.command()(audit)
 app.command()(solve)
-app.command()(gate)
+app.command(help=f"{gate.__doc__}\n\n{listed('Faults:', FAULTS.items())}")(gate)
 app.command()(report)
-app.command()(study)
+app.command(help=f"{study.__doc__}\n\n{listed('Studies:', STUDIES.items())}")(study)
 app.command()(bench)
 
 

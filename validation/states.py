@@ -14,6 +14,9 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 
+# The simulator of the reference's states, and how their labels begin.
+REFERENCE = "reference"
+
 
 class Verdict(StrEnum):
     """Outcome of a check or a case; only a check can be skipped, with a reason."""
@@ -95,3 +98,8 @@ class State:
     tool_forces: NDArray[np.float64] | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether the reference solved it; no candidate is called so (`candidate_name`)."""
+        return self.simulator == REFERENCE

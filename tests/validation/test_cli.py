@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,8 +14,18 @@ import pytest
 
 from palpate.meshes.files import read_mesh, read_point_data, write_surface
 from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.problem import Strain
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case import builtin_cases
+from palpate.validation.case import builtin_cases, load_case
+from palpate.validation.evidence.error_budget import case_budgets
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.report.table_one import state_table
+from palpate.validation.simulators import run_fastsim
+from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.simulators.faults import FAULTS, Fault
+from palpate.validation.states import Verdict
+from palpate.validation.studies import STUDIES
+from palpate.validation.versions import version_of
 
 Write = Callable[..., Path]
 
@@ -124,6 +135,88 @@ def test_mesh_graded_towards_a_point(tmp_path: Path) -> None:
         refused = palpate(*command, *bad, folder=tmp_path)
         assert refused.returncode == 2
         assert "needs" in refused.stderr or "go together" in refused.stderr
+
+
+def test_the_version_is_told() -> None:
+    done = palpate("--version")
+    assert (done.returncode, done.stdout) == (0, f"palpate {version_of('palpate')}\n")
+
+
+def test_help_lists_every_study_and_every_fault_with_a_line() -> None:
+    assert set(FAULTS) == set(Fault)
+    for verb, listed in (("gate", dict(FAULTS)), ("study", STUDIES)):
+        lines = [" ".join(line.split()) for line in palpate(verb, "--help").stdout.splitlines()]
+        assert listed
+        for name, about in listed.items():
+            assert f"{name} {about}" in lines
+
+
+@pytest.mark.parametrize(
+    ("typed", "wanted"),
+    [
+        ("ga", {"gate"}),
+        ("gate block", {"block", "block-motion"}),
+        ("export cant", {"cantilever"}),
+        ("study k", {"kidney"}),
+    ],
+)
+def test_the_shell_completes_verbs_cases_and_studies(typed: str, wanted: set[str]) -> None:
+    code = "import sys; sys.argv = ['palpate']; from palpate.validation.cli import main; main()"
+    asked = {
+        "_PALPATE_COMPLETE": "complete_bash",
+        "COMP_WORDS": f"palpate {typed}",
+        "COMP_CWORD": str(len(typed.split())),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False,
+        env={**os.environ, **asked},
+    )  # fmt: skip
+    assert set(done.stdout.split()) == wanted, done.stderr
+
+
+def test_self_test_takes_built_in_cases_and_nothing_that_it_would_ignore() -> None:
+    done = palpate("gate", "column", "--self-test")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "softer, column: caught" in done.stderr
+    assert "healthy, column: passed" in done.stderr
+    assert "beam" not in done.stdout
+    assert "missing-reference" not in done.stdout  # that trial is on another case
+    for words, told in (
+        (["column", "--simulator", "x {case} {result}"], "takes no --simulator"),
+        (["--fault", "softer"], "takes no --simulator, --fault"),
+        (["column", "--quick"], "name the cases, or say one of"),
+    ):
+        done = palpate("gate", "--self-test", *words)
+        assert (done.returncode, told in done.stderr) == (2, True), done.stderr
+
+
+def test_a_self_test_of_a_case_without_trials_says_which_have_some(write_case: Write) -> None:
+    done = palpate("gate", write_case(), "--self-test")
+    assert done.returncode == 2
+    assert "tries no fault on" in done.stderr
+    assert "cantilever" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["reference", "reference P1", "Reference"])
+def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) -> None:
+    """Half of the answer: it is judged, drawn and tabled as what it is, and fails."""
+    case = load_case("block")
+    answer = run_fastsim(case.problem, Strain.GREEN, lambda _line: None)
+    np.savez(tmp_path / f"{name}.npz", displacement=0.5 * answer.displacement)
+    result = judge_case(case, candidate=result_candidate(tmp_path / f"{name}.npz"))
+    assert result.verdict is Verdict.FAILED
+    own = result.state(result.candidate, Strain.GREEN)
+    same_mesh = result.state("reference P1", Strain.GREEN)
+    assert own is not None
+    assert same_mesh is not None
+    assert [state.label for state in result.states if not state.is_reference] == [own.label]
+    assert own.volume != same_mesh.volume
+    called = f"{name} (candidate)"
+    assert state_table(result).columns[-1] == called
+    assert {budget.candidate for budget in case_budgets(result)} == {f"{called}, green strain"}
+    of_states = [state for state in result.states if state.strain is Strain.GREEN]
+    measured = [key for key in result.metrics if key.endswith("green.volume")]
+    assert len([key for key in measured if not key.startswith("error.")]) == len(of_states)
 
 
 @pytest.mark.dolfinx

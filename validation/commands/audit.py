@@ -14,6 +14,7 @@ import typer
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import OneCase
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
@@ -23,7 +24,7 @@ _STABLE = {True: "yes", False: "no", None: "not asked"}
 
 
 def audit(
-    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    case: OneCase,
     result: Annotated[Path, typer.Argument(help="displacement as .vtu, .npz or .csv")],
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
     degree: Annotated[

@@ -10,10 +10,11 @@ from rich.console import Console
 
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import OneCase
 
 
 def export(
-    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    case: OneCase,
     output: Annotated[Path, typer.Option("--output", "-o", help="folder")],
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
 ) -> None:
@@ -30,7 +31,7 @@ def export(
 
 
 def compare(
-    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    case: OneCase,
     result: Annotated[Path, typer.Argument(help="displacement as .vtu, .npz or .csv")],
     json: Annotated[Path | None, typer.Option()] = None,
     live: Annotated[bool, typer.Option(help="solve the reference here")] = False,

@@ -28,13 +28,17 @@ def gate(
     junit: OptionalFile = None,
     summary: OptionalFile = None,
     live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
-    fault: Annotated[Fault, typer.Option(help="seed a fault, to see the gate go red")] = Fault.NONE,
+    fault: Annotated[
+        Fault, typer.Option(metavar="FAULT", help="seed one of those above: the gate goes red")
+    ] = Fault.NONE,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     metamorphic: Annotated[
         bool, typer.Option(help="judge by relations that need no reference")
     ] = False,
-    self_test: Annotated[bool, typer.Option(help="seed faults; the gate must go red")] = False,
+    self_test: Annotated[
+        bool, typer.Option(help="seed faults, on the named cases or all; the gate must go red")
+    ] = False,
     quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
     every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
     since: Annotated[
@@ -55,8 +59,13 @@ def gate(
 
     candidate = candidate_for(simulator, time_limit, fault)
     accepted = read_accepted(since) if since else None
-    if self_test + quick + every + bool(names) != 1:
+    if quick + every + bool(names) != 1 and not (self_test and quick + every + bool(names) == 0):
         raise InputError("name the cases, or say one of --quick, --all and --self-test")
+    if self_test and (simulator or fault is not Fault.NONE or metamorphic or live):
+        raise InputError(
+            "--self-test seeds faults into fastsim by itself; it takes no --simulator, --fault, "
+            "--metamorphic or --live"
+        )
     chosen = QUICK if quick else builtin_cases() if every else names or ()
     loaded = load_cases(chosen)
     require_outputs(
@@ -65,7 +74,7 @@ def gate(
     )
     progress = progress_lines()
     if self_test:
-        results = [run_self_test(progress)]
+        results = [run_self_test(progress, names or (QUICK if quick else None))]
     elif metamorphic:
         results = [judge_relations(case, candidate, progress) for case in loaded]
     else:

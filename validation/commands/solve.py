@@ -11,6 +11,7 @@ import typer
 
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import OneCase
 
 
 class Simulator(StrEnum):
@@ -21,7 +22,7 @@ class Simulator(StrEnum):
 
 
 def solve(
-    case: Annotated[str, typer.Argument(help="built-in name, or path to a .toml file")],
+    case: OneCase,
     output: Annotated[
         Path, typer.Option("--output", "-o", help=".vtu or .vtk; .npz holds a whole motion")
     ],

@@ -9,19 +9,20 @@ from rich.console import Console
 
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import Folder
+from palpate.validation.studies import STUDIES
 
 
 def study(
     name: Annotated[
         str,
         typer.Argument(
-            help="meshing, beam, kidney, contact, csm3, grading, iterations, "
-            "validity, convergence, sensitivity"
+            help="one of those below",
+            autocompletion=lambda incomplete: [s for s in STUDIES if s.startswith(incomplete)],
         ),
     ],
     output: Folder,
 ) -> None:
-    """Remake a study of the paper: meshing (Fig. 1), beam (Fig. 2), kidney (Fig. 5, Table I)..."""
+    """Remake a study of the paper, or one of what the answers depend on."""
     from palpate.validation.run_folder import run_folder
     from palpate.validation.studies import run_study
 

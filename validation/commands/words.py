@@ -1,14 +1,35 @@
-"""Arguments and options that several verbs share."""
+"""Arguments, options and lines of help that several verbs share."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+
+def complete_case(incomplete: str) -> list[str]:
+    """Built-in cases that begin so, for the shell; it knows the files by itself."""
+    from palpate.validation.case import builtin_cases
+
+    return [name for name in builtin_cases() if name.startswith(incomplete)]
+
+
+def listed(title: str, lines: Iterable[tuple[str, str]]) -> str:
+    """A list for --help, a line each, that is not run together."""
+    rows = [(name, about) for name, about in lines]
+    width = max(len(name) for name, _ in rows)
+    return "\n".join([f"\b\n{title}", *(f"  {name:{width}}  {about}" for name, about in rows)])
+
+
+OneCase = Annotated[
+    str,
+    typer.Argument(help="built-in name, or path to a .toml file", autocompletion=complete_case),
+]
 OptionalCases = Annotated[
-    list[str] | None, typer.Argument(help="built-in names, or paths to .toml files")
+    list[str] | None,
+    typer.Argument(help="built-in names, or paths to .toml files", autocompletion=complete_case),
 ]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
 OptionalFile = Annotated[Path | None, typer.Option()]

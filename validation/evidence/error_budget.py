@@ -204,10 +204,10 @@ def case_budgets(result: CaseResult) -> list[Budget]:
     """Budgets of every state of a static case's candidate; none for cases in motion."""
     if result.problem.time is not None:
         return []
-    references = {(s.label, s.strain): s for s in result.states if s.simulator == "reference"}
+    references = {(s.label, s.strain): s for s in result.states if s.is_reference}
     budgets = []
     for state in result.states:
-        if state.label == result.candidate and state.simulator != "reference":
+        if state.label == result.candidate and not state.is_reference:
             budgets += static_budgets(result.problem, state, references)
     return budgets
 

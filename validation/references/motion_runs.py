@@ -13,7 +13,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
-from palpate.validation.states import State, Trajectory
+from palpate.validation.states import REFERENCE, State, Trajectory
 
 Progress = Callable[[str], None]
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
@@ -44,7 +44,7 @@ def solve_twin(problem: Problem, strain: Strain, progress: Progress) -> State:
         problem.mesh,
         found.displacements[-1],
         label=SAME_MESH,
-        simulator="reference",
+        simulator=REFERENCE,
         strain=strain,
         seconds=time.perf_counter() - start,
         details={
@@ -102,7 +102,7 @@ def solve_implicit(
         mesh,
         kept[-1],
         label=QUADRATIC,
-        simulator="reference",
+        simulator=REFERENCE,
         strain=strain,
         degree=degree,
         seconds=time.perf_counter() - start,

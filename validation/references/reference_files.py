@@ -19,7 +19,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.soundness import SCALARS
-from palpate.validation.states import State, Trajectory
+from palpate.validation.states import REFERENCE, State, Trajectory
 
 SCHEMA = 1
 _HASH = "sha256"
@@ -141,7 +141,7 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
             )
         states[str(entry["label"]), strain] = State(
             label=str(entry["label"]),
-            simulator="reference",
+            simulator=REFERENCE,
             strain=strain,
             degree=int(entry["degree"]),
             displacement=_numbers(arrays[f"displacement_{index}"]),

@@ -22,7 +22,7 @@ from palpate.validation.references.sequences import (
     bar_of,
     widen,
 )
-from palpate.validation.states import State
+from palpate.validation.states import REFERENCE, State
 
 SAME_MESH = "reference P1"
 QUADRATIC = "reference P2"
@@ -89,7 +89,7 @@ def solve_state(
     result = solve_static_in_child(problem, strain=strain, degree=degree, progress=progress)
     return State(
         label=label,
-        simulator="reference",
+        simulator=REFERENCE,
         strain=strain,
         degree=degree,
         displacement=result.displacement,

@@ -153,7 +153,7 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
             return [], "runs on the finer mesh would take minutes"
         budgets = []
         for state in result.states:
-            if state.label == result.candidate and state.simulator != "reference":
+            if state.label == result.candidate and not state.is_reference:
                 twin = result.state(SAME_MESH, state.strain)
                 budgets += motion_budgets(problem, state.strain, candidate=state, twin=twin)
         return budgets, ""

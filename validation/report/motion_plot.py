@@ -24,8 +24,8 @@ def motion_svg(result: CaseResult) -> str:
     from palpate.validation.report.plots import figure_svg
 
     moving = [state for state in result.states if state.trajectory is not None]
-    references = [s for s in moving if s.simulator == "reference" and s.strain is Strain.GREEN]
-    candidates = [s for s in moving if s.simulator != "reference"]
+    references = [s for s in moving if s.is_reference and s.strain is Strain.GREEN]
+    candidates = [s for s in moving if not s.is_reference]
     if not candidates:
         return ""
     # The truth, where there is one, says where to look.
@@ -84,7 +84,7 @@ def _draw_forces(axes: mpl.axes.Axes, state: State) -> None:
     if state.trajectory is None or forces is None or forces.ndim != 3:
         return
     is_green = state.strain is Strain.GREEN
-    if state.simulator == "reference":
+    if state.is_reference:
         style: dict[str, Any] = {"color": "#888888", "lw": 3.0, "alpha": 0.6}
     else:
         colour = "#2f6f8f" if is_green else "#c98a12"

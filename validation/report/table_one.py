@@ -30,9 +30,9 @@ class StateTable:
 
 def state_table(result: CaseResult) -> StateTable:
     """Columns: the paper where the case has its numbers, then every simulator; mm3 and mm2."""
-    labels = list(dict.fromkeys(s.label for s in result.states if s.simulator == "reference"))
+    labels = list(dict.fromkeys(s.label for s in result.states if s.is_reference))
     labels.sort(reverse=True)
-    labels += [s.label for s in result.states if s.simulator != "reference"][:1]
+    labels += [s.label for s in result.states if not s.is_reference][:1]
     published = result.published
     has_paper = "original_volume" in published
     rows = []

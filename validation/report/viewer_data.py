@@ -52,7 +52,7 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
     step = largest / 32767.0 if largest > 0.0 else 1.0
     return {
         "name": _name(state),
-        "is_reference": state.simulator == "reference",
+        "is_reference": state.is_reference,
         "step": step,
         "displacement": _packed(np.rint(displacement / step), np.int16),
         "largest": float(np.linalg.norm(displacement, axis=2).max()),
@@ -75,8 +75,8 @@ def _pairs(result: CaseResult) -> list[tuple[int, int]]:
         (number, other)
         for number, candidate in numbered
         for other, reference in numbered
-        if candidate.simulator != "reference"
-        and reference.simulator == "reference"
+        if not candidate.is_reference
+        and reference.is_reference
         and candidate.strain is reference.strain
         and _all_times(candidate).shape == _all_times(reference).shape
     ]

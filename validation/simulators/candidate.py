@@ -20,7 +20,7 @@ from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import OutsideSimulator, require_answers
-from palpate.validation.states import OwnMesh, State, Trajectory
+from palpate.validation.states import REFERENCE, OwnMesh, State, Trajectory
 
 Solve = Callable[[Problem, Strain, Progress], State]
 
@@ -76,22 +76,28 @@ def candidate_for(command: str | None, time_limit: float, fault: Fault = Fault.N
     return outside_candidate(OutsideSimulator(command, time_limit))
 
 
+def candidate_name(name: str) -> str:
+    """A candidate's name for people, told apart from the reference's own labels."""
+    return f"{name} (candidate)" if name.casefold().startswith(REFERENCE) else name
+
+
 def outside_candidate(simulator: OutsideSimulator) -> Candidate:
     """A program that reads a case folder and writes a result."""
+    name = candidate_name(simulator.name)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         answer = simulator.run(problem, strain, progress)
         told = {"command": simulator.command}
-        state = placed_state(problem, answer.placed, simulator.name, strain, answer.seconds, told)
+        state = placed_state(problem, answer.placed, name, strain, answer.seconds, told)
         return with_motion(state, problem, answer.result, answer.placed)
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
-    return Candidate(simulator.name, solve, False, (note,))
+    return Candidate(name, solve, False, (note,))
 
 
 def result_candidate(path: str | Path) -> Candidate:
     """A result file that somebody brings."""
-    name = Path(path).stem
+    name = candidate_name(Path(path).stem)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"reading {path}")

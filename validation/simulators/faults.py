@@ -44,6 +44,26 @@ class Fault(StrEnum):
     NAN = "nan"
 
 
+# What each does, a line.
+FAULTS = {
+    Fault.NONE: "healthy",
+    Fault.SOFTER: "Young's modulus 2 % lower",
+    Fault.SWAPPED_LAME: "Lame's two parameters exchanged",
+    Fault.WRONG_MASS: "inertia 2 % larger, weight as it was",
+    Fault.NO_DAMPING: "the damping of a motion left out",
+    Fault.DROPPED_LOAD: "the last load left out",
+    Fault.DROPPED_TOOL: "the last tool left out",
+    Fault.REVERSED_LOAD: "every load the other way",
+    Fault.MIRRORED: "the answer's y turned round",
+    Fault.MIRRORED_MESH: "solved on the mirror image of the body",
+    Fault.LINEAR_INSTEAD_OF_GREEN: "linear strain where Green strain is asked for",
+    Fault.TRANSPOSED_GRADIENT: "the displacement gradient of a motion transposed",
+    Fault.INVERTED_CELL: "one corner moved until a cell turns inside out",
+    Fault.UNIT_ERROR: "the answer in millimetres, said to be metres",
+    Fault.SHIFTED_NUMBERS: "the answer's rows moved on by one point",
+    Fault.NAN: "one number is none",
+}
+
 # They spoil what only a motion has.
 _OF_MOTION = (Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.TRANSPOSED_GRADIENT)
 
