@@ -34,6 +34,9 @@ class Stage(Protocol):
     def is_stable(self, displacement: Points, parameter: float) -> bool:
         """Whether an equilibrium is stable."""
 
+    def keep(self, displacement: Points, parameter: float) -> None:
+        """Go on from a stable equilibrium: told once for each step of the way."""
+
 
 @dataclass(frozen=True, eq=False)
 class LoadPath:
@@ -122,6 +125,7 @@ def follow(
         if not reason:
             path = [path[-1], (target, outcome.displacement)]
             reached.append(target)
+            stage.keep(outcome.displacement, target)
             residual = outcome.relative_residual
             if outcome.iterations <= few_iterations:
                 step = min(2.0 * step, largest_step)

@@ -114,6 +114,12 @@ class Newton:
         matrix = eq.tangent(displacement, load_factor)
         return self._linear.is_positive_definite(matrix, eq.held.dofs)
 
+    def keep(self, displacement: Points, load_factor: float) -> None:
+        """Tell the tools where an equilibrium has the body."""
+        del load_factor
+        for contact in self._equilibrium.contacts:
+            contact.keep(displacement)
+
     def solve(
         self, start: Points, load_factor: float, *, report: Report | None = None
     ) -> NewtonOutcome:

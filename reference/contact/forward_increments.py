@@ -17,7 +17,8 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.rigid_tool import BoxShape, RigidTool
+from palpate.reference.contact.box_faces import seen_at
 from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_contact import require_frictionless_on_path
 from palpate.reference.contact.tool_distance import tool_distance
@@ -60,12 +61,15 @@ class SteppedTools:
                     f"tool {number} is {depth:g} m deep in the body at the start; begin its path "
                     "outside"
                 )
+            tool.see(displacement, 0.0)
 
     def keep_out(self, ahead: Points, time: float) -> Points:
         """A displacement at a time with no node inside a tool, one tool after the other."""
         self._steps += 1
         for tool in self._tools:
             ahead = tool.keep_out(ahead, time)
+        for tool in self._tools:
+            tool.see(ahead, time)
         return ahead
 
     def mean_forces(self) -> Points:
@@ -87,7 +91,16 @@ class _SteppedTool:
         self._points = find_contact_points(space, tool.contact_facets, held)
         self._mobility = mobility.reshape(-1, 3)[self._points.nodes]
         self._is_free = np.ptp(self._mobility, axis=1) <= 1e-12 * self._mobility.max(axis=1)
+        self._came_from: Points | None = None
         self.sum_of_forces = np.zeros(3)
+
+    def see(self, displacement: Points, time: float) -> None:
+        """Remember where the nodes are beside a box, for the next step's way into it."""
+        if isinstance(self._tool.shape, BoxShape):
+            position, rotation = self._tool.path.pose_at(time)
+            local = (self._points.places(displacement) - position) @ rotation
+            half_widths = np.asarray(self._tool.shape.half_widths)
+            self._came_from = seen_at(local, half_widths, self._came_from)
 
     def gaps(self, displacement: Points, time: float) -> Points:
         position, rotation = self._tool.path.pose_at(time)
@@ -100,7 +113,8 @@ class _SteppedTool:
         forces = np.zeros_like(places)
         rows = np.arange(len(places))
         for _ in range(_MOST_CORRECTIONS):
-            at = tool_distance(self._tool.shape, position, rotation, places[rows])
+            before = None if self._came_from is None else self._came_from[rows]
+            at = tool_distance(self._tool.shape, position, rotation, places[rows], before)
             give = np.einsum("ni,ni,ni->n", self._mobility[rows], at.normal, at.normal)
             is_pushed = (at.gap < 0.0) & (give > 0.0)
             rows, give = rows[is_pushed], give[is_pushed]

@@ -22,8 +22,9 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
+from palpate.reference.contact.box_faces import HeldFaces
 from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_distance import Distance, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
@@ -78,8 +79,11 @@ class ToolContact:
         # A tool that just touches must not press by roundings.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
+        shape = tool.shape
+        self._faces = HeldFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
         self.set_time(float(tool.path.times[0]))
         self.require_known_shape()
+        self.keep(np.zeros(self._num_dofs))
 
     def require_known_shape(self) -> None:
         """Raise InputError where the distance to the tool cannot be measured."""
@@ -89,9 +93,45 @@ class ToolContact:
         """Put the tool where it is at a time of its path."""
         self.position, self.rotation = self.tool.path.pose_at(time)
 
+    def keep(self, displacement: Points) -> None:
+        """Go on from an equilibrium: from its multipliers, and from where it has the nodes."""
+        self._kept = self.pressure
+        if self._faces is not None:
+            self._faces.keep(self._local(displacement))
+
+    def go_back(self) -> None:
+        """Begin anew from the last equilibrium that was kept."""
+        self.pressure = self._kept
+        if self._faces is not None:
+            self._faces.go_back()
+
+    def let_go(self, displacement: Points) -> tuple[int, bool]:
+        """Let go of nodes that an equilibrium holds against a face of a box they have slid off.
+
+        Returns:
+            How many, and whether one of them had slid off another face already.
+        """
+        if self._faces is None:
+            return 0, False
+        pressed = self._tractions(self._distance(displacement)) > 0.0
+        count, again = self._faces.let_go(self._local(displacement), pressed)
+        return round(fenicsx.total(float(count))), fenicsx.total(float(again)) > 0.0
+
+    def _local(self, displacement: Points) -> Points:
+        local: Points = (self.points.places(displacement) - self.position) @ self.rotation
+        return local
+
     def _distance(self, displacement: Points) -> Distance:
-        places = self.points.places(displacement)
-        found = tool_distance(self.tool.shape, self.position, self.rotation, places)
+        places, faces = self.points.places(displacement), self._faces
+        came_from = None if faces is None else faces.came_from
+        found = tool_distance(self.tool.shape, self.position, self.rotation, places, came_from)
+        if faces is not None and came_from is not None:
+            is_held, gap, normal = faces.planes(self._local(displacement))
+            found = Distance(
+                np.where(is_held, gap, found.gap),
+                np.where(is_held[:, None], normal @ self.rotation.T, found.normal),
+                np.where(is_held[:, None, None], 0.0, found.curvature),
+            )
         return dataclasses.replace(found, gap=found.gap + self._rounding)
 
     def _tractions(self, distance: Distance) -> Points:

@@ -21,6 +21,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolShape,
 )
+from palpate.reference.contact.box_faces import entered_faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,13 @@ class Distance:
     curvature: Points
 
 
-def tool_distance(shape: ToolShape, position: Points, rotation: Points, places: Points) -> Distance:
+def tool_distance(
+    shape: ToolShape,
+    position: Points,
+    rotation: Points,
+    places: Points,
+    came_from: Points | None = None,
+) -> Distance:
     """Measure places in space from a tool in a pose.
 
     Args:
@@ -46,13 +53,15 @@ def tool_distance(shape: ToolShape, position: Points, rotation: Points, places: 
         position: Of the tool's origin [m], shape (3,).
         rotation: From the tool's frame to space, shape (3, 3).
         places: [m], shape (n, 3).
+        came_from: Where each was before, in the tool's frame of then [m], shape (n, 3): inside a
+            box the distance is that from the face it came by. Without it from the nearest.
 
     Raises:
         InputError: A shape given by a surface.
 
     Note:
-        The normal jumps across the medial axis of a shape (inside a box, at the centre of a
-        sphere) and the curvature at the edges of a box.
+        The normal jumps across the medial axis of a shape (at the centre of a sphere, inside a box
+        without `came_from`) and the curvature at the edges of a box.
     """
     local = (places - position) @ rotation
     match shape:
@@ -66,7 +75,7 @@ def tool_distance(shape: ToolShape, position: Points, rotation: Points, places: 
             arms = local - np.outer(np.clip(along, -h, h), [0.0, 0.0, 1.0])
             found = _round(arms, kept[:, :, None] * np.eye(3), shape.radius)
         case BoxShape():
-            found = _box(local, np.asarray(shape.half_widths))
+            found = _box(local, np.asarray(shape.half_widths), came_from)
         case PlaneShape():
             normal = np.tile([0.0, 0.0, 1.0], (len(local), 1))
             found = Distance(local[:, 2], normal, np.zeros((len(local), 3, 3)))
@@ -88,19 +97,20 @@ def _round(arms: Points, projections: Points, radius: float) -> Distance:
     return Distance(lengths - radius, normal, curvature)
 
 
-def _box(local: Points, half_widths: Points) -> Distance:
+def _box(local: Points, half_widths: Points, came_from: Points | None) -> Distance:
     beyond = np.abs(local) - half_widths
     sides = np.where(local < 0.0, -1.0, 1.0)
     # Outside: the nearest face, edge or corner, by the axes on which the place lies beyond it.
     kept = (beyond > 0.0).astype(np.float64)
     outside = _round(kept * beyond * sides, kept[:, :, None] * np.eye(3), 0.0)
-    nearest = np.argmax(beyond, axis=1)
+    axes, face_sides = entered_faces(local, half_widths, came_from)
     rows = np.arange(len(local))
+    depth = face_sides * local[rows, axes] - half_widths[axes]
     face = np.zeros_like(local)
-    face[rows, nearest] = sides[rows, nearest]
+    face[rows, axes] = face_sides
     inside = ~(beyond > 0.0).any(axis=1)
     return Distance(
-        np.where(inside, beyond[rows, nearest], outside.gap),
+        np.where(inside, depth, outside.gap),
         np.where(inside[:, None], face, outside.normal),
         np.where(inside[:, None, None], 0.0, outside.curvature),
     )

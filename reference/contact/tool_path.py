@@ -21,7 +21,7 @@ _OVER_NEWTON = 10.0
 _CARRIED_ON_THE_WAY = 0.1
 _MOST_UZAWA_STEPS = 30
 _FEW_ITERATIONS = 12
-# The nearest face of a box to a place inside it must be the one the place came in by.
+# The way of a node into a box is taken as straight: nearly so in short steps.
 _REACH_OF_BOXES = 0.05
 
 Report = Callable[[int, float, float], None]
@@ -62,6 +62,7 @@ class _Stretch:
     ) -> NewtonOutcome:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
+            contact.go_back()
         # On the way the penalty alone is nearly good enough.
         all_of_it = _OVER_NEWTON * self._newton.relative_tolerance
         carried = all_of_it if parameter == 1.0 else _CARRIED_ON_THE_WAY
@@ -71,6 +72,11 @@ class _Stretch:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
         return self._newton.is_stable(displacement, 1.0)
+
+    def keep(self, displacement: Points, parameter: float) -> None:
+        for contact in self._contacts:
+            contact.set_time(self._time(parameter))
+            contact.keep(displacement)
 
 
 def settle(
@@ -89,6 +95,13 @@ def settle(
         u = outcome.displacement
         if not outcome.converged:
             break
+        slid = [contact.let_go(u) for contact in contacts]
+        if any(again for _, again in slid):
+            reason = "a node slides to and fro over an edge of a box"
+            return NewtonOutcome(u, False, reason, iterations, outcome.relative_residual)
+        if any(count for count, _ in slid):
+            outcome = newton.solve(u, 1.0, report=report)
+            continue
         changes = [contact.augment(u) for contact in contacts]
         if all(change <= carried * whole for change, whole in changes):
             break
