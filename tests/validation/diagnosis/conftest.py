@@ -1,0 +1,73 @@
+"""The one-file simulator, and a case's problem as it answers it with a seeded mistake."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case import Case, load_case
+from palpate.validation.exchange.case_folder import write_case_folder
+from palpate.validation.judging.judge import find_references
+from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.states import State
+
+SIMULATOR = Path(__file__).parent / "one_file_simulator.py"
+
+
+def load_simulator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("one_file_simulator", SIMULATOR)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def case_of(name: str) -> Case:
+    return load_case(name)
+
+
+@cache
+def references_of(name: str) -> ReferenceSet:
+    return find_references(case_of(name), live=False, progress=lambda _line: None)
+
+
+class Answers:
+    """Answers of the one-file simulator to built-in cases, each asked for once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._simulator = folder, load_simulator()
+        self._states: dict[tuple[str, str], State] = {}
+
+    def of(self, name: str, mistake: str = "") -> State:
+        key = (name, mistake)
+        if key not in self._states:
+            case = case_of(name)
+            self._states[key] = self.to(case.problem, case.strain, mistake)
+        return self._states[key]
+
+    def to(self, problem: Problem, strain: Strain, mistake: str = "") -> State:
+        folder = self._folder / str(len(list(self._folder.iterdir())))
+        write_case_folder(folder / "case", problem, strain, name="case")
+        result = folder / "result.npz"
+        self._simulator.answer(folder / "case", result, mistake)
+        return result_candidate(result).solve(problem, strain, lambda _line: None)
+
+
+@pytest.fixture(scope="session")
+def answers(tmp_path_factory: pytest.TempPathFactory) -> Answers:
+    return Answers(tmp_path_factory.mktemp("answers"))
+
+
+@pytest.fixture(scope="session")
+def reference() -> Callable[[str], State]:
+    """A case's reference on its own mesh, with its strain measure."""
+    return lambda name: references_of(name).states[SAME_MESH, case_of(name).strain]

@@ -1,0 +1,210 @@
+"""Mistakes seeded into a simulator that is not palpate's: each is named, and nothing else is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from palpate.meshes.problem import Strain
+from palpate.validation.case import load_case
+from palpate.validation.diagnosis import Cause, Diagnosis, diagnose
+from palpate.validation.diagnosis.explanation import DOUBLE, FAR_BETTER
+from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.states import State
+
+OTHER = {Strain.GREEN: Strain.LINEAR, Strain.LINEAR: Strain.GREEN}
+# Slips of the answer: its body does not balance as it is written down.
+OF_ANSWER = {
+    "millimetres": "displacement in millimetres",
+    "sign": "displacement reversed in sign",
+    "swapped-axes": "components x and y exchanged",
+    "positions": "positions sent for displacements",
+}
+OF_ORDER = {
+    "other-order": "points in another order",
+    "numbered-from-1": "points numbered one off",
+}
+# Slips of the problem: the body balances by other equations.
+OF_PROBLEM = {
+    "other-strain": "linear strain in the place of Green strain",
+    "engineering-shear": "engineering shear strain taken for tensor shear: shear stresses doubled",
+    "not-pushed-forward": "second Piola-Kirchhoff stress not pushed forward (P = S in the place "
+    "of F S)",
+    "neo-hookean": "neo-Hookean law, with ln J",
+    "pressure-sign": "sign of the pressure reversed: load 1 (pressure) pulls",
+    "dead-pressure": "pressure does not follow the surface (dead load)",
+    "no-pressure": "load 1 (pressure) left out",
+    "no-dead-loads": "dead loads (external_force) all left out",
+    # The block's body force is its weight, which the simulator adds once more.
+    "weight-twice": "load 2 (body force) counted twice",
+    "pascal-as-kilopascal": "stiffness 1000 times too large (stress in kPa where Pa was asked), "
+    "or every load 1000 times too small",
+    "softer": "stiffness 0.98 times what was asked, or every load 1.02041 times what was asked",
+    # 1 / 0.98 = 1.02041
+    "loads-98": "stiffness 1.02041 times what was asked, or every load 0.98 times what was asked",
+    # 0.4 + 0.03
+    "poisson": "Poisson's ratio 0.43 in the place of 0.4",
+    "swapped-lame": "Lamé's parameters exchanged",
+    # lmbda + 2 mu = 10 kPa 0.6 / (1.4 0.2) = 21429 Pa, and mu = 10 kPa / 2.8 = 3571 Pa more.
+    "orthotropic": "the law is not isotropic: C11 25000 Pa where 21429 Pa was asked",
+    "half-support": "support 1 is held in part: 3 of its 9 points are not held",
+    "millimetre-mesh": "lengths given 1000 times too large, the displacement with them; forces "
+    "and stresses as they are",
+}
+OF_MOTION = {
+    "no-damping": "damping left out",
+    "damping-twice": "damping twice what was asked (D = 2 lambda M)",
+    "heavier": "density 1.02 times what was asked",
+    "equal-masses": "another lumping: every point the same mass",
+    "wrong-start": "wrong start: the step before the first taken for the first, without half of "
+    "its acceleration",
+    "semi-implicit": "semi-implicit Euler steps",
+    "one-output-late": "time shifted: 1 output late",
+    "half-step": "a time step 2 times shorter",
+    "other-strain": "linear strain in the place of Green strain",
+    "softer": "stiffness 0.98 times what was asked",
+}
+
+
+def named(diagnosis: Diagnosis) -> str:
+    first = diagnosis.first
+    assert first is not None, str(diagnosis)
+    assert first.residual <= DOUBLE
+    assert FAR_BETTER * first.residual <= first.stated
+    assert f"fits '{first.name}'" in str(diagnosis)
+    return first.name
+
+
+def test_every_mistake_that_can_be_seeded_is_tried_here() -> None:
+    from .conftest import load_simulator
+
+    mistakes = load_simulator().MISTAKES
+    assert set(mistakes["statics"]) == {*OF_ANSWER, *OF_ORDER, *OF_PROBLEM, "single"}
+    assert set(mistakes["motion"]) == set(OF_MOTION)
+
+
+@pytest.mark.parametrize(("mistake", "name"), (OF_ANSWER | OF_ORDER | OF_PROBLEM).items())
+def test_a_seeded_mistake_is_named(
+    mistake: str, name: str, answers: Any, reference: Callable[[str], State]
+) -> None:
+    problem = load_case("block").problem
+    diagnosis = diagnose(problem, answers.of("block", mistake), reference("block"))
+    assert named(diagnosis) == name
+    # The block is lopsided: no other slip does the same to it.
+    assert len(diagnosis.explanations) == 1
+
+
+@pytest.mark.parametrize(("mistake", "name"), (OF_ANSWER | OF_PROBLEM).items())
+def test_a_seeded_mistake_is_named_without_a_reference(
+    mistake: str, name: str, answers: Any
+) -> None:
+    problem = load_case("block").problem
+    assert named(diagnose(problem, answers.of("block", mistake), None)) == name
+
+
+@pytest.mark.parametrize(("mistake", "name"), OF_MOTION.items())
+def test_a_mistake_in_a_motion_is_named(
+    mistake: str, name: str, answers: Any, reference: Callable[[str], State]
+) -> None:
+    problem = load_case("block-motion").problem
+    diagnosis = diagnose(problem, answers.of("block-motion", mistake), reference("block-motion"))
+    assert named(diagnosis) == name
+    assert len(diagnosis.explanations) == 1
+
+
+@pytest.mark.parametrize("case", ["block", "block-motion"])
+@pytest.mark.parametrize("mistake", ["noise", "corner", "dropped-cell", "moved-node"])
+@pytest.mark.parametrize("has_reference", [True, False])
+def test_a_mistake_that_nothing_fits_is_given_no_name(
+    mistake: str,
+    case: str,
+    has_reference: bool,
+    answers: Any,
+    reference: Callable[[str], State],
+) -> None:
+    known = reference(case) if has_reference else None
+    diagnosis = diagnose(load_case(case).problem, answers.of(case, mistake), known)
+    assert diagnosis.explanations == ()
+    assert str(diagnosis).startswith(f"none of {diagnosis.tested} explanations fits")
+    # In motion, without a reference, only the steps are left to try.
+    assert diagnosis.tested > 40
+
+
+@pytest.mark.parametrize(
+    ("case", "mistake"), [("block", "unconverged"), ("block-motion", "jitter")]
+)
+def test_a_wrong_number_that_is_no_slip_is_given_no_name(
+    case: str, mistake: str, answers: Any, reference: Callable[[str], State]
+) -> None:
+    diagnosis = diagnose(load_case(case).problem, answers.of(case, mistake), reference(case))
+    assert diagnosis.explanations == ()
+    assert diagnosis.stated > 1e-3
+
+
+def test_an_answer_that_is_spoiled_at_one_point_is_placed(
+    answers: Any, reference: Callable[[str], State]
+) -> None:
+    problem = load_case("block").problem
+    told = diagnose(problem, answers.of("block", "corner"), reference("block")).hint
+    # The corner (40, 25, 20) mm and the points that share a cell with it.
+    assert "hold but at 4 of 44 points, about (37.5, 21.88, 17.5) mm" in told
+
+
+@pytest.mark.parametrize("case", ["block", "block-motion"])
+def test_a_right_answer_is_said_to_agree(
+    case: str, answers: Any, reference: Callable[[str], State]
+) -> None:
+    diagnosis = diagnose(load_case(case).problem, answers.of(case), reference(case))
+    assert [e.cause for e in diagnosis.explanations] == [Cause.AGREES]
+    assert "fits" not in str(diagnosis)
+
+
+def test_single_precision_is_told_from_a_slip(
+    answers: Any, reference: Callable[[str], State]
+) -> None:
+    problem = load_case("block").problem
+    diagnosis = diagnose(problem, answers.of("block", "single"), reference("block"))
+    assert [e.cause for e in diagnosis.explanations] == [Cause.PRECISION]
+    assert "agrees to single precision" in str(diagnosis)
+
+
+def test_green_strain_in_the_place_of_linear_strain_is_named(answers: Any) -> None:
+    """The other way round, against the reference's linear answer."""
+    from .conftest import references_of
+
+    problem = load_case("block").problem
+    states = references_of("block").states
+    state = answers.to(problem, Strain.LINEAR, "other-strain")
+    other = states[SAME_MESH, Strain.GREEN]
+    for reference in (states[SAME_MESH, Strain.LINEAR], None):
+        diagnosis = diagnose(problem, state, reference, other_strain=other)
+        assert named(diagnosis) == "Green strain in the place of linear strain"
+
+
+def test_what_a_linear_case_cannot_tell_apart_is_listed(answers: Any) -> None:
+    """Twice the loads, half the stiffness, twice the answer: the same numbers."""
+    from .conftest import references_of
+
+    problem = load_case("block").problem
+    reference = references_of("block").states[SAME_MESH, Strain.LINEAR]
+    state = answers.to(problem, Strain.LINEAR, "millimetres")
+    # Pressure follows the surface: on the block a thousand times the answer is no other load.
+    assert len(diagnose(problem, state, reference).explanations) == 1
+    dead = load_case("kidney").problem
+    from palpate.validation.metrics import make_state
+
+    states = references_of("kidney").states
+    linear = states[SAME_MESH, Strain.LINEAR]
+    larger = make_state(
+        dead.mesh,
+        1e3 * linear.displacement,
+        label="c",
+        simulator="c",
+        strain=Strain.LINEAR,
+    )
+    diagnosis = diagnose(dead, larger, linear)
+    assert named(diagnosis) == "displacement in millimetres"
+    assert any("every load 1000 times too large" in e.name for e in diagnosis.explanations)
+    assert "this case cannot tell them apart" in str(diagnosis)

@@ -1,0 +1,207 @@
+"""Try every explanation of a wrong answer and keep those that fit.
+
+1. Slips of the answer itself, held against the reference on the same mesh.
+2. Slips of the problem, by the judge's own equations with that slip in them, at the candidate's
+   answer: no reference is needed for these.
+3. Families that take in simpler ones, only where none of those fits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.diagnosis.answers import Fields, answer_explanations, distance, plain_slips
+from palpate.validation.diagnosis.asked import Ask, isotropy_explanation
+from palpate.validation.diagnosis.body import Body
+from palpate.validation.diagnosis.explanation import (
+    CONVERGED,
+    DOUBLE,
+    OF_DISPLACEMENT,
+    OF_FORCE,
+    SINGLE,
+    Cause,
+    Diagnosis,
+    Explanation,
+    choose,
+)
+from palpate.validation.diagnosis.factors import LENGTH_UNITS, displacement_words
+from palpate.validation.diagnosis.law_slips import (
+    anisotropy_explanations,
+    law_explanations,
+    material_explanations,
+)
+from palpate.validation.diagnosis.laws import OTHER_STRAIN
+from palpate.validation.diagnosis.load_slips import each_load_apart, load_explanations
+from palpate.validation.diagnosis.motion_slips import motion_explanations, stepper_of
+from palpate.validation.diagnosis.support_slips import support_explanations
+from palpate.validation.diagnosis.tool_slips import tool_explanation, tool_force_explanations
+from palpate.validation.simulators.answer import CandidateFailedError
+from palpate.validation.states import State
+
+_OWN_MESH = "the answer is on a mesh of its own: only units were tried"
+# Slips of units in an answer on a mesh of its own: what that mesh may be off at most.
+_MESH_ERROR = 0.2
+# Equations that fail at so small a part of the points fail there, and not everywhere.
+_FEW = 0.1
+
+
+def diagnose(
+    problem: Problem,
+    candidate: State,
+    reference: State | None,
+    *,
+    other_strain: State | None = None,
+    ask: Ask | None = None,
+) -> Diagnosis:
+    """What explains the answer of a candidate that a gate has failed.
+
+    Args:
+        problem: The case's problem.
+        candidate: The candidate's state; its `strain` is what it was asked for.
+        reference: The reference's on the same mesh with that strain, if there is one.
+        other_strain: The reference's on the same mesh with the other.
+        ask: The candidate's displacement of other problems, where it can be asked again.
+
+    Returns:
+        What fits, the simplest first; nothing that does not fit by the rule of `explanation`.
+    """
+    body = Body(problem, candidate.strain)
+    mine, theirs = _fields(candidate), None if reference is None else _fields(reference)
+    if theirs is not None and theirs.shape != mine.shape:
+        theirs = None
+    tried: list[Explanation] = []
+    hint = ""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        if candidate.own is not None:
+            tried += _on_own_mesh(mine, theirs)
+            hint = _OWN_MESH
+        else:
+            if theirs is not None:
+                other = None
+                if other_strain is not None:
+                    other = (OTHER_STRAIN[candidate.strain], _fields(other_strain))
+                tried += answer_explanations(mine, theirs, problem.mesh.points, other=other)
+            if problem.time is None:
+                apart = None if theirs is None else distance(mine, theirs)
+                if theirs is None:
+                    tried += _by_balance(body, mine[-1])
+                tried += _statics(body, mine[-1], apart, ask, bool(choose(tried)))
+                if reference is not None:
+                    tried += tool_force_explanations(candidate, reference)
+            else:
+                stepper, hint = stepper_of(body, candidate)
+                if stepper is not None:
+                    tried += motion_explanations(stepper, mine)
+        found = choose(tried)
+        stated, of = _stated(body, mine, theirs)
+        if not found and not hint and problem.time is None:
+            hint = _where(body, mine[-1])
+    return Diagnosis(candidate.strain, found, len({e.name for e in tried}), stated, of, hint)
+
+
+def asker(solve: Callable[[Problem, Strain, Callable[[str], None]], State], strain: Strain) -> Ask:
+    """A candidate's `solve` as a question for a displacement."""
+    return lambda problem: solve(problem, strain, lambda _line: None).displacement
+
+
+def equations_left(problem: Problem, candidate: State) -> float:
+    """What a static answer leaves of the stated equations, over the largest nodal force."""
+    body, u = Body(problem, candidate.strain), candidate.displacement
+    return body.residual(u, body.internal(u), body.total(body.loads(u)))
+
+
+def _fields(state: State) -> Fields:
+    if state.trajectory is not None:
+        return state.trajectory.displacements
+    return state.displacement[None]
+
+
+def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str]:
+    if theirs is not None:
+        return distance(mine, theirs), OF_DISPLACEMENT
+    if body.problem.time is not None:
+        return float("nan"), OF_DISPLACEMENT
+    return _left(body, mine[-1]), OF_FORCE
+
+
+def _left(body: Body, displacement: Points) -> float:
+    external = body.total(body.loads(displacement))
+    return body.residual(displacement, body.internal(displacement), external)
+
+
+def _statics(
+    body: Body, displacement: Points, apart: float | None, ask: Ask | None, is_found: bool
+) -> Iterator[Explanation]:
+    stated = _left(body, displacement)
+    if stated <= CONVERGED and not is_found:
+        yield Explanation(_kept(body, apart), Cause.AGREES, stated, stated, OF_FORCE, 0)
+    tried: list[Explanation] = []
+    for family in (
+        law_explanations(body, displacement, stated),
+        load_explanations(body, displacement, stated),
+        support_explanations(body, displacement, stated),
+        tool_explanation(body, displacement, apart),
+    ):
+        tried += family
+    if not is_found and not choose(tried):
+        tried += material_explanations(body, displacement, stated)
+        tried += each_load_apart(body, displacement, stated)
+    if not is_found and not choose(tried):
+        tried += anisotropy_explanations(body, displacement, stated)
+    if ask is not None and not is_found and not choose(tried) and not body.problem.inclusions:
+        # Where it cannot answer these problems, nothing is said of them.
+        with contextlib.suppress(CandidateFailedError):
+            tried += isotropy_explanation(body.problem, displacement, ask)
+    yield from tried
+
+
+def _kept(body: Body, apart: float | None) -> str:
+    if body.problem.tools:
+        return "the stated equations are kept wherever no tool can touch"
+    if apart is not None and apart > SINGLE:
+        return (
+            "the stated equations are kept, yet the answer is not the reference's: another "
+            "equilibrium of the same body"
+        )
+    return "the stated equations are kept on this mesh"
+
+
+def _by_balance(body: Body, displacement: Points) -> Iterator[Explanation]:
+    """Slips of the answer, where no reference is there to see them: undone, the body balances."""
+    stated = _left(body, displacement)
+    for name, fixed in plain_slips(displacement, body.mesh.points):
+        yield Explanation(name, Cause.ANSWER, _left(body, fixed), stated, OF_FORCE)
+
+
+def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:
+    """Slips of units alone, to the error that another mesh makes."""
+    if theirs is None:
+        return
+    stated = distance(mine, theirs)
+    for factor in LENGTH_UNITS:
+        left = distance(mine / factor, theirs)
+        name = displacement_words(factor)
+        yield Explanation(
+            name, Cause.UNITS, left, stated, OF_DISPLACEMENT, limit=_MESH_ERROR
+        )  # fmt: skip
+
+
+def _where(body: Body, displacement: Points) -> str:
+    """Where the stated equations fail, if that is at a few points only."""
+    internal = body.internal(displacement)
+    external = body.total(body.loads(displacement))
+    scale = max(float(np.abs(internal).max()), float(np.abs(external).max()))
+    off = np.where(body.free, np.abs(internal - external), 0.0).max(axis=1)
+    bad = np.flatnonzero(~(off <= DOUBLE * scale))
+    if not 0 < len(bad) <= _FEW * body.mesh.num_points:
+        return ""
+    x, y, z = 1e3 * body.mesh.points[bad].mean(axis=0)
+    return (
+        f"The stated equations hold but at {len(bad)} of {body.mesh.num_points} points, about "
+        f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
+    )

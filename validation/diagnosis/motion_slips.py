@@ -1,0 +1,253 @@
+"""Slips in a motion: the start of it is stepped again with each of them.
+
+Only where the candidate's step is known: the case's, or the one that the candidate names. What is
+held in statics by equilibrium is held here by the steps themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.boundary_conditions import Pressure
+from palpate.meshes.tet_mesh import signed_volumes
+from palpate.validation.diagnosis.body import Body, load_name
+from palpate.validation.diagnosis.explanation import OF_MOTION, SINGLE, Cause, Explanation
+from palpate.validation.diagnosis.factors import in_words, is_unit, snapped
+from palpate.validation.diagnosis.laws import Array, laws_instead_of
+from palpate.validation.diagnosis.stepping import Slip, Start, Stepper, Update
+from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
+from palpate.validation.states import State
+
+Fields = NDArray[np.float64]
+# Cells times steps that are stepped for one slip, and steps at most: some tenths of a second.
+_WORK = 3e5
+_MOST_STEPS = 500
+# A full mass matrix is inverted up to this size.
+_FULL_MASS = 600
+_FACTORS = (2.0, 0.5, 1e3, 1e-3)
+# Of a fitted number: how far it is moved to see the change, and how often it is mended.
+_NUDGE = 1e-5
+_ROUNDS = 8
+
+
+def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
+    """How the candidate's motion can be stepped again, or why it cannot."""
+    span = body.problem.time
+    assert span is not None
+    told = candidate.details.get("time_step")
+    step = span.time_step or (told if isinstance(told, float) and told > 0.0 else None)
+    if body.problem.tools:
+        return None, "a motion with tools is not stepped again: mechanical slips were not tried"
+    if step is None:
+        return None, "no time step is known: mechanical slips were not tried (name `time_step`)"
+    between = span.end_time / span.num_outputs
+    per_output = max(1, int(np.ceil(between / step * (1.0 - 1e-12))))
+    most = min(_MOST_STEPS, int(_WORK / body.mesh.num_cells))
+    outputs = min(span.num_outputs, most // per_output)
+    if outputs < 1:
+        return None, "too many cells to step again here: mechanical slips were not tried"
+    return Stepper(body, between / per_output, per_output, outputs), ""
+
+
+def motion_explanations(stepper: Stepper, fields: Fields) -> Iterator[Explanation]:
+    """Try each slip, and numbers to fit where none of the plain ones fits.
+
+    Args:
+        stepper: Of the problem as stated.
+        fields: The candidate's displacement at the outputs [m], (num_times, num_points, 3).
+    """
+    wanted = fields[1 : stepper.num_outputs + 1]
+    stated = _misfit(stepper, Slip(), wanted, None)
+    if stated <= SINGLE:
+        return
+    found = False
+    for name, cause, slip in _plain_slips(stepper.body, fields):
+        left = _misfit(stepper, slip, wanted, SINGLE)
+        tried = Explanation(name, cause, left, stated, OF_MOTION, 1)
+        found = found or tried.fits
+        yield tried
+    if not found:
+        yield from _fitted(stepper, wanted, stated)
+
+
+def _misfit(stepper: Stepper, slip: Slip, wanted: Fields, give_up: float | None) -> float:
+    """Largest distance over the largest displacement; stops where it is beyond `give_up`."""
+    scale = float(np.linalg.norm(wanted, axis=-1).max())
+    if scale == 0.0:
+        return float("inf")
+    left, count = 0.0, 0
+    for count, state in enumerate(stepper.outputs(slip), start=1):
+        left = max(left, float(np.linalg.norm(state - wanted[count - 1], axis=-1).max()) / scale)
+        if give_up is not None and left > give_up:
+            return left
+        if count == len(wanted):
+            break
+    return left if count == len(wanted) else float("inf")
+
+
+def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]]:
+    problem, span = body.problem, body.problem.time
+    assert span is not None
+    asked = span.mass_damping
+    if asked:
+        yield "damping left out", Cause.TIME, Slip(damping=0.0)
+        yield "damping twice what was asked (D = 2 lambda M)", Cause.TIME, Slip(damping=2.0 * asked)
+        yield "half the damping (D = lambda/2 M)", Cause.TIME, Slip(damping=0.5 * asked)
+        yield "damping reversed in sign", Cause.TIME, Slip(damping=-asked)
+    yield from _mass_slips(body)
+    yield from _load_slips(body)
+    for name, law in laws_instead_of(body.strain).items():
+        yield name, Cause.LAW, Slip(law=law)
+    yield from _material_slips(body)
+    yield (
+        "wrong start: the step before the first taken for the first, without half of its "
+        "acceleration",
+        Cause.TIME,
+        Slip(start=Start.NONE),
+    )
+    yield "wrong start: twice the acceleration at first", Cause.TIME, Slip(start=Start.DOUBLE)
+    yield "semi-implicit Euler steps", Cause.TIME, Slip(update=Update.SEMI_IMPLICIT)
+    for pieces in (2, 4, 8, 10):
+        yield f"a time step {pieces} times shorter", Cause.TIME, Slip(pieces=pieces)
+    for factor in _FACTORS:
+        words = f"time runs {in_words(factor)}".replace("counted twice", "twice as fast")
+        words = words.replace("halved", "half as fast")
+        yield words, Cause.TIME, Slip(step_factor=factor)
+    yield "every state stored one step late", Cause.TIME, Slip(late=-1)
+    yield "every state stored one step early", Cause.TIME, Slip(late=1)
+    for number, support in enumerate(problem.supports, start=1):
+        released = np.zeros_like(body.held)
+        released[np.ix_(support.points, np.flatnonzero(support.components))] = True
+        yield f"support {number} is not held", Cause.SUPPORT, Slip(released=released)
+    off = body.held & (np.abs(fields - body.prescribed).max(axis=0) > 1e-6 * np.abs(fields).max())
+    if off.any():
+        count = int(off.any(axis=1).sum())
+        name = f"supports are held in part: {count} points are not held"
+        yield name, Cause.SUPPORT, Slip(released=off)
+    if any(item.amplitude for item in (*problem.loads, *problem.supports)):
+        yield "amplitudes left out", Cause.LOAD, Slip(with_amplitudes=False)
+
+
+def _mass_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+    mass = lumped_mass(body.problem)
+    for factor in _FACTORS:
+        yield f"density {in_words(factor)}", Cause.MASS, Slip(mass_factor=factor)
+    equal = np.full_like(mass, mass.mean())
+    yield "another lumping: every point the same mass", Cause.MASS, Slip(mass=equal)
+    mesh = body.mesh
+    if mesh.num_points <= _FULL_MASS:
+        cell_mass = signed_volumes(mesh.points, mesh.cells) * cell_materials(body.problem)[:, 2]
+        full = np.zeros((mesh.num_points, mesh.num_points))
+        block = (np.eye(4) + 1.0) / 20.0
+        places = (mesh.cells[:, :, None], mesh.cells[:, None, :])
+        np.add.at(full, places, cell_mass[:, None, None] * block)
+        yield (
+            "another lumping: the consistent mass matrix",
+            Cause.MASS,
+            Slip(inverse_mass=np.linalg.inv(full)),
+        )
+
+
+def _load_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+    loads = body.problem.loads
+    ones = (1.0,) * len(loads)
+    for index, load in enumerate(loads):
+        for factor in (0.0, 2.0, -1.0):
+            factors = (*ones[:index], factor, *ones[index + 1 :])
+            name = f"{load_name(index, load)} {in_words(factor)}"
+            if factor == -1.0 and isinstance(load, Pressure):
+                name = f"sign of the pressure reversed: {load_name(index, load)} pulls"
+            yield name, Cause.LOAD, Slip(load_factors=factors)
+    if len(loads) > 1:
+        for factor in (0.0, 2.0, -1.0):
+            factors = (factor,) * len(loads)
+            yield f"every load {in_words(factor)}", Cause.LOAD, Slip(load_factors=factors)
+    if any(isinstance(load, Pressure) for load in loads):
+        name = "pressure does not follow the surface (dead load)"
+        yield name, Cause.LOAD, Slip(is_dead=True)
+
+
+def _material_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+    l0, m0 = body.lmbda, body.mu
+    E = m0 * (3.0 * l0 + 2.0 * m0) / (l0 + m0)
+    pairs: dict[str, tuple[Array, Array]] = {
+        "Lamé's parameters exchanged": (m0, l0),
+        "bulk modulus in the place of Lamé's lmbda": (l0 + 2.0 * m0 / 3.0, m0),
+        "mu in the place of 2 mu": (l0, 0.5 * m0),
+        "Young's modulus in the place of mu": (l0, E),
+        "lmbda of plane stress": (2.0 * l0 * m0 / (l0 + 2.0 * m0), m0),
+    }
+    for name, lame in pairs.items():
+        yield name, Cause.MATERIAL, Slip(lame=lame)
+    for factor in (1e3, 1e-3):
+        name = f"stiffness {in_words(factor)}"
+        yield name, Cause.UNITS, Slip(stiffness_factor=factor)
+
+
+def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explanation]:
+    """One number at a time by Gauss-Newton steps of the motion itself, from what was asked."""
+    body = stepper.body
+    loads = body.problem.loads
+    span = body.problem.time
+    assert span is not None
+    damping = span.mass_damping
+
+    def loaded(index: int | None) -> Callable[[float], Slip]:
+        return lambda c: Slip(
+            load_factors=tuple(c if index in (None, k) else 1.0 for k in range(len(loads)))
+        )
+
+    numbers: list[tuple[str, Cause, Callable[[float], Slip]]] = [
+        ("density", Cause.MASS, lambda c: Slip(mass_factor=c)),
+        ("stiffness", Cause.MATERIAL, lambda c: Slip(stiffness_factor=c)),
+        ("length of the time step", Cause.TIME, lambda c: Slip(step_factor=c)),
+    ]
+    if damping:
+        numbers.append(("damping", Cause.TIME, lambda c: Slip(damping=c * damping)))
+    if len(loads) > 1:
+        numbers.append(("every load", Cause.LOAD, loaded(None)))
+    numbers += [(load_name(k, load), Cause.LOAD, loaded(k)) for k, load in enumerate(loads)]
+    few = replace(stepper, num_outputs=min(stepper.num_outputs, _few_outputs(stepper)))
+    for name, cause, slip_of in numbers:
+        factor = _fit(few, slip_of, wanted[: few.num_outputs])
+        known = snapped(factor)
+        factor = factor if known is None else known
+        left = _misfit(stepper, slip_of(factor), wanted, None)
+        words = f"{name} {in_words(factor)}"
+        cause = Cause.UNITS if is_unit(factor) else cause
+        yield Explanation(words, cause, left, stated, OF_MOTION, 2)
+
+
+def _few_outputs(stepper: Stepper) -> int:
+    """Enough of the motion to fit a number: some two hundred steps, two outputs at least."""
+    return max(2, 200 // stepper.per_output)
+
+
+def _fit(stepper: Stepper, slip_of: Callable[[float], Slip], wanted: Fields) -> float:
+    """The number that brings the motion nearest; 1 where it cannot be found."""
+
+    def motion(factor: float) -> Fields | None:
+        states = list(islice(stepper.outputs(slip_of(factor)), len(wanted)))
+        return np.array(states) if len(states) == len(wanted) else None
+
+    factor, last = 1.0, np.inf
+    for _ in range(_ROUNDS):
+        here, there = motion(factor), motion(factor * (1.0 + _NUDGE))
+        if here is None or there is None:
+            return 1.0
+        slope = (there - here) / (factor * _NUDGE)
+        squared = float((slope**2).sum())
+        left = float(np.abs(wanted - here).max())
+        if squared == 0.0 or left > 0.9 * last:
+            return factor
+        step = float((slope * (wanted - here)).sum()) / squared
+        # A factor keeps its sign, and comes no nearer to 0 than half of itself at a time.
+        factor, last = max(factor + step, 0.5 * factor), left
+        if abs(step) < 1e-13 * factor:
+            return factor
+    return factor
