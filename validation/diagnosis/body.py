@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.diagnosis.laws import Array, Law, law_of
-from palpate.validation.exchange.nodal_loads import cell_materials, held_components, nodal_force
-from palpate.validation.metrics.elasticity import assemble_stress, shape_gradients
+from palpate.validation.exchange.nodal_loads import cell_materials, held_components
+from palpate.validation.metrics.elasticity import load_force, shape_gradients, sum_at_points
 
+PRESSURE_STAYS = "pressure does not follow the surface (dead load)"
+PRESSURE_FOLLOWS = "pressure follows the surface, which linear theory has at rest"
 Mask = NDArray[np.bool_]
 _KINDS = {
     Traction: "traction",
@@ -24,19 +27,6 @@ _KINDS = {
 def load_name(index: int, load: Load) -> str:
     """A load for people: its place in the case, from 1, and its kind."""
     return f"load {index + 1} ({_KINDS[type(load)]})"
-
-
-def pressure_force(points: Points, facets: Indices, pressure: float) -> Points:
-    """Nodal force of a pressure on the facets as they lie [N]: a third of p A n to each corner.
-
-    Exact for linear triangles.
-    """
-    a, b, c = (points[facets[:, k]] for k in range(3))
-    thirds = -pressure / 6.0 * np.cross(b - a, c - a)
-    force = np.zeros_like(points)
-    for corner in range(3):
-        np.add.at(force, facets[:, corner], thirds)
-    return force
 
 
 class Body:
@@ -53,6 +43,8 @@ class Body:
     def __init__(self, problem: Problem, strain: Strain) -> None:
         self.problem, self.strain, self.mesh = problem, strain, problem.mesh
         self._gradients = shape_gradients(problem.mesh)
+        volumes = signed_volumes(problem.mesh.points, problem.mesh.cells)
+        self._by_volume = volumes[:, None, None] * self._gradients
         E, nu = cell_materials(problem)[:, :2].T
         self.lmbda: Array = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
         self.mu: Array = E / (2.0 * (1.0 + nu))
@@ -60,9 +52,14 @@ class Body:
         self.held: Mask = fixed.astype(bool)
         self.touchable: Mask = np.zeros(problem.mesh.num_points, dtype=bool)
         for tool in problem.tools:
-            self.touchable[np.unique(tool.contact_facets)] = True
+            # None named: all of the boundary may touch.
+            facets = tool.contact_facets if len(tool.contact_facets) else self.mesh.boundary_facets
+            self.touchable[np.unique(facets)] = True
         self.free: Mask = ~self.held & ~self.touchable[:, None]
-        self._dead = [nodal_force(problem.mesh, load) for load in problem.loads]
+        self._at_rest = [
+            load_force(problem.mesh, load, np.zeros_like(problem.mesh.points), strain)
+            for load in problem.loads
+        ]
 
     def gradient(self, displacement: Points) -> Array:
         """Of the displacement, by cell [-], (num_cells, 3, 3)."""
@@ -72,7 +69,8 @@ class Body:
 
     def force_of(self, stress: Array) -> Points:
         """Nodal force of a first Piola-Kirchhoff stress [N]."""
-        return assemble_stress(self.mesh, self._gradients, stress)
+        by_corner = self._by_volume @ stress.transpose(0, 2, 1)
+        return sum_at_points(self.mesh.cells, by_corner, self.mesh.num_points)
 
     def internal(
         self,
@@ -84,17 +82,26 @@ class Body:
         lmbda, mu = lame or (self.lmbda, self.mu)
         return self.force_of((law or law_of(self.strain))(self.gradient(displacement), lmbda, mu))
 
-    def load(self, index: int, displacement: Points, *, is_dead: bool = False) -> Points:
-        """Nodal force of a load at full size [N]; `is_dead` leaves a pressure where it was."""
-        load = self.problem.loads[index]
-        if isinstance(load, Pressure):
-            points = self.mesh.points if is_dead else self.mesh.points + displacement
-            return pressure_force(points, load.facets, load.pressure)
-        return self._dead[index]
+    def load(self, index: int, displacement: Points, *, is_other: bool = False) -> Points:
+        """Nodal force of a load at full size [N].
 
-    def loads(self, displacement: Points) -> list[Points]:
-        """Each of them."""
-        return [self.load(index, displacement) for index in range(len(self._dead))]
+        A pressure follows the surface with Green strain and stays where it was with linear
+        strain; `is_other` makes it the other way round.
+        """
+        load = self.problem.loads[index]
+        if isinstance(load, Pressure) and self.follows is not is_other:
+            return load_force(self.mesh, load, displacement, Strain.GREEN)
+        return self._at_rest[index]
+
+    @property
+    def follows(self) -> bool:
+        """Whether pressures follow the surface."""
+        return self.strain is Strain.GREEN
+
+    def loads(self, displacement: Points, *, is_other: bool = False) -> list[Points]:
+        """Each of them, as `load` gives it."""
+        numbers = range(len(self._at_rest))
+        return [self.load(index, displacement, is_other=is_other) for index in numbers]
 
     def total(self, forces: list[Points]) -> Points:
         """Their sum; zero for none."""

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.diagnosis.body import Body, load_name
+from palpate.validation.diagnosis.body import PRESSURE_FOLLOWS, PRESSURE_STAYS, Body, load_name
 from palpate.validation.diagnosis.explanation import OF_MOTION, SINGLE, Cause, Explanation
 from palpate.validation.diagnosis.factors import in_words, is_unit, snapped
-from palpate.validation.diagnosis.laws import Array, laws_instead_of
+from palpate.validation.diagnosis.laws import OTHER_STRAIN, Array, laws_instead_of
 from palpate.validation.diagnosis.stepping import Slip, Start, Stepper, Update
 from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
 from palpate.validation.states import State
@@ -94,6 +94,7 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
     problem, span = body.problem, body.problem.time
     assert span is not None
     asked = span.mass_damping
+    pressures = any(isinstance(load, Pressure) for load in problem.loads)
     if asked:
         yield "damping left out", Cause.TIME, Slip(damping=0.0)
         yield "damping twice what was asked (D = 2 lambda M)", Cause.TIME, Slip(damping=2.0 * asked)
@@ -103,6 +104,9 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
     yield from _load_slips(body)
     for name, law in laws_instead_of(body.strain).items():
         yield name, Cause.LAW, Slip(law=law)
+        if name == OTHER_STRAIN[body.strain] and pressures:
+            # Pressures go with the strain measure, or are as they were asked for.
+            yield name, Cause.LAW, Slip(law=law, is_other_pressure=True)
     yield from _material_slips(body)
     yield (
         "wrong start: the step before the first taken for the first, without half of its "
@@ -168,8 +172,8 @@ def _load_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
             factors = (factor,) * len(loads)
             yield f"every load {in_words(factor)}", Cause.LOAD, Slip(load_factors=factors)
     if any(isinstance(load, Pressure) for load in loads):
-        name = "pressure does not follow the surface (dead load)"
-        yield name, Cause.LOAD, Slip(is_dead=True)
+        name = PRESSURE_STAYS if body.follows else PRESSURE_FOLLOWS
+        yield name, Cause.LOAD, Slip(is_other_pressure=True)
 
 
 def _material_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:

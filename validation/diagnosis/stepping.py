@@ -51,7 +51,7 @@ class Slip:
         mass_factor: Of the mass.
         stiffness_factor: Of the internal force.
         load_factors: Of each load; None for 1.
-        is_dead: Pressures stay where they were.
+        is_other_pressure: Pressures follow the surface where they should not, or the reverse.
         damping: lambda of D = lambda M [1/s]; None for what was asked.
         step_factor: Length of a step over what was asked, with as many steps.
         pieces: Steps for each that was asked.
@@ -67,7 +67,7 @@ class Slip:
     mass_factor: float = 1.0
     stiffness_factor: float = 1.0
     load_factors: tuple[float, ...] | None = None
-    is_dead: bool = False
+    is_other_pressure: bool = False
     damping: float | None = None
     start: Start = Start.RIGHT
     update: Update = Update.CENTRAL
@@ -157,7 +157,7 @@ class _Forces:
             if slip.with_amplitudes and load.amplitude is not None:
                 factor *= load.amplitude(time)
             if factor:
-                total += factor * body.load(index, displacement, is_dead=slip.is_dead)
+                total += factor * body.load(index, displacement, is_other=slip.is_other_pressure)
         return total
 
 

@@ -11,8 +11,9 @@ from palpate.validation.diagnosis.body import Body, Mask, imbalance, ratio
 from palpate.validation.diagnosis.explanation import OF_FORCE, Cause, Explanation
 from palpate.validation.diagnosis.factors import in_words, is_unit, snapped
 
-# Held components that are this far off, in parts of the largest displacement, are not held.
-_OFF = 1e-6
+# Held components that are this far off, in parts of the largest displacement, are not held: in
+# double precision, and in single.
+_OFF = (1e-10, 1e-6)
 # Free ones that move less are held.
 _STILL = 1e-13
 _AXES = "xyz"
@@ -23,28 +24,30 @@ def support_explanations(body: Body, displacement: Points, stated: float) -> Ite
     internal = body.internal(displacement)
     external = body.total(body.loads(displacement))
     largest = float(np.abs(displacement).max())
-    off = body.held & (np.abs(displacement - body.prescribed) > _OFF * largest)
+    apart = np.where(body.held, np.abs(displacement - body.prescribed), 0.0)
 
     def tried(name: str, rows: Mask, miss: float, complexity: int, cause: Cause) -> Explanation:
         left = max(imbalance(internal, external, rows), miss)
         return Explanation(name, cause, left, stated, OF_FORCE, complexity)
 
-    # Components that are off carry no support's force; the others are where they belong.
-    kept = np.abs(displacement - body.prescribed)[body.held & ~off].max(initial=0.0)
-    released, plain = _released_words(body, off)
-    miss = ratio(float(kept), largest)
-    not_held = tried(released, body.free | off, miss, 1 if plain else 2, Cause.SUPPORT)
-    yield not_held
-    is_found = not_held.fits
+    is_found = False
+    for share in _OFF:
+        # Components that are off carry no support's force; the others are where they belong.
+        off = apart > share * largest
+        miss = ratio(float(apart[~off].max(initial=0.0)), largest)
+        name, plain = _released_words(body, off)
+        not_held = tried(name, body.free | off, miss, 1 if plain else 2, Cause.SUPPORT)
+        yield not_held
+        is_found = is_found or not_held.fits
     if body.prescribed.any():
         asked = body.prescribed[body.held]
         factor = float(displacement[body.held] @ asked / (asked @ asked))
         known = snapped(factor)
         used = factor if known is None else known
-        apart = np.abs(displacement - used * body.prescribed)[body.held].max(initial=0.0)
+        left = np.abs(displacement - used * body.prescribed)[body.held].max(initial=0.0)
         cause = Cause.UNITS if is_unit(used) else Cause.SUPPORT
         name = f"prescribed displacement {in_words(used)}"
-        miss = ratio(float(apart), largest)
+        miss = ratio(float(left), largest)
         elsewhere = tried(name, body.free, miss, 1 if known is not None else 2, cause)
         yield elsewhere
         is_found = is_found or elsewhere.fits

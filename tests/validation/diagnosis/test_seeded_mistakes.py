@@ -190,21 +190,8 @@ def test_what_a_linear_case_cannot_tell_apart_is_listed(answers: Any) -> None:
     problem = load_case("block").problem
     reference = references_of("block").states[SAME_MESH, Strain.LINEAR]
     state = answers.to(problem, Strain.LINEAR, "millimetres")
-    # Pressure follows the surface: on the block a thousand times the answer is no other load.
-    assert len(diagnose(problem, state, reference).explanations) == 1
-    dead = load_case("kidney").problem
-    from palpate.validation.metrics import make_state
-
-    states = references_of("kidney").states
-    linear = states[SAME_MESH, Strain.LINEAR]
-    larger = make_state(
-        dead.mesh,
-        1e3 * linear.displacement,
-        label="c",
-        simulator="c",
-        strain=Strain.LINEAR,
-    )
-    diagnosis = diagnose(dead, larger, linear)
+    diagnosis = diagnose(problem, state, reference)
     assert named(diagnosis) == "displacement in millimetres"
-    assert any("every load 1000 times too large" in e.name for e in diagnosis.explanations)
+    others = [e.name for e in diagnosis.explanations[1:]]
+    assert any("every load 1000 times too large" in name for name in others)
     assert "this case cannot tell them apart" in str(diagnosis)

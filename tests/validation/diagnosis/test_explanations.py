@@ -1,0 +1,292 @@
+"""The rule by which an explanation is named, and slips beside those of the one-file simulator."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.refinement import refine_problem
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case import load_case
+from palpate.validation.diagnosis import Cause, Diagnosis, Explanation, diagnose
+from palpate.validation.diagnosis.answers import answer_explanations
+from palpate.validation.diagnosis.asked import isotropy_explanation
+from palpate.validation.diagnosis.body import Body
+from palpate.validation.diagnosis.explanation import OF_FORCE, choose
+from palpate.validation.diagnosis.factors import displacement_words, in_words, snapped
+from palpate.validation.diagnosis.laws import law_of, laws_instead_of
+from palpate.validation.metrics import make_state
+from palpate.validation.states import OwnMesh, State
+
+Field = NDArray[np.float64]
+
+
+def state(problem: Problem, displacement: Field, strain: Strain = Strain.GREEN) -> State:
+    return make_state(problem.mesh, displacement, label="c", simulator="c", strain=strain)
+
+
+def explanation(
+    residual: float, stated: float, complexity: int = 1, name: str = "x"
+) -> Explanation:
+    return Explanation(name, Cause.LOAD, residual, stated, OF_FORCE, complexity)
+
+
+def name_of(diagnosis: Diagnosis) -> str:
+    assert diagnosis.first is not None, str(diagnosis)
+    return diagnosis.first.name
+
+
+@pytest.mark.parametrize(
+    ("residual", "stated", "fits"),
+    [
+        (1e-12, 1.0, True),
+        (9e-5, 1.0, True),
+        # Beyond single precision.
+        (2e-4, 1e3, False),
+        # Not a thousand times better than the truth.
+        (1e-7, 9e-5, False),
+        (1e-8, 9e-5, True),
+        (float("nan"), 1.0, False),
+        # Nothing is wrong: nothing explains it.
+        (0.0, 0.0, False),
+    ],
+)
+def test_an_explanation_is_named_where_it_fits_far_better_than_the_truth(
+    residual: float, stated: float, fits: bool
+) -> None:
+    assert explanation(residual, stated).fits is fits
+
+
+def test_the_simplest_comes_first_and_poor_fits_go() -> None:
+    fitted = explanation(1e-13, 1.0, 3, "fitted")
+    plain = explanation(1e-12, 1.0, 1, "plain")
+    poor = explanation(1e-8, 1.0, 1, "poor")
+    agrees = explanation(1e-12, 1e-12, 0, "agrees")
+    assert [e.name for e in choose([fitted, poor, agrees, plain])] == ["plain", "fitted"]
+    assert [e.name for e in choose([agrees, explanation(0.5, 1.0)])] == ["agrees"]
+
+
+def test_factors_are_known_by_their_digits() -> None:
+    assert snapped(1000.0000001) == 1e3
+    assert snapped(-1.0 + 1e-9) == -1.0
+    assert snapped(1e-12) == 0.0
+    assert snapped(1e-6) == 1e-6
+    assert snapped(0.98) is None
+    # An inch is 25.4 mm.
+    assert displacement_words(1.0 / 0.0254) == "displacement in inches"
+    assert in_words(0.01) == "100 times too small"
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+def test_every_law_has_the_stated_ones_small_strains_but_for_those_that_are_wrong_there(
+    strain: Strain, problem: Problem
+) -> None:
+    """What is another law for large strains only is the same for small ones, to their size."""
+    body = Body(problem, strain)
+    H = 1e-7 * np.random.default_rng(0).normal(size=(problem.mesh.num_cells, 3, 3))
+    right = law_of(strain)(H, body.lmbda, body.mu)
+    scale = np.abs(right).max()
+    differ = {
+        name
+        for name, law in laws_instead_of(strain).items()
+        if np.abs(law(H, body.lmbda, body.mu) - right).max() > 1e-5 * scale
+    }
+    assert differ == {
+        "engineering shear strain taken for tensor shear: shear stresses doubled",
+        "tensor shear strain taken for engineering shear: shear stresses halved",
+        "Green strain without its factor 1/2",
+    }
+
+
+def test_a_symmetric_answer_is_explained_by_several_axes() -> None:
+    rest = np.random.default_rng(0).normal(size=(20, 3))
+    truth = np.random.default_rng(1).normal(size=(1, 20, 3))
+    truth[..., 1] = truth[..., 0]
+    turned = truth * [1.0, 1.0, -1.0]
+    found = choose(answer_explanations(turned, truth, rest))
+    assert [e.name for e in found] == ["z reversed", "components x and y exchanged, z reversed"]
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ((0.0, 0.0, 0.0), "prescribed displacement left out"),
+        ((-0.1, 0.0, -0.04), "prescribed displacement reversed"),
+        # 0.11 / 0.1 and 0.044 / 0.04
+        ((0.11, 0.0, 0.044), "prescribed displacement 1.1 times what was asked"),
+    ],
+)
+def test_a_support_that_moves_otherwise_is_named(
+    change: tuple[float, float, float], name: str, problem: Problem
+) -> None:
+    moved = np.flatnonzero(problem.mesh.points[:, 1] > 1.0 - 1e-9).astype(np.int32)[-6:]
+
+    def with_support(displacement: tuple[float, float, float]) -> Problem:
+        held = Support(moved, displacement=displacement)
+        return dataclasses.replace(problem, supports=(*problem.supports, held))
+
+    asked = with_support((0.1, 0.0, 0.04))
+    answered = solve_static(with_support(change)).displacement
+    truth = state(asked, solve_static(asked).displacement)
+    for reference in (truth, None):
+        diagnosis = diagnose(asked, state(asked, answered), reference)
+        assert name_of(diagnosis) == name
+
+
+def test_supports_of_single_components_are_named_where_one_is_missing_or_one_too_many() -> None:
+    """A bar in plane strain: its sides are held along z."""
+    problem = load_case("csm1").problem
+    clamp, *sides = problem.supports
+    assert [s.components for s in sides] == [(False, False, True)] * 2
+    loose = dataclasses.replace(problem, supports=(clamp, sides[0]))
+    answered = state(problem, solve_static(loose).displacement)
+    assert name_of(diagnose(problem, answered, None)) == "support 3 is not held"
+    # The clamp and the sides hold everything but y at the bottom's points.
+    firm = dataclasses.replace(sides[0], components=(True, False, True))
+    stiff = dataclasses.replace(problem, supports=(clamp, firm, sides[1]))
+    answered = state(problem, solve_static(stiff).displacement)
+    assert name_of(diagnose(problem, answered, None)) == "support 2 holds x as well"
+
+
+def test_inclusions_that_are_left_out_are_named(problem: Problem) -> None:
+    from palpate.meshes.problem import Inclusion
+
+    cells = np.arange(10, dtype=np.int32)
+    hard = Inclusion(cells, Material(3000.0, 0.3))
+    asked = dataclasses.replace(problem, inclusions=(hard,))
+    answered = state(asked, solve_static(problem).displacement)
+    assert name_of(diagnose(asked, answered, None)) == (
+        "inclusions left out: one material everywhere"
+    )
+
+
+def test_poissons_ratio_is_found_where_no_force_says_how_stiff_the_body_is() -> None:
+    mesh = brick_box((3, 2, 2), (0.03, 0.02, 0.02), ragged=0.2)
+    x = mesh.points[:, 0]
+    supports = (
+        Support(np.flatnonzero(x < 1e-9).astype(np.int32)),
+        Support(np.flatnonzero(x > 0.03 - 1e-9).astype(np.int32), displacement=(3e-3, 1e-3, 0.0)),
+    )
+    asked = Problem(mesh, Material(1e4, 0.4), supports, ())
+    other = dataclasses.replace(asked, material=Material(1e4, 0.3))
+    answered = state(asked, solve_static(other).displacement)
+    assert name_of(diagnose(asked, answered, None)) == "Poisson's ratio 0.3 in the place of 0.4"
+    stiffer = dataclasses.replace(asked, material=Material(2e4, 0.4))
+    same = diagnose(asked, state(asked, solve_static(stiffer).displacement), None)
+    assert [e.cause for e in same.explanations] == [Cause.AGREES]
+
+
+def test_loads_that_are_each_wrong_in_their_own_way_are_told_apart() -> None:
+    problem = load_case("block").problem
+    first, second, third = problem.loads
+    given = dataclasses.replace(
+        problem,
+        loads=(
+            dataclasses.replace(first, pressure=0.7 * first.pressure),
+            second,
+            dataclasses.replace(third, traction=tuple(1.2 * t for t in third.traction)),
+        ),
+    )
+    answered = state(problem, solve_static(given).displacement)
+    assert name_of(diagnose(problem, answered, None)) == (
+        "load 1 (pressure) 0.7 times what was asked, load 3 (traction) 1.2 times what was asked"
+    )
+
+
+def test_a_traction_shared_equally_between_its_points_is_named(problem: Problem) -> None:
+    from palpate.meshes.boundary_conditions import PointForce
+    from palpate.validation.exchange.nodal_loads import nodal_force
+
+    (load,) = problem.loads
+    total = nodal_force(problem.mesh, load).sum(axis=0)
+    points = np.unique(load.facets).astype(np.int32)
+    equal = PointForce(points, np.tile(total / len(points), (len(points), 1)))
+    given = dataclasses.replace(problem, loads=(equal,))
+    answered = state(problem, solve_static(given).displacement)
+    assert name_of(diagnose(problem, answered, None)) == (
+        "load 1 (traction) shared equally between its points"
+    )
+
+
+def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> None:
+    problem = load_case("block").problem
+
+    def asked_with(mistake: str) -> Callable[[Problem], Field]:
+        return lambda given: answers.to(given, Strain.GREEN, mistake).displacement
+
+    def tried(mistake: str) -> Explanation:
+        answer = answers.of("block", mistake).displacement
+        (found,) = isotropy_explanation(problem, answer, asked_with(mistake))
+        return found
+
+    assert "not isotropic" in tried("orthotropic").name
+    assert tried("orthotropic").fits
+    # Isotropic, right or wrong; and wrong by the numbers of points, wherever the axes lie.
+    for mistake in ("", "softer", "dropped-cell"):
+        assert not tried(mistake).fits
+
+
+def test_tools_that_are_left_out_and_their_forces_are_named() -> None:
+    from palpate.validation.simulators.candidate import fastsim_candidate
+    from palpate.validation.simulators.faults import Fault
+
+    problem = load_case("press").problem
+    right = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)
+    without = fastsim_candidate(Fault.DROPPED_TOOL).solve(problem, Strain.GREEN, lambda _line: None)
+    assert name_of(diagnose(problem, without, right)) == "tools left out: nothing touches"
+    soft = fastsim_candidate(Fault.SOFTER).solve(problem, Strain.GREEN, lambda _line: None)
+    # Only what the tool does moves the body: a softer one moves just as far.
+    assert name_of(diagnose(problem, soft, right)).startswith(
+        "force on the tools 0.98 times what was asked"
+    )
+    assert right.tool_forces is not None
+    pushed = dataclasses.replace(right, tool_forces=-right.tool_forces)
+    assert name_of(diagnose(problem, pushed, right)) == "force on the tools reversed"
+
+
+def test_on_a_mesh_of_its_own_only_units_are_tried() -> None:
+    problem = load_case("block").problem
+    truth = state(problem, solve_static(problem).displacement)
+    finer = refine_problem(problem)
+    fine = solve_static(finer).displacement
+    own = OwnMesh(finer.mesh, 1e3 * fine[None])
+    read = state(problem, 1e3 * fine[: problem.mesh.num_points])
+    diagnosis = diagnose(problem, dataclasses.replace(read, own=own), truth)
+    assert name_of(diagnosis) == "displacement in millimetres"
+    assert "mesh of its own" in str(diagnosis)
+    healthy = OwnMesh(finer.mesh, fine[None])
+    read = dataclasses.replace(state(problem, 1e-3 * read.displacement), own=healthy)
+    assert diagnose(problem, read, truth).explanations == ()
+
+
+def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> None:
+    given = load_case("block-motion").problem
+    assert given.time is not None
+    unknown = dataclasses.replace(given, time=dataclasses.replace(given.time, time_step=None))
+    diagnosis = diagnose(unknown, answers.of("block-motion", "softer"), None)
+    assert diagnosis.explanations == ()
+    assert "no time step is known" in str(diagnosis)
+    # Unless the candidate says what it took.
+    told = dataclasses.replace(
+        answers.of("block-motion", "softer"), details={"time_step": given.time.time_step}
+    )
+    assert "stiffness 0.98 times" in name_of(diagnose(unknown, told, None))
+
+
+def test_times_that_run_too_fast_are_told_from_the_trajectory_alone() -> None:
+    times = np.linspace(0.0, 1.0, 41)
+    shape = np.random.default_rng(0).normal(size=(1, 30, 3))
+    truth = np.sin(3.0 * times)[:, None, None] * shape
+    fast = np.sin(6.0 * times)[:, None, None] * shape
+    rest = np.zeros((30, 3))
+    assert [e.name for e in choose(answer_explanations(fast, truth, rest))] == [
+        "time runs 2 times too fast"
+    ]
