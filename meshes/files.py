@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,23 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
+from palpate.meshes.memory_limit import limited_memory
 from palpate.meshes.near_duplicates import find_near_duplicates
 from palpate.meshes.surface_checks import merge_equal_points
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.untrusted_text import open_plain
+from palpate.meshes.vtu_sizes import unpacked_bytes
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".msh", ".vtk", ".vtu")
 MESH_SUFFIXES = (".msh", ".vtk", ".vtu")
+
+# What the arrays of a file may take: five million cells with some fields.
+MOST_BYTES = 512 * 1024**2
+# What a reader may take beside: it makes Python lists of text, and holds arrays several times.
+_SPARE_BYTES, _PER_FILE_BYTE, _PER_UNPACKED_BYTE = 256 * 1024**2, 64, 6
+
+_DATA_SECTION = re.compile(rb"^\$(?:Node|Element)Data[ \t]*\r?\n", re.MULTILINE)
 
 # Cells of lower dimension that may stand beside the wanted ones.
 _HARMLESS = {"vertex", "line", "triangle", "tetra"}
@@ -146,9 +157,30 @@ def read_point_data(path: str | Path) -> tuple[Points, dict[str, NDArray[Any]]]:
     Raises:
         FileFormatError: Missing, damaged or of another kind.
     """
-    data = _read(path, MESH_SUFFIXES)
+    points, _, fields = read_answer(path)
+    return points, fields
+
+
+def read_answer(
+    path: str | Path, *, most_bytes: int = MOST_BYTES
+) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]]]:
+    """Points, tetrahedra and fields on points, as they stand: nothing is checked but the kind.
+
+    Args:
+        path: VTU, VTK or MSH.
+        most_bytes: What the arrays of a VTU file may take when unpacked.
+
+    Returns:
+        Points, (num_points, 3); tetrahedra, (num_cells, 4), or (0, 0) where there are none;
+        fields by name, first dimension num_points.
+
+    Raises:
+        FileFormatError: Missing, damaged, of another kind, or too large.
+    """
+    data = _read(path, MESH_SUFFIXES, most_bytes)
     points: Points = np.asarray(data.points, dtype=np.float64)
-    return points, {name: np.asarray(field) for name, field in data.point_data.items()}
+    fields = {name: np.asarray(field) for name, field in data.point_data.items()}
+    return points, _cells_of(data, "tetra"), fields
 
 
 def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:
@@ -158,15 +190,24 @@ def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:
     return suffix
 
 
-def _read(path: str | Path, known: tuple[str, ...]) -> Any:
+def _read(path: str | Path, known: tuple[str, ...], most_bytes: int = MOST_BYTES) -> Any:
     """Read by meshio with every way it can fail turned into a FileFormatError."""
     file = Path(path)
     suffix = _known_suffix(file, known)
-    if not file.is_file():
-        raise FileFormatError(path, "no such file")
+    with open_plain(file, most_bytes=4 * most_bytes) as stream:
+        start: bytes = stream.read(4 * most_bytes if suffix == ".msh" else 0)
+        size = stream.seek(0, io.SEEK_END)
+    if suffix == ".msh" and _says_more_than_it_holds(start):
+        raise FileFormatError(path, "cannot be read as msh (it says it has more than it holds)")
+    unpacked = unpacked_bytes(file, most_bytes=most_bytes) if suffix == ".vtu" else 0
+    room = _SPARE_BYTES + _PER_FILE_BYTE * size + _PER_UNPACKED_BYTE * unpacked
     try:
         # The readers chat on stdout and stderr, and end the process on damaged XML.
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+            limited_memory(room),
+        ):
             data = meshio.gmsh.read(file) if suffix == ".msh" else meshio.read(file)
     except (SystemExit, Exception) as error:
         reason = str(error) if str(error) and not isinstance(error, SystemExit) else "damaged"
@@ -180,6 +221,17 @@ def _read(path: str | Path, known: tuple[str, ...]) -> Any:
     if points.shape[1] == 2:
         raise FileFormatError(path, "is two-dimensional; points need three coordinates")
     return data
+
+
+def _says_more_than_it_holds(text: bytes) -> bool:
+    """Of gmsh's data sections: meshio counts their lines down past a file's end, for ever."""
+    for section in _DATA_SECTION.finditer(text):
+        lines, at = text[section.end() :].splitlines(), 0
+        for _ in ("text", "real", "whole"):
+            if at >= len(lines) or not lines[at].strip().isdigit():
+                return True
+            at += 1 + int(lines[at])
+    return False
 
 
 def _cells_of(data: Any, kind: str) -> NDArray[Any]:

@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +34,8 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
+from palpate.meshes.untrusted_arrays import read_npz
+from palpate.meshes.untrusted_text import parse_json
 
 _KINDS: dict[str, type[Any]] = {
     kind.__name__: kind
@@ -170,10 +171,8 @@ def load_problem(path: str | Path) -> Problem:
         FileFormatError: Missing, damaged, or of another schema.
     """
     try:
-        # Our own stream: numpy leaves a damaged file open.
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        header = json.loads(str(arrays["header"]))
+        arrays = read_npz(path)
+        header = parse_json(str(arrays["header"]))
         if header["schema"] != 1:
             raise FileFormatError(path, f"schema {header['schema']} is not known here (1 is)")
         mesh = TetMesh(
@@ -194,7 +193,7 @@ def load_problem(path: str | Path) -> Problem:
         return Problem(mesh, **values)
     except FileFormatError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise FileFormatError(path, f"not a problem file ({error})") from error
 
 

@@ -39,7 +39,7 @@ def compare(
     """Judge somebody else's result; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.case import load_case
-    from palpate.validation.exchange.result_files import read_result
+    from palpate.validation.exchange.result_files import read_result, room_for_answer
     from palpate.validation.judging import outputs
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files, require_outputs
@@ -47,7 +47,8 @@ def compare(
 
     loaded = load_case(case)
     require_outputs({"--json": json}, inputs=input_files([loaded], result))
-    read_result(result)  # a file that cannot be read is told before anything is solved
+    # A file that cannot be read is told before anything is solved.
+    read_result(result, most_bytes=room_for_answer(loaded.problem))
     judged = judge_case(
         loaded, live=live, candidate=result_candidate(result), progress=progress_lines()
     )

@@ -6,24 +6,31 @@ What cannot be read is a ResultFileError (exit 2). NaN is read: it is the candid
 from __future__ import annotations
 
 import csv
-import json
+import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
-import meshio
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.files import read_point_data
+from palpate.meshes.files import read_answer
+from palpate.meshes.problem import Problem
+from palpate.meshes.untrusted_arrays import array_names, read_npz
+from palpate.meshes.untrusted_text import UntrustedTextError, parse_json, read_text
 from palpate.validation.case.units import LENGTH
 
 RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
-# More than any case here; a file that declares more is damaged or hostile.
-_MOST_BYTES = 8 * 1024**3
+# A mesh of a million points with its five million tetrahedra and its displacement.
+_ALWAYS_ALLOWED = 256 * 1024**2
+# A mesh refined twice has 64 times as many points; so many times as many states.
+_TIMES_THE_CASES = 64
+# What is read of an .npz file; other arrays are left alone.
+_ARRAYS = ("displacement", "positions", "times", "points", "cells", "original_id")
+_TEXTS = ("length_unit", "case_key", "about")
+_MOST_CHARACTERS = 1_000_000
 _AXES = ("x", "y", "z")
 
 
@@ -58,33 +65,49 @@ class ResultFile:
     about: dict[str, Any] = field(default_factory=dict)
 
 
-def read_result(path: str | Path) -> ResultFile:
+def room_for_answer(problem: Problem) -> int:
+    """What a result of a case may take when unpacked, in bytes: many times what its own would."""
+    states = 1 if problem.time is None else problem.time.num_outputs + 1
+    own = problem.mesh.points.nbytes * states
+    return max(_ALWAYS_ALLOWED, _TIMES_THE_CASES * own)
+
+
+def read_result(path: str | Path, *, most_bytes: int = _ALWAYS_ALLOWED) -> ResultFile:
     """Read a result by its ending.
 
+    Args:
+        path: .npz, .vtu or .csv.
+        most_bytes: What its arrays may take when unpacked; see `room_for_answer`.
+
     Raises:
-        ResultFileError: Missing, damaged, of another kind, without displacement or positions (or
-            with both), of the wrong shape, or with a unit that is not known.
+        ResultFileError: Missing, damaged, of another kind, too large, without displacement or
+            positions (or with both), of the wrong shape, or with a unit that is not known.
     """
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in RESULT_SUFFIXES:
         raise ResultFileError(path, f"unknown kind; use {', '.join(RESULT_SUFFIXES)}")
-    if not file.is_file():
-        raise ResultFileError(path, "no such file")
-    match suffix:
-        case ".npz":
-            named = _read_npz(file)
-        case ".vtu":
-            named = _read_vtu(file)
-        case _:
-            named = _read_csv(file)
+    try:
+        match suffix:
+            case ".npz":
+                names = (*_ARRAYS, *_TEXTS)
+                named: dict[str, Any] = {**read_npz(file, most_bytes=most_bytes, names=names)}
+            case ".vtu":
+                named = _read_vtu(file, most_bytes)
+            case _:
+                named = _read_csv(file, read_text(file, most_bytes=most_bytes))
+    except ResultFileError:
+        raise
+    except FileFormatError as error:
+        raise ResultFileError(file, str(error).removeprefix(f"{file}: ")) from error
     return _from_arrays(file, named)
 
 
 def _from_arrays(file: Path, named: dict[str, Any]) -> ResultFile:
     given = [key for key in ("displacement", "positions") if key in named]
     if len(given) != 1:
-        has = ", ".join(sorted(named)) or "nothing"
+        names = array_names(file) if file.suffix.lower() == ".npz" else sorted(named)
+        has = ", ".join(repr(name) for name in names) or "nothing"
         raise ResultFileError(
             file, f"needs exactly one of displacement, positions (it holds: {has})"
         )
@@ -99,8 +122,11 @@ def _from_arrays(file: Path, named: dict[str, Any]) -> ResultFile:
     times = points = cells = original = None
     if "times" in named:
         times = np.atleast_1d(_numbers(file, "times", named["times"]))
-        if times.shape != (len(values),) or not (np.diff(times) > 0.0).all():
-            raise ResultFileError(file, f"times must increase, one for each of {len(values)}")
+        grow = times.shape == (len(values),) and (np.diff(times) > 0.0).all()
+        if not grow or not np.isfinite(times).all():
+            raise ResultFileError(
+                file, f"times must increase and be finite, one for each of {len(values)}"
+            )
     elif len(values) > 1:
         raise ResultFileError(file, f"holds {len(values)} states without `times`")
     if "points" in named:
@@ -129,28 +155,39 @@ def _from_arrays(file: Path, named: dict[str, Any]) -> ResultFile:
         points,
         cells,
         original,
-        str(named.get("case_key", "")),
+        _text(file, named, "case_key", ""),
         _about(file, named),
     )
 
 
 def _scale(file: Path, named: dict[str, Any]) -> float:
-    unit = str(named.get("length_unit", "m"))
+    unit = _text(file, named, "length_unit", "m")
     if unit not in LENGTH:
         raise ResultFileError(file, f"length_unit {unit!r} is not known; use {', '.join(LENGTH)}")
     return LENGTH[unit]
 
 
+def _text(file: Path, named: dict[str, Any], name: str, default: str) -> str:
+    """One piece of text, bytes included: what a numpy array of one string holds."""
+    if name not in named:
+        return default
+    array = np.asarray(named[name])
+    if array.dtype.kind not in "US" or array.size != 1:
+        raise ResultFileError(file, f"`{name}` must be one text, not {array.dtype} {array.shape}")
+    if array.dtype.itemsize > _MOST_CHARACTERS:
+        raise ResultFileError(file, f"`{name}` is longer than {_MOST_CHARACTERS} bytes")
+    item = array.ravel()[0]
+    return item.decode("utf-8", errors="replace") if isinstance(item, bytes) else str(item)
+
+
 def _about(file: Path, named: dict[str, Any]) -> dict[str, Any]:
-    if "about" not in named:
-        return {}
     try:
-        about = json.loads(str(named["about"]))
-    except ValueError as error:
-        raise ResultFileError(file, f"`about` is not JSON ({error})") from error
+        about = parse_json(_text(file, named, "about", "{}"), allow_nan=True)
+    except UntrustedTextError as error:
+        raise ResultFileError(file, f"`about` cannot be used: {error}") from error
     if not isinstance(about, dict):
         raise ResultFileError(file, "`about` must be a JSON object")
-    return {str(key): value for key, value in about.items()}
+    return about
 
 
 def _numbers(file: Path, name: str, array: Any) -> NDArray[np.float64]:
@@ -162,44 +199,23 @@ def _numbers(file: Path, name: str, array: Any) -> NDArray[np.float64]:
 
 def _whole(file: Path, name: str, array: Any) -> NDArray[np.int64]:
     values = _numbers(file, name, array)
-    if not (np.isfinite(values).all() and (values == np.floor(values)).all()):
+    # Beyond 2^53 a float64 is no whole number that could be trusted.
+    if not ((np.abs(values) < 2.0**53).all() and (values == np.floor(values)).all()):
         raise ResultFileError(file, f"{name} holds what is no whole number")
     return values.astype(np.int64)
 
 
-def _read_npz(file: Path) -> dict[str, Any]:
-    try:
-        with ZipFile(file) as archive:
-            declared = sum(entry.file_size for entry in archive.infolist())
-        if declared > _MOST_BYTES:
-            raise ResultFileError(file, f"declares {declared / 1e9:.0f} GB; damaged?")
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile, MemoryError) as error:
-        if isinstance(error, ResultFileError):
-            raise
-        raise ResultFileError(file, f"cannot be read as npz ({error})") from error
-
-
-def _read_vtu(file: Path) -> dict[str, Any]:
-    try:
-        points, fields = read_point_data(file)
-    except FileFormatError as error:
-        raise ResultFileError(file, str(error).removeprefix(f"{file}: ")) from error
+def _read_vtu(file: Path, most_bytes: int) -> dict[str, Any]:
+    points, cells, fields = read_answer(file, most_bytes=most_bytes)
     named: dict[str, Any] = {"points": points, **fields}
-    # Read once above, every failure turned into an error there.
-    blocks = [np.asarray(b.data) for b in meshio.read(file).cells if b.type == "tetra"]
-    if blocks:
-        named["cells"] = np.vstack(blocks)
-    return named
+    return {**named, "cells": cells} if len(cells) else named
 
 
-def _read_csv(file: Path) -> dict[str, Any]:
+def _read_csv(file: Path, text: str) -> dict[str, Any]:
     """Columns x, y, z (points), ux, uy, uz or px, py, pz, original_id; one row for each point."""
     try:
-        with file.open(encoding="utf-8-sig", newline="") as stream:
-            rows = [row for row in csv.reader(stream) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
+    except csv.Error as error:
         raise ResultFileError(file, f"cannot be read as csv ({error})") from error
     if len(rows) < 2:
         raise ResultFileError(file, "needs a line of column names and one line for each point")

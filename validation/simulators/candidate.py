@@ -14,7 +14,12 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import Placed, place
-from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
+from palpate.validation.exchange.result_files import (
+    ResultFile,
+    ResultFileError,
+    read_result,
+    room_for_answer,
+)
 from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
@@ -101,7 +106,7 @@ def result_candidate(path: str | Path) -> Candidate:
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"reading {path}")
-        result = read_result(path)
+        result = read_result(path, most_bytes=room_for_answer(problem))
         require_answers(result, problem, strain)
         placed = place(result, problem)
         state = placed_state(problem, placed, name, strain, 0.0, {})

@@ -22,7 +22,12 @@ from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.exchange.case_folder import case_key, write_case_folder
 from palpate.validation.exchange.placement import Placed, place
-from palpate.validation.exchange.result_files import ResultFile, ResultFileError, read_result
+from palpate.validation.exchange.result_files import (
+    ResultFile,
+    ResultFileError,
+    read_result,
+    room_for_answer,
+)
 from palpate.validation.simulators.answer import CandidateFailedError, Progress
 
 DEFAULT_TIME_LIMIT = 600.0
@@ -110,7 +115,7 @@ class OutsideSimulator:
             seconds = time.perf_counter() - start
             if not file.is_file():
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
-            result = read_result(file)
+            result = read_result(file, most_bytes=room_for_answer(problem))
             require_answers(result, problem, strain)
             return OutsideAnswer(place(result, problem), result, seconds, dict(result.about))
 
