@@ -6,9 +6,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from palpate.validation.case.region_schema import RegionSpec, Table, Vector
+from palpate.validation.case.numbers import (
+    Count,
+    Flag,
+    NotNegative,
+    Number,
+    Positive,
+    Vector,
+)
+from palpate.validation.case.region_schema import RegionSpec, Table
 
-Positive = Annotated[float, Field(gt=0.0)]
+# States kept of a motion; each is as large as the answer of a static case.
+MOST_OUTPUTS = 100_000
 
 
 class TimeSpec(Table):
@@ -16,23 +25,23 @@ class TimeSpec(Table):
 
     end_time: Positive
     time_step: Positive | None = None
-    mass_damping: float = Field(default=0.0, ge=0.0)
-    num_outputs: int = Field(default=50, ge=1)
+    mass_damping: NotNegative = 0.0
+    num_outputs: Annotated[Count, Field(ge=1, le=MOST_OUTPUTS)] = 50
 
 
 class AmplitudeSpec(Table):
     """A factor over time, by knots; see meshes/amplitude.py."""
 
-    times: tuple[float, ...] = Field(min_length=1)
-    factors: tuple[float, ...] = Field(min_length=1)
-    smooth: bool = False
+    times: tuple[Number, ...] = Field(min_length=1)
+    factors: tuple[Number, ...] = Field(min_length=1)
+    smooth: Flag = False
 
 
 class RotationSpec(Table):
     """A turn about an axis through the tool's origin."""
 
     axis: Vector
-    angle_deg: float
+    angle_deg: Number
 
     @model_validator(mode="after")
     def _has_an_axis(self) -> RotationSpec:
@@ -44,7 +53,7 @@ class RotationSpec(Table):
 class PoseSpec(Table):
     """Where the tool is at a time [s]."""
 
-    time: float
+    time: Number
     position: Vector
     rotation: RotationSpec | None = None
 
@@ -53,7 +62,7 @@ class DriveSpec(Table):
     """The tool is pushed along a direction by a force."""
 
     direction: Vector
-    force: float
+    force: Number
     mass: Positive
     amplitude: AmplitudeSpec = AmplitudeSpec(times=(0.0,), factors=(1.0,))
 
@@ -68,7 +77,7 @@ class ToolSpec(Table):
     surface: str | None = None
     pose: tuple[PoseSpec, ...] = Field(min_length=1)
     drive: DriveSpec | None = None
-    friction_coefficient: float = Field(default=0.0, ge=0.0)
+    friction_coefficient: NotNegative = 0.0
     # The part of the boundary that may touch; all of it where nothing is said.
     region: RegionSpec | None = None
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, model_validator
 
-Vector = tuple[float, float, float]
+from palpate.validation.case.numbers import Positive, Vector
 
 
 class Table(BaseModel):
@@ -26,7 +26,7 @@ class BallRegion(Table):
     """Within a radius of a centre."""
 
     center: Vector
-    radius: float = Field(gt=0.0)
+    radius: Positive
 
 
 class HalfSpaceRegion(Table):

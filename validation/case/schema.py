@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
 from palpate.validation.case.named_values import require_inputs
-from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table, Vector
+from palpate.validation.case.numbers import (
+    Flag,
+    Number,
+    PlainData,
+    Positive,
+    Vector,
+    plain_number,
+)
+from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS
 
@@ -34,13 +42,13 @@ class GeometrySpec(Table):
     surface: str | None = None
     mesh: str | None = None
     # Mend a surface file where that is safe; what was done is told in the report.
-    repair: bool = False
+    repair: Flag = False
     size: Vector | None = None
-    length: float | None = Field(default=None, gt=0.0)
-    width: float | None = Field(default=None, gt=0.0)
-    height: float | None = Field(default=None, gt=0.0)
-    radius: float | None = Field(default=None, gt=0.0)
-    edge_length: float | None = Field(default=None, gt=0.0)
+    length: Positive | None = None
+    width: Positive | None = None
+    height: Positive | None = None
+    radius: Positive | None = None
+    edge_length: Positive | None = None
 
     @model_validator(mode="after")
     def _is_one_thing(self) -> GeometrySpec:
@@ -71,9 +79,9 @@ class GradeSpec(Table):
 
     point: Vector | None = None
     ball: BallRegion | None = None
-    boundary: bool = False
-    smallest: float = Field(gt=0.0)
-    growth: float = Field(default=0.5, gt=0.0)
+    boundary: Flag = False
+    smallest: Positive
+    growth: Positive = 0.5
 
     @model_validator(mode="after")
     def _is_towards_one_thing(self) -> GradeSpec:
@@ -86,10 +94,10 @@ class MeshSpec(Table):
     """Who fills a surface, and how finely."""
 
     mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
-    edge_length: float | None = Field(default=None, gt=0.0)
+    edge_length: Positive | None = None
     # The given facets, or better ones within a distance of them.
     boundary: Literal["kept", "free"] = "kept"
-    boundary_distance: float | None = Field(default=None, gt=0.0)
+    boundary_distance: Positive | None = None
     # Bisected afterwards until each cell is as small as every grade asks.
     grade: tuple[GradeSpec, ...] = ()
 
@@ -103,9 +111,9 @@ class MeshSpec(Table):
 class MaterialSpec(Table):
     """Isotropic solid; the ranges are checked where it is built."""
 
-    youngs_modulus: float
-    poissons_ratio: float
-    density: float = 1000.0
+    youngs_modulus: Number
+    poissons_ratio: Number
+    density: Number = 1000.0
 
 
 class InclusionSpec(Table):
@@ -156,7 +164,7 @@ class PressureSpec(OverTime):
 
     kind: Literal["pressure"]
     region: RegionSpec
-    pressure: float
+    pressure: Number
 
 
 class GravitySpec(OverTime):
@@ -210,14 +218,14 @@ class CheckSpec(Table):
     ]
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
     strain: Strain | None = None
-    limit: float
+    limit: Number
     reason: str = Field(min_length=1)
     # Of what is published: a point of the mesh, which component, and the number there, in the
     # case's length unit, Hz or 1/s; the reason names the source.
     at: Vector | None = None
     component: Literal["x", "y", "z"] | None = None
     quantity: Literal["amplitude", "frequency", "damping", "mean"] | None = None
-    expected: float | None = None
+    expected: Number | None = None
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
@@ -262,7 +270,7 @@ class EvidenceSpec(Table):
 class CaseSpec(Table):
     """A whole case file."""
 
-    schema_version: Literal[1] = Field(alias="schema")
+    schema_version: Annotated[Literal[1], BeforeValidator(plain_number)] = Field(alias="schema")
     title: str = Field(min_length=1)
     description: str = ""
     units: Units = Units()
@@ -277,7 +285,7 @@ class CaseSpec(Table):
     time: TimeSpec | None = None
     check: tuple[CheckSpec, ...] = ()
     evidence: EvidenceSpec = EvidenceSpec()
-    published: dict[str, Any] = Field(default_factory=dict)
+    published: PlainData = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _fitted_values_exist(self) -> CaseSpec:

@@ -6,18 +6,47 @@ The accepted result is a results.json that somebody looked at and kept.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError
+
 from palpate.meshes.errors import FileFormatError
+from palpate.meshes.untrusted_text import parse_json, read_text
+from palpate.validation.case.numbers import Number
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult
 
 # Changes smaller than this are rounding and solver noise.
 QUIET = 1e-6
+
+
+class _AcceptedCheck(BaseModel):
+    """What is compared of a check."""
+
+    metric: str
+    against: str
+    strain: str
+    verdict: str
+    limit: Number
+    value: Number | None
+
+
+class _AcceptedCase(BaseModel):
+    """What is compared of a case."""
+
+    name: str
+    checks: list[_AcceptedCheck]
+    metrics: dict[str, Number | None] = {}
+    provenance: dict[str, Any] = {}
+
+
+class _AcceptedResults(BaseModel):
+    """What is compared of a results.json; other keys are left alone."""
+
+    cases: list[_AcceptedCase]
 
 
 def read_accepted(path: str | Path) -> dict[str, dict[str, Any]]:
@@ -27,13 +56,21 @@ def read_accepted(path: str | Path) -> dict[str, dict[str, Any]]:
         FileFormatError: Missing, or not a results.json of this schema.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = parse_json(read_text(path))
+        if not isinstance(document, dict) or type(document.get("schema")) is not int:
+            raise ValueError("no schema")
         if document["schema"] != 1:
             raise ValueError(f"schema {document['schema']} is not known here (1 is)")
-        return {case["name"]: case for case in document["cases"]}
-    except FileNotFoundError as error:
-        raise FileFormatError(path, "no such file; keep an accepted results.json there") from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        accepted = _AcceptedResults.model_validate(document)
+        return {case.name: case.model_dump() for case in accepted.cases}
+    except FileFormatError as error:
+        remedy = "; keep an accepted results.json there"
+        raise FileFormatError(path, str(error).removeprefix(f"{path}: ") + remedy) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise FileFormatError(path, f"not a results.json ({place}: {first['msg']})") from error
+    except ValueError as error:
         raise FileFormatError(path, f"not a results.json ({error})") from error
 
 
