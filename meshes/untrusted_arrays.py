@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.untrusted_text import open_plain, shown_bytes
 
-# What nobody has told the size of: a motion of a million numbers at a hundred times, twice.
-MOST_BYTES = 2 * 1024**3
+# What nobody has told the size of: a motion of a million numbers at a hundred times.
+MOST_BYTES = 1024**3
 # Truth values, whole numbers, reals, text.
 _KINDS = "biufUS"
 _PIECE = 1024**2

@@ -44,8 +44,7 @@ def parse_json(text: str, *, allow_nan: bool = False) -> Any:
         raise UntrustedTextError(f"it holds {word}, which is no JSON")
 
     value = _parsed(lambda: json.loads(text, parse_constant=constant), "JSON")
-    if not allow_nan:
-        _require_finite(value)
+    _require_floats(value, allow_nan=allow_nan)
     return value
 
 
@@ -53,7 +52,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        UntrustedTextError: Not TOML, nested too deep, or a whole number that no float holds.
+        UntrustedTextError: Not TOML, or nested too deep. Numbers that no float holds are left to
+            whoever knows line and key.
     """
     tables: dict[str, Any] = _parsed(lambda: tomllib.loads(text), "TOML")
     return tables
@@ -117,28 +117,27 @@ def _parsed(parse: Callable[[], Any], kind: str) -> Any:
         OverflowError,
     ) as error:  # TOMLDecodeError and JSONDecodeError are the first
         raise UntrustedTextError(f"not {kind}: {error}") from error
-    _require_usable(value, kind)
+    _require_shallow(value, kind)
     return value
 
 
-def _require_usable(value: Any, kind: str) -> None:
+def _require_shallow(value: Any, kind: str) -> None:
     """Level by level, so that depth costs no stack."""
     level = [value]
     for _ in range(DEEPEST):
-        if any(isinstance(item, int) and not is_a_float(item) for item in level):
-            raise UntrustedTextError(f"not {kind} for use here: a number no float can hold")
         level = [part for item in level for part in _parts(item)]
         if not level:
             return
     raise UntrustedTextError(f"not {kind} for use here: nested more than {DEEPEST} deep")
 
 
-def _require_finite(value: Any) -> None:
-    """1e999 is JSON, and infinite."""
-    if isinstance(value, float) and not math.isfinite(value):
+def _require_floats(value: Any, *, allow_nan: bool) -> None:
+    """1e999 is JSON, and infinite; so is a one with four hundred zeros."""
+    is_wrong = isinstance(value, int if allow_nan else int | float) and not is_a_float(value)
+    if is_wrong:
         raise UntrustedTextError("not JSON for use here: a number no float can hold")
     for part in _parts(value):
-        _require_finite(part)
+        _require_floats(part, allow_nan=allow_nan)
 
 
 def _parts(item: Any) -> list[Any]:
@@ -147,8 +146,8 @@ def _parts(item: Any) -> list[Any]:
     return item if isinstance(item, list) else []
 
 
-def is_a_float(value: int) -> bool:
-    """Whether a whole number lies within what a float can hold."""
+def is_a_float(value: float) -> bool:
+    """Whether a number is finite, and a whole one within what a float can hold."""
     try:
         return math.isfinite(float(value))
     except OverflowError:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import difflib
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from palpate.meshes.errors import InputError
 from palpate.validation.case import motion_schema
 from palpate.validation.case import region_schema as regions_schema
 from palpate.validation.case import schema as case_schema
-from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.schema import CaseSpec, LoadSpec
 
 
 class CaseError(InputError):
@@ -22,48 +23,112 @@ class CaseError(InputError):
 
 def explain(path: Path, source: str, data: dict[str, Any], error: ValidationError) -> str:
     """At most two lines: file, line, key, value, remedy."""
-    lines = []
-    for found in error.errors()[:2]:
-        place = [part for part in found["loc"] if not _is_tag(part, found["loc"])]
-        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
-        where = f"{path}:{_line_of(source, place)}"
-        match found["type"]:
-            case "extra_forbidden":
-                near = difflib.get_close_matches(str(place[-1]), _siblings(place), n=1)
-                hint = f"did you mean {near[0]!r}?" if near else "remove it"
-                lines.append(f"{where}: unknown key {key!r}; {hint}")
-            case "missing":
-                lines.append(f"{where}: missing key {key!r}; add it")
-            case _:
-                shown = found.get("input")
-                value = f" = {shown!r}" if isinstance(shown, str | int | float) else ""
-                message = found["msg"].removeprefix("Value error, ")
-                lines.append(f"{where}: {key or 'case'}{value}: {message}")
     if not data:
-        lines = [f"{path}: the file is empty; see a built-in case for what goes in"]
-    return "\n".join(lines)
+        return f"{path}: the file is empty; see a built-in case for what goes in"
+    return "\n".join(_line(path, source, found) for found in error.errors()[:2])
 
 
-_TAGS = {"force", "traction", "pressure", "gravity", "point_force"}
+def _line(path: Path, source: str, found: ErrorDetails) -> str:
+    """One mistake."""
+    loc = found["loc"]
+    place = [part for index, part in enumerate(loc) if not _is_tag(index, loc)]
+    context = found.get("ctx", {})
+    place += context.get("place", ())
+    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
+    # What is missing stands nowhere: the table where it should.
+    stands = place[:-1] if found["type"] == "missing" else place
+    where = f"{path}:{_line_of(source, stands)}"
+    match found["type"]:
+        case "extra_forbidden":
+            hint = _suggestion(str(place[-1]), _siblings(loc)) or "remove it"
+            return f"{where}: unknown key {key!r}; {hint}"
+        case "missing":
+            return f"{where}: missing key {key!r}; add it"
+        case "union_tag_invalid":
+            shown, message = repr(context["tag"]), _choice(context["tag"], list(_LOADS))
+            return f"{where}: {key}.kind = {shown}: {message}"
+        case "union_tag_not_found":
+            return f"{where}: missing key '{key}.kind'; add it: {', '.join(_LOADS)}"
+        case "literal_error" | "enum":
+            known = re.findall(r"'([^']*)'", str(context.get("expected", "")))
+            message = _choice(found["input"], known)
+        case "tuple_type":
+            message = "must be a list in brackets"
+            if place[-1] == "size":
+                message += "; cells are sized by edge_length"
+        case "published":
+            return f"{where}: {key!r} {found['msg']}"
+        case _:
+            message = found["msg"].removeprefix("Value error, ")
+    return f"{where}: {key or 'case'}{_value(found.get('input'))}: {message}"
 
 
-def _is_tag(part: int | str, loc: tuple[int | str, ...]) -> bool:
+def _value(value: Any) -> str:
+    """As it stands in the file, where it is short enough to be shown."""
+    if isinstance(value, bool):
+        return f" = {str(value).lower()}"
+    if isinstance(value, str | int | float):
+        text = repr(value)
+        return f" = {text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + '...'}"
+    return ""
+
+
+def _choice(value: Any, known: list[str]) -> str:
+    """A word that is not among those that may stand there."""
+    return _suggestion(str(value), known) or f"use {', '.join(known)}"
+
+
+def _suggestion(word: str, known: list[str]) -> str:
+    """The word that was meant, as a question; empty where nobody can tell."""
+    near = difflib.get_close_matches(word, known, n=1)
+    near = near or difflib.get_close_matches(word.lower(), known, n=1)
+    near = near or [key for key, others in _ALSO_CALLED.items() if word.lower() in others]
+    return f"did you mean {near[0]!r}?" if near and near[0] in known else ""
+
+
+_MOST_SHOWN = 60
+# What others call a key of ours, where the spelling does not tell.
+_ALSO_CALLED = {
+    "edge_length": (
+        "size", "h", "mesh_size", "element_size", "cell_size", "max_size", "resolution", "hmax",
+    ),
+    "youngs_modulus": ("e", "young", "youngs", "modulus", "stiffness"),
+    "poissons_ratio": ("nu", "v", "poisson"),
+    "density": ("rho",),
+    "acceleration": ("g", "gravity"),
+    "end_time": ("duration", "t_end", "stop", "t"),
+    "time_step": ("dt", "step"),
+    "limit": ("tol", "tolerance", "max", "threshold", "epsilon"),
+    "reason": ("why", "source", "comment"),
+    "length": ("mm", "unit"),
+}  # fmt: skip
+_LOADS: dict[str, type[BaseModel]] = {
+    get_args(model.model_fields["kind"].annotation)[0]: model
+    for model in get_args(get_args(LoadSpec)[0])
+}
+
+
+def _is_tag(index: int, loc: tuple[int | str, ...]) -> bool:
     """Pydantic puts the kind of a load into the place: load.0.force.region."""
-    return part in _TAGS and len(loc) > 2 and loc[0] == "load" and loc.index(part) == 2
+    return index == 2 and loc[0] == "load" and loc[index] in _LOADS
 
 
-def _siblings(place: list[int | str]) -> list[str]:
+def _siblings(loc: tuple[int | str, ...]) -> list[str]:
     """Keys that may stand where an unknown one was found."""
     model: Any = CaseSpec
-    for part in place[:-1]:
-        if isinstance(part, int) or not (isinstance(model, type) and issubclass(model, BaseModel)):
+    for index, part in enumerate(loc[:-1]):
+        if isinstance(part, int):
+            continue
+        if _is_tag(index, loc):
+            model = _LOADS[str(part)]
             continue
         annotation = str(model.model_fields[part].annotation) if part in model.model_fields else ""
         models = {cls.__name__: cls for cls in _all_models()}
         named = [cls for name, cls in models.items() if re.search(rf"\b{name}\b", annotation)]
-        if len(named) != 1:
+        if len(named) == 1:
+            model = named[0]
+        elif part != "load":
             return sorted({key for cls in (named or models.values()) for key in cls.model_fields})
-        model = named[0]
     return [f.alias or name for name, f in model.model_fields.items()]
 
 

@@ -105,9 +105,14 @@ def inside_folder(folder: Path, name: str) -> Path:
     Raises:
         InputError: It does, links included.
     """
-    path = (folder / name).resolve()
+    try:
+        path = (folder / name).resolve()
+        is_there = path.is_file()
+    # A loop of links, a NUL in the name, a name of a megabyte.
+    except (OSError, RuntimeError, ValueError) as error:
+        raise FileFormatError(repr(name), f"is no path that can be followed ({error})") from error
     if not path.is_relative_to(folder.resolve()):
         raise InputError(f"{name!r} lies outside the case's folder; put the file beside the case")
-    if not path.is_file():
+    if not is_there:
         raise FileFormatError(name, f"no such file beside the case in {folder}")
     return path

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,12 +12,14 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from palpate.meshes.errors import InputError
+from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
 from palpate.validation.case.errors import CaseError, explain
 from palpate.validation.case.filling import BuiltMesh
 from palpate.validation.case.geometry import build_mesh
 from palpate.validation.case.problem import build_problem
+from palpate.validation.case.regions import point_at
 from palpate.validation.case.schema import CaseSpec, CheckSpec
 
 # Small cases, statics and motion, judged against stored references in seconds.
@@ -51,17 +52,17 @@ def load_case(name_or_path: str | Path) -> Case:
             hint = f"did you mean {near[0]!r}?" if near else "see `palpate cases`"
             raise CaseError(f"no built-in case {text!r}; {hint} A file needs the ending .toml")
         path = builtin_folder() / f"{text}.toml"
-    if not path.is_file():
-        raise CaseError(f"{path}: no such file")
     if not _NAME.fullmatch(path.stem):
         raise CaseError(
             f"{path.name!r}: a case's name may hold letters, digits, '.', '_' and '-' (64 at most)"
         )
     try:
-        source = path.read_text(encoding="utf-8-sig")
-        data = tomllib.loads(source)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise CaseError(f"{path}: not TOML: {error}") from error
+        source = read_text(path)
+        data = parse_toml(source)
+    except FileFormatError as error:
+        raise CaseError(str(error)) from error
+    except UntrustedTextError as error:
+        raise CaseError(f"{path}: {error}") from error
     try:
         spec = CaseSpec.model_validate(data)
     except ValidationError as error:
@@ -135,18 +136,34 @@ class Case:
 
     @cached_property
     def mesh(self) -> BuiltMesh:
-        """The mesh, and a line on who made it."""
-        return build_mesh(self.spec, self.folder)
+        """The mesh, and a line on who made it.
+
+        Raises:
+            InputError: A file that cannot be read, or a surface that cannot be meshed.
+        """
+        units = self.spec.units
+        try:
+            built = build_mesh(self.spec, self.folder)
+        except InputError as error:
+            error.args = (units.told(str(error)),)
+            raise
+        return BuiltMesh(built.mesh, units.told(built.origin))
 
     @cached_property
     def problem(self) -> Problem:
         """Mesh, materials, supports, loads and tools in SI units.
 
         Raises:
-            InputError: A region that selects nothing, a body that floats, a bad value.
+            InputError: A region that selects nothing, a body that floats, a bad value, a check
+                at a place where the mesh has no point.
         """
+        units = self.spec.units
         try:
-            return build_problem(self.spec, self.folder, self.mesh.mesh)
+            problem = build_problem(self.spec, self.folder, self.mesh.mesh)
+            for number, check in enumerate(self.checks, 1):
+                if check.at is not None:
+                    point_at(problem.mesh, check.at, units, f"check {number}")
+            return problem
         except InputError as error:
-            error.args = (f"{self.path.name}: {error}",)
+            error.args = (f"{self.path.name}: {units.told(str(error))}",)
             raise

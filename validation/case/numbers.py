@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -25,10 +24,10 @@ def plain_number(value: Any) -> Any:
         raise PydanticCustomError("number", "is text; write the number without quotes")
     if not isinstance(value, int | float):
         raise PydanticCustomError("number", "is no number")
-    if isinstance(value, int) and not is_a_float(value):
-        raise PydanticCustomError("number", "is beyond what a float can hold")
-    if not math.isfinite(value):
-        raise PydanticCustomError("number", "is not finite; write a finite number")
+    if not is_a_float(value):
+        is_whole = isinstance(value, int)
+        message = "is beyond what a float can hold" if is_whole else "is not finite"
+        raise PydanticCustomError("number", f"{message}; write a finite number")
     return value
 
 
@@ -69,7 +68,7 @@ def _require_usable(value: Any, place: tuple[str | int, ...]) -> None:
         for index, item in enumerate(value):
             _require_usable(item, (*place, index))
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        if not (isinstance(value, int) and is_a_float(value)) and not math.isfinite(value):
+        if not is_a_float(value):
             raise PydanticCustomError(
                 "published", "is no finite number", {"place": place, "value": repr(value)}
             )

@@ -8,8 +8,12 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case.numbers import Vector
 from palpate.validation.case.region_schema import RegionSpec
 from palpate.validation.case.units import Units
+
+# A point is there within this part of the body's size.
+SAME_PLACE = 1e-6
 
 
 class EmptyRegionError(InputError):
@@ -72,6 +76,29 @@ def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     return boundary[[int(np.argmin(distance))]].astype(np.int32)
 
 
+def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:
+    """Index of the mesh's point at a place.
+
+    Args:
+        mesh: The mesh [m].
+        place: In the case's units.
+        units: The case's units.
+        what: "check 1": for messages.
+
+    Raises:
+        InputError: None lies there; the message tells the nearest.
+    """
+    wanted = np.array([units.metres(x) for x in place])
+    apart = np.linalg.norm(mesh.points - wanted, axis=1)
+    point = int(apart.argmin())
+    if not apart[point] <= SAME_PLACE * float(np.ptp(mesh.points, axis=0).max()):
+        raise InputError(
+            f"{what} at {list(place)} {units.length}: no point of the mesh lies there, the nearest "
+            f"at {_shown(mesh.points[point], units)} {units.length}; mesh it in, or take that one"
+        )
+    return point
+
+
 def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> NDArray[np.bool_]:
     inside = np.ones(len(places), dtype=bool)
     if region.box is not None:
@@ -87,11 +114,13 @@ def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> 
     return inside
 
 
+def _shown(place: NDArray[np.float64], units: Units) -> list[float]:
+    """A place in the case's unit, with the digits that a person types."""
+    return [float(f"{float(x) / units.metres(1.0):.6g}") for x in place]
+
+
 def _nothing(mesh: TetMesh, units: Units, what: str, part: str) -> str:
-    low, high = (
-        [round(float(x) / units.metres(1.0), 4) for x in corner]
-        for corner in (mesh.points.min(axis=0), mesh.points.max(axis=0))
-    )
+    low, high = (_shown(c, units) for c in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
     return (
         f"{what}: the region selects no {part}; the body reaches from {low} to {high} "
         f"{units.length}; move or enlarge the region"

@@ -67,10 +67,12 @@ class GeometrySpec(Table):
         if self.surface is not None:
             extra.discard("repair")
         missing = parameters - self.model_fields_set
-        if extra:
-            raise ValueError(f"{given[0]} takes no {', '.join(sorted(extra))}")
-        if missing:
-            raise ValueError(f"shape {self.shape!r} needs {', '.join(sorted(missing))}")
+        what = f"shape {self.shape!r}" if self.shape else given[0]
+        wrongs = [f"takes no {', '.join(sorted(extra))}"] if extra else []
+        wrongs += [f"needs {', '.join(sorted(missing))}"] if missing else []
+        if wrongs:
+            hint = "; cells are sized by edge_length" if extra == {"size"} else ""
+            raise ValueError(f"{what} {' and '.join(wrongs)}{hint}")
         return self
 
 

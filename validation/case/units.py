@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
@@ -10,6 +11,12 @@ LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 STRESS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 DENSITY = {"kg/m3": 1.0, "g/cm3": 1e3}
+_NUMBER = r"-?\d+(?:\.\d*)?(?:e[+-]?\d+)?"
+# "0.003 m", "(0.1, 0.2, 0.3) m", "[0.1, 0.2, 0.3] m"; no speed, area or volume. Words that are
+# quoted come first: they stay as they are.
+_IN_METRES = re.compile(
+    rf'"(?:[^"\\]|\\.)*"|(?<![\w.])({_NUMBER}|[(\[]{_NUMBER}(?:, {_NUMBER})*[)\]]) m(?![\w/^*])'
+)
 
 
 class Units(BaseModel):
@@ -25,6 +32,19 @@ class Units(BaseModel):
     def metres(self, value: float) -> float:
         """Turn a length into metres."""
         return value * LENGTH[self.length]
+
+    def told(self, message: str) -> str:
+        """A message from a room that knows metres only, with its lengths in the case's unit."""
+
+        def own(found: re.Match[str]) -> str:
+            if found[1] is None:
+                return found[0]
+            numbers = re.sub(
+                _NUMBER, lambda n: f"{float(n[0]) / LENGTH[self.length]:.6g}", found[1]
+            )
+            return f"{numbers} {self.length}"
+
+        return message if self.length == "m" else _IN_METRES.sub(own, message)
 
     def newtons(self, value: float) -> float:
         """Turn a force into newtons."""

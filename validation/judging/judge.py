@@ -73,7 +73,7 @@ def judge_case(
         try:
             candidates[strain] = judged.solve(problem, strain, progress)
         except CandidateFailedError as error:
-            failures[strain] = str(error)
+            failures[strain] = case.spec.units.told(str(error))
             continue
         notes.extend(candidates[strain].remarks)
 

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.validation.case.regions import point_at
 from palpate.validation.case.schema import PUBLISHED, CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
 from palpate.validation.states import State
 
-# A point is there within this part of the body's size.
-_SAME_PLACE = 1e-6
 _LENGTHS = ("amplitude", "mean")
 
 
@@ -56,7 +53,9 @@ def compare_published(
     """
     used = units or Units()
     assert spec.component is not None
-    point, axis = _point(spec, problem, used), "xyz".index(spec.component)
+    assert spec.at is not None
+    point = point_at(problem.mesh, spec.at, used, "check")
+    axis = "xyz".index(spec.component)
     if spec.quantity is None:
         found = float(state.displacement[point, axis]) / used.metres(1.0)
         # No component at a point is farther off than the largest error of displacement.
@@ -89,13 +88,3 @@ def _compare(
     shown = f"{found:.8g} {unit}, expected {spec.expected:.8g}: {error:.2g}"
     message = f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"
     return Comparison(error, message, scale / size, uncertainty * scale / size)
-
-
-def _point(spec: CheckSpec, problem: Problem, used: Units) -> int:
-    assert spec.at is not None
-    place = np.array([used.metres(x) for x in spec.at])
-    apart = np.linalg.norm(problem.mesh.points - place, axis=1)
-    point = int(apart.argmin())
-    if apart[point] > _SAME_PLACE * float(np.ptp(problem.mesh.points, axis=0).max()):
-        raise InputError(f"check at {list(spec.at)}: no point of the mesh lies there; mesh it in")
-    return point

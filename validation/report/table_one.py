@@ -34,7 +34,11 @@ def state_table(result: CaseResult) -> StateTable:
     labels.sort(reverse=True)
     labels += [s.label for s in result.states if not s.is_reference][:1]
     published = result.published
-    has_paper = "original_volume" in published
+    has_paper = all(
+        isinstance(published.get(f"{state}_{key}"), int | float)
+        for state in ("original", *Strain)
+        for key in ("volume", "area")
+    )
     rows = []
     for quantity, key, rest, scale in (
         ("volume", "volume", result.rest_volume, MM3),
