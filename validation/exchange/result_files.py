@@ -207,7 +207,7 @@ def _whole(file: Path, name: str, array: Any) -> NDArray[np.int64]:
 
 def _read_vtu(file: Path, most_bytes: int) -> dict[str, Any]:
     points, cells, fields = read_answer(file, most_bytes=most_bytes)
-    named: dict[str, Any] = {"points": points, **fields}
+    named: dict[str, Any] = {**fields, "points": points}
     return {**named, "cells": cells} if len(cells) else named
 
 

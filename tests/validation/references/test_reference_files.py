@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.references.errors import (
@@ -131,3 +132,21 @@ def test_the_states_come_back_as_they_were_written(path):
     assert is_hashed
     assert key.startswith("5ddd43083f32")
     assert references.states[SAME_MESH, Strain.GREEN].degree == 1
+
+
+@pytest.mark.parametrize("key", ["provenance", "states", "bars", "schema", "key", "origin"])
+@pytest.mark.parametrize("value", [None, 7, "text", [], [1], {"versions": [1]}, {"a": {}}])
+def test_a_header_of_the_wrong_types_with_its_right_hash_is_an_input_error(path, key, value):
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "sha256"}
+    header = json.loads(str(arrays["header"]))
+    arrays["header"] = np.array(json.dumps({**header, key: value}))
+    np.savez(path, **arrays, sha256=np.array(content_hash(arrays)))
+    try:
+        found = load_stored("block", load_case("block").problem, folder=path.parent)
+    except InputError:
+        return
+    # What came through is of the right kind.
+    assert isinstance(found.provenance, dict)
+    assert isinstance(found.provenance.get("versions", {}), dict)
+    assert key not in ("schema", "key")
