@@ -22,16 +22,11 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.child import ChildFailedError
+from palpate.validation.benchmarks.interpreters import interpreters
 
 FOLDER = Path(__file__).parent / "rivals"
 TIME_LIMIT = 300.0  # of one set-up or one timing [s]
 _THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "CCX_NPROC_EQUATION_SOLVER")
-
-
-def interpreters() -> list[str]:
-    """This interpreter, then those of PALPATE_BENCH_PYTHON."""
-    others = os.environ.get("PALPATE_BENCH_PYTHON", "").split(os.pathsep)
-    return [sys.executable, *(other for other in others if other and other != sys.executable)]
 
 
 class TimedChild:

@@ -15,7 +15,8 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.child import ChildFailedError, run_program, run_tool
-from palpate.validation.benchmarks.delaunay_tools import PROGRAMS, TOOLS, compile_program
+from palpate.validation.benchmarks.delaunay_tools import NEEDS, PROGRAMS, TOOLS, compile_program
+from palpate.validation.benchmarks.interpreters import interpreter_with
 
 SIZES = (10_000, 100_000, 1_000_000)
 RIVALS = {
@@ -100,7 +101,12 @@ def _time_all(
                 if path is not None:
                     row = run_program([str(path), str(source)], time_limit=time_limit)
                 else:
-                    row = run_tool(_MODULE, [tool, str(source)], time_limit=time_limit)
+                    row = run_tool(
+                        _MODULE,
+                        [tool, str(source)],
+                        time_limit=time_limit,
+                        interpreter=interpreter_with(NEEDS[tool]) if tool in NEEDS else None,
+                    )
             except ChildFailedError as error:
                 open_tools.remove(tool)
                 if progress:

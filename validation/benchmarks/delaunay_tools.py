@@ -181,6 +181,14 @@ TOOLS: dict[str, Callable[[Points], Timing]] = {
     "Qhull (scipy)": _qhull,
 }
 
+# What a rival's interpreter must have.
+NEEDS = {
+    "CGAL (Python)": "CGAL",
+    "TetGen (Python)": "tetgen",
+    "gmsh": "gmsh",
+    "Qhull (scipy)": "scipy",
+}
+
 
 def _main() -> None:
     tool, source = sys.argv[1:]

@@ -19,8 +19,9 @@ from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.benchmarks.child import ChildFailedError, run_tool
+from palpate.validation.benchmarks.interpreters import interpreter_with
 from palpate.validation.benchmarks.mesh_surfaces import make_surface
-from palpate.validation.benchmarks.mesh_tools import TOOLS
+from palpate.validation.benchmarks.mesh_tools import NEEDS, TOOLS
 
 SIZES = (2_000, 10_000, 50_000)
 RIVALS = {
@@ -82,7 +83,12 @@ def _time_all(
     for _ in range(_REPEATS):
         for tool in list(open_tools):
             try:
-                answer = run_tool(_MODULE, [tool, source, target], time_limit=_TIME_LIMIT)
+                answer = run_tool(
+                    _MODULE,
+                    [tool, source, target],
+                    time_limit=_TIME_LIMIT,
+                    interpreter=interpreter_with(NEEDS[tool]) if tool in NEEDS else None,
+                )
             except ChildFailedError as error:
                 open_tools.remove(tool)
                 if progress:

@@ -17,6 +17,7 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.benchmarks.child import run_tool
+from palpate.validation.benchmarks.interpreters import interpreter_with
 
 _MODULE = "palpate.validation.benchmarks.mesh_surfaces"
 KINDS = ("gmsh", "decimated", "marching cubes")
@@ -28,7 +29,8 @@ def make_surface(kind: str, size: int, target: str) -> TriSurface:
     Raises:
         ChildFailedError: gmsh or VTK is missing or failed.
     """
-    run_tool(_MODULE, [kind, str(size), target], time_limit=300.0)
+    interpreter = interpreter_with("gmsh" if kind == "gmsh" else "pyvista")
+    run_tool(_MODULE, [kind, str(size), target], time_limit=300.0, interpreter=interpreter)
     with np.load(target) as stored:
         return TriSurface(stored["points"], stored["facets"])
 

@@ -80,6 +80,9 @@ TOOLS: dict[str, Callable[[Points, Indices], Filled]] = {
     "gmsh Delaunay + Netgen": lambda p, f: _gmsh(p, f, algorithm=1, netgen=True),
 }
 
+# What a rival's interpreter must have.
+NEEDS = {"gmsh HXT": "gmsh", "TetGen pq1.2Y": "tetgen", "gmsh Delaunay + Netgen": "gmsh"}
+
 
 def _main() -> None:
     tool, source, target = sys.argv[1:]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -27,7 +26,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.benchmarks.bodies import brick_box
-from palpate.validation.benchmarks.children import interpreters
+from palpate.validation.benchmarks.interpreters import interpreter_with
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.metrics import l2_norm
 from palpate.validation.report.study_page import (
@@ -118,7 +117,7 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
                 seconds, error, 0.0)
         )  # fmt: skip
     for name, module, most in _ADAPTERS:
-        interpreter = _interpreter(module)
+        interpreter = interpreter_with(module)
         if interpreter is None:
             missing.append(f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)")
             progress(missing[-1])
@@ -279,17 +278,6 @@ def _time_fastsim(problem: Problem) -> tuple[float, Points]:
         displacement = solve_static(problem).displacement
         best = min(best, time.process_time() - start)
     return best, displacement
-
-
-def _interpreter(module: str) -> str | None:
-    """The first interpreter that has a module."""
-    for interpreter in interpreters():
-        found = subprocess.run(
-            [interpreter, "-c", f"import {module}"], capture_output=True, check=False
-        )
-        if found.returncode == 0:
-            return interpreter
-    return None
 
 
 def _version() -> str:

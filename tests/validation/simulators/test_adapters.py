@@ -14,7 +14,7 @@ import pytest
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.benchmarks.children import interpreters
+from palpate.validation.benchmarks.interpreters import interpreters
 from palpate.validation.simulators import adapters
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.studies import frontier
