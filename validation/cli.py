@@ -18,7 +18,7 @@ from palpate.validation.commands.report import report
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
 from palpate.validation.commands.words import listed
-from palpate.validation.simulators.faults import FAULTS
+from palpate.validation.simulators.faults import Fault
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import version_of
 
@@ -60,7 +60,8 @@ app.command()(export)
 app.command()(compare)
 app.command()(audit)
 app.command()(solve)
-app.command(help=f"{gate.__doc__}\n\n{listed('Faults:', FAULTS.items())}")(gate)
+_faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
+app.command(help=f"{gate.__doc__}\n\n{_faults}")(gate)
 app.command()(report)
 app.command(help=f"{study.__doc__}\n\n{listed('Studies:', STUDIES.items())}")(study)
 app.command()(bench)

@@ -56,15 +56,15 @@ def gate(
     from palpate.validation.judging.result_changes import read_accepted, with_changes
     from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.candidate import candidate_for
+    from palpate.validation.simulators.seeded import with_fault
 
-    candidate = candidate_for(simulator, time_limit, fault)
+    candidate = with_fault(candidate_for(simulator, time_limit), fault)
     accepted = read_accepted(since) if since else None
     if quick + every + bool(names) != 1 and not (self_test and quick + every + bool(names) == 0):
         raise InputError("name the cases, or say one of --quick, --all and --self-test")
-    if self_test and (simulator or fault is not Fault.NONE or metamorphic or live):
+    if self_test and (fault is not Fault.NONE or metamorphic or live):
         raise InputError(
-            "--self-test seeds faults into fastsim by itself; it takes no --simulator, --fault, "
-            "--metamorphic or --live"
+            "--self-test seeds every fault by itself; it takes no --fault, --metamorphic or --live"
         )
     chosen = QUICK if quick else builtin_cases() if every else names or ()
     loaded = load_cases(chosen)
@@ -74,7 +74,7 @@ def gate(
     )
     progress = progress_lines()
     if self_test:
-        results = [run_self_test(progress, names or (QUICK if quick else None))]
+        results = [run_self_test(progress, cases=loaded, candidate=candidate)]
     elif metamorphic:
         results = [judge_relations(case, candidate, progress) for case in loaded]
     else:

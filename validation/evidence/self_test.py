@@ -12,21 +12,27 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
+import numpy as np
+
 from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import scratch_folder
-from palpate.validation.case import load_case
+from palpate.validation.case import Case, load_case
+from palpate.validation.evidence.metric_table import Row, metric_table, row_check, table_lines
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.references.stored import references_folder
-from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
+from palpate.validation.simulators.faults import CannotShowError, Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Verdict, gravest
 
 TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.WRONG_MASS, "block-motion"),
     (Fault.NO_DAMPING, "block-motion"),
-    (Fault.TRANSPOSED_GRADIENT, "block-motion"),
+    (Fault.LAST_STATE_REPEATED, "block-motion"),
+    (Fault.EVERY_SECOND_STATE, "block-motion"),
+    (Fault.LATE, "wave"),
     (Fault.SWAPPED_LAME, "block"),
     (Fault.SWAPPED_LAME, "kidney"),
     (Fault.SOFTER, "block"),
@@ -62,65 +68,117 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.REVERSED_LOAD, "csm3"),
     (Fault.DROPPED_TOOL, "press"),
     (Fault.DROPPED_TOOL, "slide"),
+    (Fault.REVERSED_TOOL_FORCE, "press"),
+    (Fault.REVERSED_TOOL_FORCE, "slide"),
     (Fault.SOFTER, "slide"),
     (Fault.WRONG_MASS, "slide"),
 )
 REFERENCE_FAULTS = ("missing-reference", "stale-reference", "damaged-reference")
 _CASE_OF_REFERENCES = "block"
+# Two answers of one simulator are the same within this part of the largest displacement: each is
+# solved to 1e-10 of its forces, and a body that bends shows a hundred times that.
+_SAME = 1e-7
 
 
 def run_self_test(
-    progress: Callable[[str], None], names: Sequence[str] | None = None
+    progress: Callable[[str], None],
+    *,
+    cases: Sequence[Case] = (),
+    candidate: Candidate | None = None,
 ) -> CaseResult:
-    """Seed every fault; each check of the result is one trial, passed when it was caught.
+    """Seed faults; each check of the result is one trial, passed when it was caught.
 
     Args:
-        progress: Called with one line of text now and then.
-        names: Only trials on these built-in cases; all trials where None.
-
-    Raises:
-        InputError: A case on which no fault is tried.
+        progress: Called with one line for each trial.
+        cases: Where the faults are tried, each that can show there; the built-in trials, with the
+            table of metrics by faults and spoiled references, where there are none.
+        candidate: Whose answers are spoiled; fastsim's where None.
     """
-    tried = list(dict.fromkeys(name for _, name in TRIALS))
-    if unknown := [name for name in names or () if name not in tried]:
-        raise InputError(
-            f"--self-test tries no fault on {unknown[0]!r}; it does on {', '.join(tried)}"
-        )
-    names = tried if names is None else list(dict.fromkeys(names))
-    cases = {name: load_case(name) for name in names}
+    judged = candidate or fastsim_candidate()
+    if cases:
+        trials: list[tuple[Fault, Case]] = [
+            (fault, case) for case in cases for fault in Fault if fault is not Fault.NONE
+        ]
+        table: list[Row] = []
+    else:
+        known = {name: load_case(name) for name in dict.fromkeys(name for _, name in TRIALS)}
+        trials = [(fault, known[name]) for fault, name in TRIALS]
+        table = metric_table(judged, progress)
     checks = []
-    healthy = {name: judge_case(case) for name, case in cases.items()}
-    for name, result in healthy.items():
-        progress(f"healthy, {name}: {result.verdict}")
-        checks.append(_trial("healthy", name, result.verdict is Verdict.PASSED, _tell(result)))
-    for fault, name in TRIALS:
-        if name not in names:
-            continue
-        result = judge_case(cases[name], candidate=fastsim_candidate(fault))
-        is_caught = result.verdict is Verdict.FAILED
-        progress(f"{fault}, {name}: {'caught' if is_caught else 'NOT caught'}")
-        checks.append(_trial(fault.value, name, is_caught, _tell(result)))
-    for word in REFERENCE_FAULTS if _CASE_OF_REFERENCES in names else ():
-        with _spoiled_references(word):
-            try:
-                told = f"NOT caught: {judge_case(cases[_CASE_OF_REFERENCES]).verdict}"
-                is_caught = False
-            except InputError as error:
-                told, is_caught = f"exit 2: {error}", True
-        progress(f"{word}: {'caught' if is_caught else 'NOT caught'}")
-        checks.append(_trial(word, _CASE_OF_REFERENCES, is_caught, told))
+    healthy: dict[str, CaseResult] = {}
+    for case in dict.fromkeys(case for _, case in trials):
+        healthy[case.name] = result = judge_case(case, candidate=judged)
+        progress(f"healthy, {case.name}: {result.verdict}")
+        checks.append(_trial("healthy", case, result.verdict is Verdict.PASSED, _tell(result)))
+    for fault, case in trials:
+        check = _try(fault, case, judged, healthy[case.name])
+        if not cases and check.verdict is Verdict.SKIPPED:
+            # Chosen because it shows there: an answer that stays the same was not spoiled.
+            check = replace(check, verdict=Verdict.FAILED)
+        word = {Verdict.PASSED: "caught", Verdict.SKIPPED: "cannot show"}.get(check.verdict)
+        progress(f"{fault}, {case.name}: {word or 'NOT caught'}")
+        checks.append(check)
+    if not cases:
+        checks += [_spoil_references(word, progress) for word in REFERENCE_FAULTS]
+        checks += [row_check(row) for row in table]
+    first = next(iter(healthy.values()))
+    if not any(check.verdict is Verdict.PASSED for check in checks[len(healthy) :]):
+        raise InputError("no fault shows on these cases; try `palpate gate --self-test` alone")
     return replace(
-        next(iter(healthy.values())),
+        first,
         name="self-test",
         title=f"{len(checks)} trials of the gates themselves",
         verdict=gravest([check.verdict for check in checks]),
         checks=tuple(checks),
         states=(),
         metrics={},
-        notes=("A trial passes when its fault turned the gate red, or the healthy one did not.",),
+        notes=(
+            "A trial passes when its fault turned the gate red, or the healthy one did not.",
+            *table_lines(table),
+        ),
         published={},
         error_fields={},
+        unseen=(),
     )
+
+
+def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) -> CheckResult:
+    """One fault on one case; skipped where the answer is the same with it and without."""
+    faulty = with_fault(candidate, fault)
+    try:
+        result = judge_case(case, candidate=faulty)
+    except CannotShowError as error:
+        return replace(_trial(fault.value, case, True, str(error)), verdict=Verdict.SKIPPED)
+    if result.verdict is not Verdict.FAILED and _is_same(result, healthy):
+        told = "the answer is the same with this fault and without"
+        return replace(_trial(fault.value, case, True, told), verdict=Verdict.SKIPPED)
+    return _trial(fault.value, case, result.verdict is Verdict.FAILED, _tell(result))
+
+
+def _is_same(one: CaseResult, other: CaseResult) -> bool:
+    """Whether the two answers that are checked are the same at every point, to rounding."""
+    checked = {check.strain for check in one.checks}
+    pairs = [
+        (state, other.state(state.label, state.strain))
+        for state in one.states
+        if state.label == one.candidate and state.strain in checked
+    ]
+    return all(
+        b is not None
+        and float(np.abs(a.displacement - b.displacement).max()) <= _SAME * b.max_displacement
+        for a, b in pairs
+    )
+
+
+def _spoil_references(word: str, progress: Callable[[str], None]) -> CheckResult:
+    case = load_case(_CASE_OF_REFERENCES)
+    with _spoiled_references(word):
+        try:
+            told, is_caught = f"NOT caught: {judge_case(case).verdict}", False
+        except InputError as error:
+            told, is_caught = f"exit 2: {error}", True
+    progress(f"{word}: {'caught' if is_caught else 'NOT caught'}")
+    return _trial(word, case, is_caught, told)
 
 
 def _tell(result: CaseResult) -> str:
@@ -133,12 +191,11 @@ def _tell(result: CaseResult) -> str:
     return f"caught by {named}{more}: {failed[0].message[:60]}"
 
 
-def _trial(fault: str, case: str, is_good: bool, message: str) -> CheckResult:
-    healthy = load_case(case)
+def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
     return CheckResult(
-        metric=f"{fault} on {case}",
+        metric=f"{fault} on {case.name}",
         against="self-test",
-        strain=healthy.strain,
+        strain=case.strain,
         value=None,
         limit=0.0,
         scale="-",

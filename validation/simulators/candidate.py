@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import Placed, place
@@ -23,7 +22,6 @@ from palpate.validation.exchange.result_files import (
 from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
-from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import OutsideSimulator, require_answers
 from palpate.validation.states import REFERENCE, OwnMesh, State, Trajectory
 
@@ -47,11 +45,11 @@ class Candidate:
     notes: tuple[str, ...] = field(default=())
 
 
-def fastsim_candidate(fault: Fault = Fault.NONE) -> Candidate:
-    """fastsim, with a seeded fault if asked."""
+def fastsim_candidate() -> Candidate:
+    """fastsim, which answers for both strain measures."""
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        answer = run_fastsim(problem, strain, progress, fault)
+        answer = run_fastsim(problem, strain, progress)
         return make_state(
             problem.mesh,
             answer.displacement,
@@ -64,20 +62,17 @@ def fastsim_candidate(fault: Fault = Fault.NONE) -> Candidate:
             tool_forces=answer.tool_forces,
         )
 
-    seeded = f"A fault is seeded into the candidate: {fault}."
-    return Candidate("fastsim", solve, True, () if fault is Fault.NONE else (seeded,))
+    return Candidate("fastsim", solve, has_both_strains=True)
 
 
-def candidate_for(command: str | None, time_limit: float, fault: Fault = Fault.NONE) -> Candidate:
+def candidate_for(command: str | None, time_limit: float) -> Candidate:
     """fastsim, or the program of a command line.
 
     Raises:
-        InputError: The command line cannot be used, or a fault is asked of another program.
+        InputError: The command line cannot be used.
     """
     if command is None:
-        return fastsim_candidate(fault)
-    if fault is not Fault.NONE:
-        raise InputError("--fault seeds fastsim; it does not go with --simulator")
+        return fastsim_candidate()
     return outside_candidate(OutsideSimulator(command, time_limit))
 
 
@@ -92,9 +87,14 @@ def outside_candidate(simulator: OutsideSimulator) -> Candidate:
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         answer = simulator.run(problem, strain, progress)
-        told = {"command": simulator.command}
-        state = placed_state(problem, answer.placed, name, strain, answer.seconds, told)
-        return with_motion(state, problem, answer.result, answer.placed)
+        return state_of_result(
+            answer.result,
+            problem,
+            name,
+            strain,
+            seconds=answer.seconds,
+            details={"command": simulator.command},
+        )
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
     return Candidate(name, solve, False, (note,))
@@ -107,12 +107,30 @@ def result_candidate(path: str | Path) -> Candidate:
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"reading {path}")
         result = read_result(path, most_bytes=room_for_answer(problem))
-        require_answers(result, problem, strain)
-        placed = place(result, problem)
-        state = placed_state(problem, placed, name, strain, 0.0, {})
-        return with_motion(state, problem, result, placed)
+        return state_of_result(result, problem, name, strain)
 
     return Candidate(name, solve, False, (f"Result: {Path(path).name}.",))
+
+
+def state_of_result(
+    result: ResultFile,
+    problem: Problem,
+    name: str,
+    strain: Strain,
+    *,
+    seconds: float = 0.0,
+    details: Mapping[str, object] | None = None,
+) -> State:
+    """What a simulator sent, as a state of the problem.
+
+    Raises:
+        ResultFileError: It answers another case, cannot be placed, or its times do not fit.
+        CandidateFailedError: NaN, or a body of quite another size.
+    """
+    require_answers(result, problem, strain)
+    placed = place(result, problem)
+    state = placed_state(problem, placed, name, strain, seconds, details or {})
+    return with_motion(state, problem, result, placed)
 
 
 def with_motion(state: State, problem: Problem, result: ResultFile, placed: Placed) -> State:

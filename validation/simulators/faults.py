@@ -23,66 +23,69 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 
+class CannotShowError(InputError):
+    """A fault of what a case or its answer has not; the message says where it shows."""
+
+
 class Fault(StrEnum):
-    """Faults that can be seeded into the candidate."""
+    """Faults that can be seeded into a candidate; each has its `meaning`."""
 
-    NONE = "none"
-    SOFTER = "softer"
-    SWAPPED_LAME = "swapped-lame"
-    WRONG_MASS = "wrong-mass"
-    NO_DAMPING = "no-damping"
-    DROPPED_LOAD = "dropped-load"
-    DROPPED_TOOL = "dropped-tool"
-    REVERSED_LOAD = "reversed-load"
-    MIRRORED = "mirrored"
-    MIRRORED_MESH = "mirrored-mesh"
-    LINEAR_INSTEAD_OF_GREEN = "linear-instead-of-green"
-    TRANSPOSED_GRADIENT = "transposed-gradient"
-    INVERTED_CELL = "inverted-cell"
-    UNIT_ERROR = "unit-error"
-    SHIFTED_NUMBERS = "shifted-numbers"
-    NAN = "nan"
+    meaning: str
 
+    NONE = "none", "nothing is spoiled"
+    SOFTER = "softer", "Young's modulus 2 % too small"
+    SWAPPED_LAME = "swapped-lame", "Lame's two parameters exchanged"
+    WRONG_MASS = "wrong-mass", "density 2 % too large, the weight as it was"
+    NO_DAMPING = "no-damping", "damping left out"
+    DROPPED_LOAD = "dropped-load", "the last load left out"
+    REVERSED_LOAD = "reversed-load", "every load the other way"
+    DROPPED_TOOL = "dropped-tool", "the last tool left out"
+    REVERSED_TOOL_FORCE = "reversed-tool-force", "the force on each tool the other way"
+    MIRRORED = "mirrored", "y of the answer has the wrong sign"
+    MIRRORED_MESH = "mirrored-mesh", "the body solved in the mirror"
+    LINEAR_INSTEAD_OF_GREEN = "linear-instead-of-green", "linear strain in place of Green's"
+    INVERTED_CELL = "inverted-cell", "one cell of the answer turned inside out"
+    INNER_NODES = "inner-nodes", "garbage between the points of the case"
+    UNIT_ERROR = "unit-error", "millimetres sent as metres"
+    SHIFTED_NUMBERS = "shifted-numbers", "points numbered one off"
+    LAST_STATE_REPEATED = "last-state-repeated", "the last state sent for every time"
+    EVERY_SECOND_STATE = "every-second-state", "every second state is the body at rest"
+    LATE = "late", "every state sent one output too late"
+    NAN = "nan", "not a number at one point"
 
-# What each does, a line.
-FAULTS = {
-    Fault.NONE: "healthy",
-    Fault.SOFTER: "Young's modulus 2 % lower",
-    Fault.SWAPPED_LAME: "Lame's two parameters exchanged",
-    Fault.WRONG_MASS: "inertia 2 % larger, weight as it was",
-    Fault.NO_DAMPING: "the damping of a motion left out",
-    Fault.DROPPED_LOAD: "the last load left out",
-    Fault.DROPPED_TOOL: "the last tool left out",
-    Fault.REVERSED_LOAD: "every load the other way",
-    Fault.MIRRORED: "the answer's y turned round",
-    Fault.MIRRORED_MESH: "solved on the mirror image of the body",
-    Fault.LINEAR_INSTEAD_OF_GREEN: "linear strain where Green strain is asked for",
-    Fault.TRANSPOSED_GRADIENT: "the displacement gradient of a motion transposed",
-    Fault.INVERTED_CELL: "one corner moved until a cell turns inside out",
-    Fault.UNIT_ERROR: "the answer in millimetres, said to be metres",
-    Fault.SHIFTED_NUMBERS: "the answer's rows moved on by one point",
-    Fault.NAN: "one number is none",
-}
+    def __new__(cls, value: str, meaning: str) -> Fault:
+        """A fault by its name, with one line on what it is."""
+        fault = str.__new__(cls, value)
+        fault._value_ = value
+        fault.meaning = meaning
+        return fault
+
 
 # They spoil what only a motion has.
-_OF_MOTION = (Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.TRANSPOSED_GRADIENT)
+OF_MOTION = (
+    Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.LAST_STATE_REPEATED, Fault.EVERY_SECOND_STATE,
+    Fault.LATE,
+)  # fmt: skip
+OF_TOOLS = (Fault.DROPPED_TOOL, Fault.REVERSED_TOOL_FORCE)
 
 
 def spoil_problem(problem: Problem, fault: Fault) -> Problem:
     """The problem as the faulty candidate understands it.
 
     Raises:
-        InputError: A fault of motion in a static problem, or of loads or tools where there are
-            none: nothing would be spoiled.
+        CannotShowError: A fault of motion in a static problem, or of loads or tools where there
+            are none: nothing would be spoiled.
     """
-    if fault in _OF_MOTION and problem.time is None:
-        raise InputError(
+    if fault in OF_MOTION and problem.time is None:
+        raise CannotShowError(
             f"fault {fault}: a case without [time] cannot show it; try block-motion or wave"
         )
     if fault in (Fault.DROPPED_LOAD, Fault.REVERSED_LOAD) and not problem.loads:
-        raise InputError(f"fault {fault}: a case without [[load]] cannot show it; try beam")
-    if fault is Fault.DROPPED_TOOL and not problem.tools:
-        raise InputError(f"fault {fault}: a case without [tool] cannot show it; try press or slide")
+        raise CannotShowError(f"fault {fault}: a case without [[load]] cannot show it; try beam")
+    if fault in OF_TOOLS and not problem.tools:
+        raise CannotShowError(
+            f"fault {fault}: a case without [tool] cannot show it; try press or slide"
+        )
     material = problem.material
     E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
     match fault:
@@ -137,28 +140,49 @@ def spoil_strain(strain: Strain, fault: Fault) -> Strain:
 def spoil_displacement(
     mesh: TetMesh, displacement: NDArray[np.float64], fault: Fault
 ) -> NDArray[np.float64]:
-    """The answer as the faulty candidate writes it; one state or many, (..., num_points, 3)."""
+    """The answer as the faulty candidate writes it, (num_times, num_points, 3)."""
+    spoiled = displacement.copy()
     match fault:
         case Fault.MIRRORED:
-            mirrored: NDArray[np.float64] = displacement * np.array([1.0, -1.0, 1.0])
-            return mirrored
+            spoiled[..., 1] *= -1.0
         case Fault.UNIT_ERROR:
-            return 1000.0 * displacement
+            spoiled *= 1000.0
         case Fault.SHIFTED_NUMBERS:
-            rolled: NDArray[np.float64] = np.roll(displacement, 1, axis=-2)
-            return rolled
+            spoiled = np.roll(displacement, 1, axis=-2)
         case Fault.NAN:
-            spoiled = displacement.copy()
             spoiled[..., displacement.shape[-2] // 2, 0] = np.nan
-            return spoiled
+        case Fault.LAST_STATE_REPEATED:
+            spoiled[:] = displacement[-1]
+        case Fault.EVERY_SECOND_STATE:
+            spoiled[1:-1:2] = 0.0
+        case Fault.LATE:
+            spoiled[1:] = displacement[:-1]
         case Fault.INVERTED_CELL:
-            spoiled = displacement.copy()
             cell = int(signed_volumes(mesh.points, mesh.cells).argmin())
             corner, *others = mesh.cells[cell]
             # A little beyond the opposite facet: that cell alone has to turn inside out.
             moved = (mesh.points + displacement)[..., others, :].mean(axis=-2)
             own = (mesh.points + displacement)[..., corner, :]
             spoiled[..., corner, :] += 1.05 * (moved - own)
-            return spoiled
         case _:
-            return displacement
+            pass
+    return spoiled
+
+
+def spoil_tool_forces(
+    forces: NDArray[np.float64] | None, fault: Fault
+) -> NDArray[np.float64] | None:
+    """The forces on the tools as the faulty candidate writes them."""
+    if forces is None:
+        return None
+    spoiled = forces.copy()
+    match fault:
+        case Fault.REVERSED_TOOL_FORCE:
+            spoiled *= -1.0
+        case Fault.LAST_STATE_REPEATED:
+            spoiled[:] = forces[:, -1:]
+        case Fault.LATE:
+            spoiled[:, 1:], spoiled[:, 0] = forces[:, :-1], 0.0
+        case _:
+            pass
+    return spoiled

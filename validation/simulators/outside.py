@@ -21,7 +21,6 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.exchange.case_folder import case_key, write_case_folder
-from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import (
     ResultFile,
     ResultFileError,
@@ -44,16 +43,12 @@ class OutsideAnswer:
     """What a program answered.
 
     Attributes:
-        placed: At the case's points.
         result: As it was read.
         seconds: Wall time of the program.
-        about: What it says of itself.
     """
 
-    placed: Placed
     result: ResultFile
     seconds: float
-    about: dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -102,8 +97,8 @@ class OutsideSimulator:
 
         Raises:
             CommandError: There is no such program.
-            ResultFileError: Its result cannot be read, or has the wrong count.
-            CandidateFailedError: It crashed, took too long, left no result, or answered NaN.
+            ResultFileError: Its result cannot be read.
+            CandidateFailedError: It crashed, took too long, or left no result.
         """
         with scratch_folder("simulator") as scratch:
             case = scratch / "case"
@@ -116,8 +111,7 @@ class OutsideSimulator:
             if not file.is_file():
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
             result = read_result(file, most_bytes=room_for_answer(problem))
-            require_answers(result, problem, strain)
-            return OutsideAnswer(place(result, problem), result, seconds, dict(result.about))
+            return OutsideAnswer(result, seconds)
 
     def _filled(self, case: Path, scratch: Path) -> tuple[list[str], Path]:
         suffix = next(m[2] or "npz" for m in _PLACE.finditer(self.command) if m[1] == "result")

@@ -17,11 +17,14 @@ from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import State
 
 
 def broken(fault: Fault, name: str = "block") -> set[str]:
-    result = judge_relations(load_case(name), fastsim_candidate(fault), lambda _line: None)
+    result = judge_relations(
+        load_case(name), with_fault(fastsim_candidate(), fault), lambda _line: None
+    )
     assert len(result.checks) == 7
     return {check.metric for check in result.checks if check.verdict != "passed"}
 

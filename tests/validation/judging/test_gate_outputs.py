@@ -19,6 +19,7 @@ from palpate.validation.judging.result_changes import describe_since, read_accep
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Verdict
 
 
@@ -29,7 +30,7 @@ def healthy() -> CaseResult:
 
 @pytest.fixture(scope="module")
 def softer() -> CaseResult:
-    return judge_case(load_case("block"), candidate=fastsim_candidate(Fault.SOFTER))
+    return judge_case(load_case("block"), candidate=with_fault(fastsim_candidate(), Fault.SOFTER))
 
 
 def accepted_file(folder: Path, result: CaseResult) -> Path:

@@ -21,6 +21,7 @@ from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import State, Verdict
 from palpate.validation.studies.csm3 import bar_body
 
@@ -28,7 +29,7 @@ STRETCH = builtin_folder() / "stretch.toml"
 
 
 def published(fault: Fault, name: str) -> Verdict:
-    result = judge_case(load_case(name), candidate=fastsim_candidate(fault))
+    result = judge_case(load_case(name), candidate=with_fault(fastsim_candidate(), fault))
     (check,) = (
         c
         for c in result.checks

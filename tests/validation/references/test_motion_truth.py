@@ -22,6 +22,7 @@ from palpate.validation.references.motions import assess_sequence, solve_motion_
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
 from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import State, Trajectory, Verdict
 
 SPEED = math.sqrt(0.3 / (1.3 * 0.4) + 1.0 / 1.3)  # of confined waves, E = 1, nu = 0.3, rho = 1
@@ -80,7 +81,7 @@ def test_the_numbers_of_the_wave_cases_are_the_closed_forms() -> None:
     ],
 )
 def test_faults_of_motion_are_seen_without_the_twin(name: str, fault: Fault, metric: str) -> None:
-    result = judge_case(load_case(name), candidate=fastsim_candidate(fault))
+    result = judge_case(load_case(name), candidate=with_fault(fastsim_candidate(), fault))
     failed = [c for c in result.checks if c.verdict is Verdict.FAILED and c.against != "same_mesh"]
     assert metric in {check.metric for check in failed}
 

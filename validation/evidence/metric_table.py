@@ -1,0 +1,177 @@
+"""Which metric sees which fault: every metric alone, on cases of each kind.
+
+A case is judged by one metric only, for each metric of the catalogue, and the candidate's answer
+is spoiled by every fault that can show there. A metric that no realistic fault turns red would be
+an ornament.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from palpate.meshes.errors import InputError
+from palpate.validation.case import Case, load_case
+from palpate.validation.case.schema import MOVING_TRUTH, OWN_METRICS, PUBLISHED_METRICS, CheckSpec
+from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.judging.judge import find_references
+from palpate.validation.judging.results import CheckResult
+from palpate.validation.metrics import CATALOGUE
+from palpate.validation.simulators import CandidateFailedError
+from palpate.validation.simulators.candidate import Candidate
+from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import on_own_mesh, with_fault
+from palpate.validation.states import State, Verdict
+
+# Kind of a case, the built-in one, and whether the answer comes on a mesh of its own.
+KINDS = (
+    ("statics", "block", False),
+    ("motion", "block-motion", False),
+    ("pressed tool", "press", False),
+    ("moving tool", "slide", False),
+    ("own mesh", "block", True),
+)
+# Cases whose published numbers are checked alone.
+PUBLISHED_CASES = (("statics", "stretch"), ("motion", "wave"))
+# Of the same equations on the same mesh; fits to a motion are as good as their samples.
+_SAME_MESH, _FITTED = 1e-6, 1e-3
+# Of a mesh cut in eight, against the truth: what bends easily is a third off on the case's own.
+_OWN_MESH = 0.35
+# Found when the answer is read, whatever is checked.
+_NOT_TELLING = (Fault.NONE, Fault.NAN)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One metric on one kind of case.
+
+    Attributes:
+        metric: Its name.
+        kind: Statics, motion, a tool, or an answer on a mesh of its own.
+        healthy: Verdict of the unspoiled answer with this metric alone.
+        seen: Faults that turn it red.
+        unseen: Faults that it lets pass.
+    """
+
+    metric: str
+    kind: str
+    healthy: Verdict
+    seen: tuple[Fault, ...]
+    unseen: tuple[Fault, ...]
+
+
+def metric_table(candidate: Candidate, progress: Callable[[str], None]) -> list[Row]:
+    """Every metric alone against every fault, on a case of each kind."""
+    rows: list[Row] = []
+    for kind, name, is_own in KINDS:
+        progress(f"metrics alone, {kind}: {name}")
+        given = on_own_mesh(candidate) if is_own else candidate
+        rows += _rows(kind, load_case(name), given, is_own=is_own)
+    for kind, name in PUBLISHED_CASES:
+        progress(f"metrics alone, published numbers: {name}")
+        rows += _published_rows(kind, load_case(name), candidate)
+    return rows
+
+
+def _rows(kind: str, case: Case, candidate: Candidate, *, is_own: bool) -> list[Row]:
+    specs = list(_specs(case, is_own=is_own))
+    return _judge(kind, case, candidate, specs)
+
+
+def _published_rows(kind: str, case: Case, candidate: Candidate) -> list[Row]:
+    own = [s for s in case.checks if s.metric in PUBLISHED_METRICS and s.against == "candidate"]
+    return _judge(kind, case, candidate, own[:1])
+
+
+def _judge(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[Row]:
+    judge = CaseJudge(case, find_references(case, live=False, progress=_quiet))
+    answers = {fault: _answer(case, candidate, fault) for fault in Fault if fault is not Fault.NAN}
+    rows = []
+    for spec in specs:
+        try:
+            judge.check(spec, answers[Fault.NONE][0])
+        except InputError:
+            continue  # the reference itself does not swing there
+        verdicts = {
+            fault: judge.check(spec, answer, failure).verdict
+            for fault, (answer, failure) in answers.items()
+            if answer is not None or failure
+        }
+        told = [fault for fault in verdicts if fault not in _NOT_TELLING]
+        seen = tuple(fault for fault in told if verdicts[fault] is Verdict.FAILED)
+        unseen = tuple(fault for fault in told if fault not in seen)
+        rows.append(Row(spec.metric, kind, verdicts[Fault.NONE], seen, unseen))
+    return rows
+
+
+def _answer(case: Case, candidate: Candidate, fault: Fault) -> tuple[State | None, str]:
+    """The spoiled answer; nothing where the fault cannot show, or its answer is refused."""
+    try:
+        return with_fault(candidate, fault).solve(case.problem, case.strain, _quiet), ""
+    except InputError:
+        return None, ""
+    except CandidateFailedError as error:
+        return None, str(error)
+
+
+def _specs(case: Case, *, is_own: bool) -> Iterator[CheckSpec]:
+    """Each metric that such a case can be asked for, alone."""
+    problem = case.problem
+    for metric in CATALOGUE.values():
+        if metric.name in PUBLISHED_METRICS:
+            continue
+        if (metric.needs_time and not problem.time) or (metric.needs_tools and not problem.tools):
+            continue
+        if metric.name in OWN_METRICS:
+            yield _spec(metric.name, "candidate", 0.0)
+        elif not is_own:
+            is_fitted = metric.needs_time and metric.name != "trajectory_l2"
+            yield _spec(metric.name, "same_mesh", _FITTED if is_fitted else _SAME_MESH)
+        elif not metric.needs_same_mesh and (not problem.time or metric.name in MOVING_TRUTH):
+            yield _spec(metric.name, "truth", _OWN_MESH)
+
+
+def _spec(metric: str, against: str, limit: float) -> CheckSpec:
+    return CheckSpec.model_validate(
+        {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
+    )
+
+
+def row_check(row: Row) -> CheckResult:
+    """A row as a trial: passed where a fault is seen and the healthy answer is not red."""
+    is_good = bool(row.seen) and row.healthy is not Verdict.FAILED
+    named = ", ".join(row.seen[:3]) or "nothing"
+    tried = len(row.seen) + len(row.unseen)
+    return CheckResult(
+        metric=f"{row.metric} alone, {row.kind}",
+        against="self-test",
+        strain=load_case(KINDS[0][1]).strain,
+        value=None,
+        limit=0.0,
+        scale="-",
+        unit="-",
+        reference_error=0.0,
+        verdict=Verdict.PASSED if is_good else Verdict.FAILED,
+        reason="each metric must be able to go red alone",
+        message=f"healthy: {row.healthy}; red with {len(row.seen)} of {tried}: {named}",
+    )
+
+
+def table_lines(rows: list[Row]) -> list[str]:
+    """The table metric by fault in fixed columns, with a legend."""
+    if not rows:
+        return []
+    faults = [fault for fault in Fault if fault not in _NOT_TELLING]
+    marks = [chr(ord("a") + place) for place in range(len(faults))]
+    width = max(len(f"{row.metric}, {row.kind}") for row in rows)
+    lines = ["Which metric alone sees which fault (x: red, .: let pass, blank: cannot show there):"]
+    lines += [f"  {m}  {fault}: {fault.meaning}" for m, fault in zip(marks, faults, strict=True)]
+    lines.append(" " * (width + 2) + " ".join(marks))
+    for row in rows:
+        cells = ["x" if f in row.seen else "." if f in row.unseen else " " for f in faults]
+        lines.append(f"{row.metric}, {row.kind}".ljust(width + 2) + " ".join(cells))
+    return lines
+
+
+def _quiet(_line: str) -> None:
+    """Solvers need not speak here."""
