@@ -86,6 +86,7 @@ def everything(folder: Path) -> dict[str, bytes]:
         "audit block.toml answer.npz --json answer.npz",
         "audit block.toml answer.npz --cells body.vtu",
         "audit block.toml answer.npz --cells x.vtu --json ./x.vtu",
+        "audit block.toml answer.npz --cells x.npz",
         "mesh organ.msh -o organ.msh",
         "export block.toml -o .",
         "export block.toml -o mysim.py",
@@ -160,3 +161,12 @@ def test_two_cases_of_one_name_are_refused(palpate: Run, project: Path) -> None:
         assert "case 'block' is given by block.toml and sub/block.toml" in told
         code, told = palpate(*verb, "block.toml", "block.toml")
         assert (code, "twice" in told) == (2, True)
+
+
+def test_a_case_called_index_does_not_take_the_first_page_of_a_report(
+    palpate: Run, project: Path
+) -> None:
+    (project / "index.toml").write_bytes((project / "block.toml").read_bytes())
+    code, told = palpate("report", "block.toml", "index.toml", "-o", "out")
+    assert (code, "rename case 'index'" in told) == (2, True), told
+    assert not (project / "out").exists()

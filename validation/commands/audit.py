@@ -44,7 +44,7 @@ def audit(
 ) -> None:
     """Measure a result against the equations it should satisfy, without solving them."""
     from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.meshes.files import write_mesh
+    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.reference.child import run_task
     from palpate.reference.result import Audit
     from palpate.reference.tasks import AuditTask
@@ -55,6 +55,8 @@ def audit(
 
     if limit is not None and not 0.0 < limit < math.inf:
         raise InputError(f"--limit {limit:g}: needs a finite value above 0")
+    if cells is not None and cells.suffix.lower() not in MESH_SUFFIXES:
+        raise InputError(f"--cells {cells}: unknown kind; name a file with {MESH_SUFFIXES[-1]}")
     loaded = load_case(case)
     require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
     used, progress = strain or loaded.strain, progress_lines()
