@@ -116,8 +116,8 @@ def test_a_kill_leaves_nothing_running(tmp_path: Path, killed: str) -> None:
         "with supervised([sys.executable, *sys.argv[2:]]) as process:\n"
         "    print(process.pid, flush=True)\n"
         "    if sys.argv[1] == 'caller that forked' and os.fork() == 0:\n"
-        "        time.sleep(2)\n"  # holds every pipe of its parent
-        "        os._exit(0)\n"
+        "        open(sys.argv[4] + '.forked', 'w').write(str(os.getpid()))\n"
+        "        time.sleep(600)\n"  # and holds every pipe of its parent
         "    time.sleep(600)\n"
     )
     # Killed itself, the supervisor takes the program along, and nothing else can be promised.
@@ -133,5 +133,7 @@ def test_a_kill_leaves_nothing_running(tmp_path: Path, killed: str) -> None:
         assert all(map(is_running, [*numbers, supervisor]))
         os.kill(supervisor if killed == "supervisor" else process.pid, signal.SIGKILL)
         wait_for_the_end_of([*numbers, supervisor])
+        if killed == "caller that forked":
+            os.kill(int((tmp_path / "family.forked").read_text()), signal.SIGKILL)
         with contextlib.suppress(ProcessLookupError):
             process.kill()

@@ -76,6 +76,17 @@ def test_what_is_in_use_or_somebody_elses_is_not_swept(parent: Path) -> None:
         assert all(path.exists() for path in (living, locked, linked, other, thesis))
 
 
+def test_what_another_user_left_is_not_swept(
+    parent: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = parent / f"palpate-simulator-{dead_process()}-01234567"
+    left.mkdir()
+    me = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: me + 1)
+    with scratch_folder("gmsh"):
+        assert left.exists()
+
+
 def test_the_text_of_an_error_is_kept_for_a_week(parent: Path) -> None:
     old, new, mine = (parent / f"palpate-error-{name}" for name in ("a1.txt", "b2.txt", "c.md"))
     for path in (old, new, mine):
