@@ -76,9 +76,7 @@ def test_what_is_in_use_or_somebody_elses_is_not_swept(parent: Path) -> None:
         assert all(path.exists() for path in (living, locked, linked, other, thesis))
 
 
-def test_what_another_user_left_is_not_swept(
-    parent: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_another_user_left_is_not_swept(parent: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = parent / f"palpate-simulator-{dead_process()}-01234567"
     left.mkdir()
     me = os.getuid()

@@ -322,3 +322,19 @@ def test_a_run_killed_in_the_swap_loses_nothing(tmp_path: Path) -> None:
     (kept,) = (path for path in tmp_path.iterdir() if path != out)
     assert kept.name.startswith("out-")
     assert sorted(path.name for path in kept.iterdir()) == [MARKER, "late.txt"]
+
+
+def test_a_file_that_is_edited_while_the_run_is_made_is_not_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write_run(out, "old")
+
+    def run_and_edit() -> None:
+        with run_folder(out) as fresh:
+            (fresh / "a.txt").write_text("new")
+            (out / "a.txt").write_text("my remarks")
+
+    with pytest.raises(InputError, match=r"so it is in .*out-.*changed since \(a\.txt\)"):
+        run_and_edit()
+    assert (out / "a.txt").read_text() == "my remarks"
+    (beside,) = (path for path in tmp_path.iterdir() if path != out)
+    assert contents(beside) == {"new"}
