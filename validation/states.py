@@ -68,12 +68,16 @@ class State:
         displacement: [m], shape (num_points, 3), at the points of the case's mesh.
         volume: Deformed volume [m3].
         surface_area: Deformed area of the boundary [m2].
-        smallest_det_f: [-].
-        max_displacement: Largest displacement of a point [m].
+        smallest_det_f: Of `displacement` [-].
+        max_displacement: Largest displacement of a point in `displacement` [m].
         seconds: Time the solve took; 0 when stored.
         details: Iterations, residuals: told to people, never judged.
         trajectory: In dynamic cases, at the case's output times; `displacement` is its last state.
-        sent: In dynamic cases of an outside simulator, every state it sent, at its own times.
+        sent: In dynamic cases of an outside simulator, every state it sent from the start to the
+            end, at its own times; where it sent none at the end, the last one is read there.
+        other_reading: Where not all of the output times were sent: the same motion read between
+            the states that were in another way, at the points of the case's mesh; how far apart
+            the two are is what the reading may be off.
         own: Where the candidate answered on a mesh of its own: that mesh, at the times of `sent`.
         tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
             (num_tools, num_outputs, 3), means from output to output.
@@ -94,6 +98,7 @@ class State:
     details: Mapping[str, Any] = field(default_factory=dict)
     trajectory: Trajectory | None = None
     sent: Trajectory | None = None
+    other_reading: State | None = None
     own: OwnMesh | None = None
     tool_forces: NDArray[np.float64] | None = None
     versions: Mapping[str, str] = field(default_factory=dict)

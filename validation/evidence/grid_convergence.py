@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
 
+from palpate.validation.metrics.finite import largest
+
 SAFETY_FACTOR = 1.25
 # Celik et al. ask for a ratio above 1.3; below, noise drowns the order.
 SMALLEST_RATIO = 1.3
@@ -108,7 +110,7 @@ def assess_grid_convergence(
         behaviour=Convergence.MONOTONE if is_believable else Convergence.ORDER_OUT_OF_RANGE,
         order=order,
         extrapolated=extrapolated,
-        error_bar=max(bar_fine, noise) if is_believable else None,
+        error_bar=largest((bar_fine, noise)) if is_believable else None,
         index_fine=index_fine,
         index_coarse=index_coarse,
         asymptotic_ratio=(

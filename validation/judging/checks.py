@@ -9,7 +9,7 @@ from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import CATALOGUE, end_shape, inverted_cells, measure
+from palpate.validation.metrics import CATALOGUE, measure, most_inverted, smallest_det_f
 from palpate.validation.states import State, Verdict
 
 
@@ -64,21 +64,24 @@ def judge_check(
             verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
         else:
             compared = compare_published(spec, problem, reference, units)
-            value, bar = _number(compared.error), bar * compared.share
+            value, bar = _number(compared.error), bar * compared.share + compared.uncertainty
             verdict = decide(compared.error, bar, spec.limit)
             message = f"reference {compared.message}" + (f" (+- {bar:.2g})" if bar else "")
     elif candidate is None:
         verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
     elif spec.metric == "smallest_det_f":
-        value, scale, bar = candidate.smallest_det_f, "none", 0.0
-        is_good = math.isfinite(value) and value > spec.limit
+        least = smallest_det_f(problem.mesh, candidate)
+        value, scale, bar = _number(least.value), "none", 0.0
+        is_good = math.isfinite(least.value) and least.value > spec.limit
         verdict = Verdict.PASSED if is_good else Verdict.FAILED
-        message = f"smallest det F {value:.4g} {'>' if is_good else 'not >'} {spec.limit:g}"
+        sign = ">" if is_good else "not >"
+        message = f"smallest det F {least.value:.4g}{least.when} {sign} {spec.limit:g}"
     elif spec.metric == "inverted_cells":
-        count = inverted_cells(*end_shape(problem.mesh, candidate))
-        value, scale, bar = float(count), "none", 0.0
-        verdict = Verdict.PASSED if count <= spec.limit else Verdict.FAILED
-        message = f"{count} inverted cell(s), at most {spec.limit:g}"
+        most = most_inverted(problem.mesh, candidate)
+        value, scale, bar = most.value, "none", 0.0
+        verdict = Verdict.PASSED if most.value <= spec.limit else Verdict.FAILED
+        when = most.when if most.value else ""
+        message = f"{most.value:.0f} inverted cell(s){when}, at most {spec.limit:g}"
     elif spec.metric in PUBLISHED_METRICS:
         compared = compare_published(spec, problem, candidate, units)
         value, scale = _number(compared.error), "the number expected"
@@ -95,6 +98,7 @@ def judge_check(
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
         shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
         message = f"{shown} {sign} {spec.limit:g}"
+        message += f"; {difference.remark}" if difference.remark else ""
     return CheckResult(
         metric=spec.metric,
         against=spec.against,

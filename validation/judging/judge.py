@@ -23,6 +23,7 @@ from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
+from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
 from palpate.validation.references.stored import load_stored, problem_key, references_folder
@@ -71,11 +72,17 @@ def judge_case(
     failures: dict[Strain, str] = {}
     for strain in Strain if judged.has_both_strains else (case.strain,):
         try:
-            candidates[strain] = judged.solve(problem, strain, progress)
+            answer = judged.solve(problem, strain, progress)
         except CandidateFailedError as error:
             failures[strain] = case.spec.units.told(str(error))
             continue
-        notes.extend(candidates[strain].remarks)
+        notes.extend(answer.remarks)
+        unmeasurable = unmeasurable_state(answer)
+        impossible = unmeasurable or state_out_of_reach(problem, answer)
+        if impossible:
+            failures[strain] = impossible
+        if not unmeasurable:
+            candidates[strain] = answer
 
     judge = CaseJudge(case, references)
     checks = [
@@ -129,7 +136,8 @@ def _judged(
     if not _is_answered(spec, judge.case, candidate):
         why = f"{candidate.name} is asked for {judge.case.strain} strain only"
         return skipped_check(spec, strain, why)
-    found = judge.check(spec, answer, failures.get(strain, ""))
+    has_failed = strain in failures
+    found = judge.check(spec, None if has_failed else answer, failures.get(strain, ""))
     if not judge.is_vacuous(spec):
         return found
     is_of_truth = found.against == "truth" and found.metric in PUBLISHED_METRICS

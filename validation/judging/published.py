@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from palpate.meshes.problem import Problem
 from palpate.validation.case.regions import point_at
 from palpate.validation.case.schema import PUBLISHED, CheckSpec
 from palpate.validation.case.units import Units
+from palpate.validation.metrics.sampling import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
 from palpate.validation.states import State
 
@@ -31,8 +33,8 @@ class Comparison:
         error: Relative to the number expected [-]; infinite where there is none to be had.
         message: One line on it.
         share: What errors of `metric_of_bar` are divided by, over the number expected [-].
-        uncertainty: Of what was fitted, relative to the number expected [-]; 0 of what is read,
-            and of a truth, whose bars hold it.
+        uncertainty: Of what was fitted, or read between states, relative to the number expected
+            [-]; 0 of a truth, whose bars hold it; infinite where the states tell nothing of it.
     """
 
     error: float
@@ -56,14 +58,18 @@ def compare_published(
     assert spec.at is not None
     point = point_at(problem.mesh, spec.at, used, "check")
     axis = "xyz".index(spec.component)
+    metre = used.metres(1.0)
     if spec.quantity is None:
-        found = float(state.displacement[point, axis]) / used.metres(1.0)
+        found = float(state.displacement[point, axis]) / metre
+        other = state.other_reading
+        off = 0.0 if other is None else abs(found - float(other.displacement[point, axis]) / metre)
         # No component at a point is farther off than the largest error of displacement.
-        return _compare(spec, found, used.length, state.max_displacement / used.metres(1.0))
+        return _compare(spec, found, used.length, state.max_displacement / metre, off)
+    motion = state.sent or state.trajectory
     try:
-        if state.trajectory is None:
+        if motion is None:
             raise InputError("there is no trajectory")
-        series = state.trajectory.times, state.trajectory.displacements[:, point, axis]
+        series = motion.times, motion.displacements[:, point, axis]
         swing = fit_oscillation(*series)
     except InputError as why:
         return Comparison(math.inf, f"no {spec.quantity} to be had: {why}")
@@ -71,20 +77,29 @@ def compare_published(
     off = 0.0
     if spec.against == "candidate":
         off = float(getattr(fit_uncertainty(*series, swing), spec.quantity))
-    if spec.quantity in _LENGTHS:
-        metre = used.metres(1.0)
-        return _compare(spec, found / metre, used.length, swing.amplitude / metre, off)
-    unit = "Hz" if spec.quantity == "frequency" else "1/s"
-    return _compare(spec, found, unit, swing.frequency, off)
+    is_frequency = spec.quantity == "frequency"
+    wanted = abs(spec.expected or 0.0) if is_frequency else swing.frequency
+    why_not = too_coarse(motion, wanted)
+    scale = swing.amplitude / metre if spec.quantity in _LENGTHS else swing.frequency
+    unit = used.length if spec.quantity in _LENGTHS else "Hz" if is_frequency else "1/s"
+    found = found / metre if spec.quantity in _LENGTHS else found
+    compared = _compare(spec, found, unit, scale, off * scale)
+    if not why_not and compared.error <= spec.limit:
+        # What is wrong at any frequency is wrong; what is right may be an alias's.
+        why_not = may_be_alias(problem, state.strain, motion)
+    if not why_not:
+        return compared
+    message = f"{compared.message}; {why_not}"
+    return dataclasses.replace(compared, message=message, uncertainty=math.inf)
 
 
 def _compare(
     spec: CheckSpec, found: float, unit: str, scale: float, uncertainty: float = 0.0
 ) -> Comparison:
-    """The scale is that of the metric's bar and of the uncertainty, in the unit."""
+    """The scale is that of the metric's bar; it and the uncertainty are in the unit."""
     assert spec.expected is not None
     size = abs(spec.expected)
     error = abs(found - spec.expected) / size
     shown = f"{found:.8g} {unit}, expected {spec.expected:.8g}: {error:.2g}"
     message = f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"
-    return Comparison(error, message, scale / size, uncertainty * scale / size)
+    return Comparison(error, message, scale / size, uncertainty / size)

@@ -1,7 +1,7 @@
 """How far apart two solutions are: each metric with its unit, its scale and its meaning."""
 
 from palpate.validation.metrics.catalogue import CATALOGUE, MOVING_TRUTH_METRICS, Metric, measure
-from palpate.validation.metrics.fields import det_f, end_shape, inverted_cells
+from palpate.validation.metrics.fields import det_f, inverted_cells, most_inverted, smallest_det_f
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
     SMALLEST_CHANGE,
@@ -25,12 +25,13 @@ __all__ = [
     "det_f",
     "displacement_l2",
     "displacement_max",
-    "end_shape",
     "inverted_cells",
     "l2_norm",
     "make_state",
     "max_displacement",
     "measure",
+    "most_inverted",
+    "smallest_det_f",
     "surface_area",
     "volume",
 ]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.metrics import fields, motion, pairs, surfaces
+from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.states import State
 
@@ -28,6 +34,8 @@ class Metric:
             read at the points does not carry it.
         needs_time: For cases with [time] only.
         needs_tools: Of cases with tools only.
+        looks_at: Which states of a motion.
+        reads_own_samples: Of the states as they were sent, not as they are read between them.
     """
 
     name: str
@@ -38,6 +46,8 @@ class Metric:
     needs_same_mesh: bool = False
     needs_tools: bool = False
     needs_time: bool = False
+    looks_at: str = "the last output"
+    reads_own_samples: bool = False
 
 
 def _of_mesh(name: str) -> Compare:
@@ -46,7 +56,9 @@ def _of_mesh(name: str) -> Compare:
 
 
 def _of_oscillation(name: str) -> Compare:
-    return lambda _problem, candidate, reference: motion.oscillation(name, candidate, reference)
+    return lambda problem, candidate, reference: motion.oscillation(
+        name, problem, candidate, reference
+    )
 
 
 _LARGEST = "largest displacement of the reference"
@@ -131,6 +143,7 @@ CATALOGUE = {
             fields.tool_force,
             needs_same_mesh=True,
             needs_tools=True,
+            looks_at="all outputs: means from one to the next",
         ),
         Metric(
             "strain_energy",
@@ -145,6 +158,7 @@ CATALOGUE = {
             "largest L2 norm of the reference's displacement over time",
             motion.trajectory_l2,
             needs_time=True,
+            looks_at="all outputs",
         ),
         *(
             Metric(
@@ -153,10 +167,18 @@ CATALOGUE = {
                 "the reference's (phase: one period; damping: its frequency; mean: its amplitude)",
                 _of_oscillation(name),
                 needs_time=True,
+                looks_at="every state that was sent",
+                reads_own_samples=True,
             )
             for name in motion.OSCILLATION
         ),
-        Metric("smallest_det_f", "smallest volume ratio of a cell", "none", None),
+        Metric(
+            "smallest_det_f",
+            "smallest volume ratio of a cell",
+            "none",
+            None,
+            looks_at="every state that was sent",
+        ),
         Metric(
             "published_displacement",
             "error of a point's displacement against a closed form or a published number",
@@ -169,8 +191,16 @@ CATALOGUE = {
             "the number expected",
             None,
             needs_time=True,
+            looks_at="every state that was sent",
         ),
-        Metric("inverted_cells", "cells turned inside out", "none", None, unit="cells"),
+        Metric(
+            "inverted_cells",
+            "cells turned inside out",
+            "none",
+            None,
+            unit="cells",
+            looks_at="every state that was sent",
+        ),
     )
 }
 
@@ -192,4 +222,20 @@ def measure(name: str, problem: Problem, candidate: State, reference: State) -> 
     metric = CATALOGUE.get(name)
     if metric is None or metric.compare is None:
         raise InputError(f"no metric {name!r} between two states")
-    return metric.compare(problem, candidate, reference)
+    if not are_measurable(*_numbers_of(candidate)):
+        return Difference(math.inf, math.nan, metric.scale)
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = metric.compare(problem, candidate, reference)
+        other = candidate.other_reading
+        if other is None or metric.reads_own_samples:
+            return found
+        apart = metric.compare(problem, candidate, other)
+        off = apart.value * apart.scale / found.scale if apart.value else 0.0
+    return dataclasses.replace(found, uncertainty=found.uncertainty + off)
+
+
+def _numbers_of(state: State) -> list[NDArray[np.float64]]:
+    """Everything that a metric may look at."""
+    motions = [motion for motion in (state.trajectory, state.sent) if motion is not None]
+    own = [] if state.own is None else [state.own.displacements]
+    return [state.displacement, *(motion.displacements for motion in motions), *own]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from palpate.validation.metrics.elasticity import (
     strain_energy,
     support_reactions,
 )
+from palpate.validation.metrics.finite import measurable_rows, smallest
 from palpate.validation.metrics.pairs import SMALLEST_CHANGE, Difference, ratio
 from palpate.validation.states import State
 
@@ -73,21 +76,62 @@ def tool_force(problem: Problem, candidate: State, reference: State) -> Differen
 
 
 def det_f(mesh: TetMesh, displacement: Points) -> Points:
-    """Volume ratio of each cell [-], (num_cells,)."""
+    """Volume ratio of each cell [-], (num_cells,); NaN where a corner cannot be measured."""
     rest = signed_volumes(mesh.points, mesh.cells)
-    moved: Points = signed_volumes(mesh.points + displacement, mesh.cells) / rest
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved: Points = signed_volumes(mesh.points + displacement, mesh.cells) / rest
+    moved[~measurable_rows(displacement)[mesh.cells].all(axis=1)] = math.nan
     return moved
 
 
-def end_shape(mesh: TetMesh, state: State) -> tuple[TetMesh, Points]:
-    """The mesh that a state was given on, its own or else this one, and its displacement [m]."""
+@dataclass(frozen=True)
+class Worst:
+    """A count or a ratio of the worst of all states that were given, and its time [s]."""
+
+    value: float
+    time: float | None = None
+
+    @property
+    def when(self) -> str:
+        """Where in time, for people; "" in statics."""
+        return "" if self.time is None else f" at {self.time:.4g} s"
+
+
+def shapes(mesh: TetMesh, state: State) -> Iterator[tuple[float | None, TetMesh, Points]]:
+    """Every state that was given, not the compared ones alone: its time, mesh and displacement.
+
+    On the mesh it was given on: the candidate's own, or else the case's.
+    """
+    motion = state.sent or state.trajectory
     own = state.own
-    return (mesh, state.displacement) if own is None else (own.mesh, own.displacements[-1])
+    where = mesh if own is None else own.mesh
+    if motion is None:
+        yield None, where, state.displacement if own is None else own.displacements[-1]
+        return
+    displacements = motion.displacements if own is None else own.displacements
+    for time, displacement in zip(motion.times, displacements, strict=True):
+        yield float(time), where, displacement
 
 
 def inverted_cells(mesh: TetMesh, displacement: Points) -> int:
-    """Cells whose det F is not above 0."""
+    """Cells whose det F is not above 0, or no number."""
     return int((~(det_f(mesh, displacement) > 0.0)).sum())
+
+
+def most_inverted(mesh: TetMesh, state: State) -> Worst:
+    """Most cells turned inside out in any state that was given."""
+    return max(
+        (Worst(inverted_cells(where, u), time) for time, where, u in shapes(mesh, state)),
+        key=lambda worst: worst.value,
+    )
+
+
+def smallest_det_f(mesh: TetMesh, state: State) -> Worst:
+    """Smallest volume ratio of a cell in any state; minus infinity where one is no number."""
+    return min(
+        (Worst(smallest(det_f(where, u)), time) for time, where, u in shapes(mesh, state)),
+        key=lambda worst: worst.value,
+    )
 
 
 def energy(problem: Problem, candidate: State, reference: State) -> Difference:

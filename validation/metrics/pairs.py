@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.states import State, Trajectory
 
 # Where the reference hardly changes volume or area, errors are scaled by this part of the rest
@@ -21,21 +22,30 @@ SMALLEST_CHANGE = 1e-3
 
 @dataclass(frozen=True)
 class Difference:
-    """A relative error with the scale it was divided by.
+    """A relative error with the scale it was divided by; it never holds NaN.
 
     Attributes:
-        value: The error over the scale [-].
+        value: The error over the scale [-]; infinite where it, or the scale, is no number.
         scale: In the metric's unit.
         scale_name: For people.
         uncertainty: What the comparison itself may be off by, over the scale [-]: added to the
-            reference's error bar. Above 0 on a candidate's own mesh only, where the reference
-            has to be read between its points.
+            reference's error bar. Above 0 where something has to be read between what was
+            given, in space or in time; infinite where the comparison tells nothing.
+        remark: Why it is uncertain, for people; "" where that goes without saying.
     """
 
     value: float
     scale: float
     scale_name: str
     uncertainty: float = 0.0
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        # Checked where a number is made: a NaN would be passed over by max, min and "<".
+        if not (math.isfinite(self.value) and math.isfinite(self.scale)):
+            object.__setattr__(self, "value", math.inf)
+        if not self.uncertainty >= 0.0:
+            object.__setattr__(self, "uncertainty", math.inf)
 
 
 def l2_norm(mesh: TetMesh, displacement: Points) -> float:
@@ -122,22 +132,30 @@ def make_state(
     versions: Mapping[str, str] | None = None,
     remarks: tuple[str, ...] = (),
 ) -> State:
-    """Measure a linear displacement field: volume, area, smallest det F by geometry alone."""
-    moved = mesh.points + displacement
-    volumes = signed_volumes(moved, mesh.cells)
-    rest = signed_volumes(mesh.points, mesh.cells)
-    corners = moved[mesh.boundary_facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    """Measure a linear displacement field: volume, area, smallest det F by geometry alone.
+
+    What cannot be measured (NaN, or numbers too large for it) is infinite, det F minus infinity:
+    no comparison with it passes.
+    """
+    is_good = are_measurable(displacement)
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = mesh.points + displacement
+        volumes = signed_volumes(moved, mesh.cells)
+        rest = signed_volumes(mesh.points, mesh.cells)
+        corners = moved[mesh.boundary_facets]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = 0.5 * np.linalg.norm(normals, axis=1).sum()
+        lengths = np.linalg.norm(displacement, axis=1)
     return State(
         label=label,
         simulator=simulator,
         strain=strain,
         degree=degree,
         displacement=displacement,
-        volume=float(volumes.sum()),
-        surface_area=float(0.5 * np.linalg.norm(normals, axis=1).sum()),
-        smallest_det_f=float((volumes / rest).min()),
-        max_displacement=float(np.linalg.norm(displacement, axis=1).max()),
+        volume=float(volumes.sum()) if is_good else math.inf,
+        surface_area=float(area) if is_good else math.inf,
+        smallest_det_f=float((volumes / rest).min()) if is_good else -math.inf,
+        max_displacement=float(lengths.max()) if is_good else math.inf,
         seconds=seconds,
         details=details or {},
         trajectory=trajectory,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
+from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.pairs import Difference, ratio
 from palpate.validation.states import State
 
@@ -26,7 +27,7 @@ def surface_distances(
 
     Both are the larger (mean: the average) of the two directions; the mean is by facet area.
     """
-    hausdorff, means = 0.0, []
+    farthest, means = [], []
     pairs = (
         (points, facets, other_points, other_facets),
         (other_points, other_facets, points, facets),
@@ -39,7 +40,7 @@ def surface_distances(
         )
         places, index = np.unique(samples.reshape(-1, 3), axis=0, return_inverse=True)
         distances = distances_to_surface(places, to_points, to_facets)
-        hausdorff = max(hausdorff, float(distances.max()))
+        farthest.append(largest(distances))
         by_facet = distances[index.reshape(samples.shape[:2])]
         areas = np.linalg.norm(
             np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -47,7 +48,7 @@ def surface_distances(
         # Corners 1/20 each, midpoints 2/15, centroid 9/20: exact for cubics on a triangle.
         weights = np.array([0.05] * 3 + [2.0 / 15.0] * 3 + [0.45])
         means.append(float(areas @ (by_facet @ weights) / areas.sum()))
-    return hausdorff, sum(means) / 2.0
+    return largest(farthest), sum(means) / 2.0
 
 
 def distances_to_surface(places: Points, points: Points, facets: Indices) -> Array:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.meshes.errors import InputError
+from palpate.validation.metrics.finite import are_measurable, largest
 
 Array = NDArray[np.float64]
 # Less than this many periods do not tell frequency from damping.
@@ -21,6 +22,10 @@ FEWEST_PERIODS = 1.5
 _FEWEST_SAMPLES = 12
 _SHIFTS = 12
 _WINDOWS = 8
+# Frequencies on the grid of a first guess; more of them cost more than they tell.
+_MOST_FREQUENCIES = 1200
+_SLOWEST = 24
+_PEAKS = 5
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,7 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
     x = np.asarray(values, dtype=np.float64)
     if t.shape != x.shape or t.ndim != 1 or len(t) < _FEWEST_SAMPLES:
         raise InputError(f"an oscillation needs {_FEWEST_SAMPLES} samples; got {x.shape}")
-    if not (np.isfinite(t).all() and np.isfinite(x).all() and (np.diff(t) > 0.0).all()):
+    if not (are_measurable(t, x) and (np.diff(t) > 0.0).all()):
         raise InputError("an oscillation needs finite values at increasing times")
     spread = float(np.sqrt(np.mean((x - x.mean()) ** 2)))
     if spread <= 1e-12 * float(np.abs(x).max()):
@@ -131,7 +136,7 @@ def fit_uncertainty(
         errors.append(oscillation_error(again, fitted, duration))
     return OscillationError(
         **{
-            field.name: max(getattr(error, field.name) for error in errors)
+            field.name: largest(getattr(error, field.name) for error in errors)
             for field in fields(OscillationError)
         }
     )
@@ -212,12 +217,25 @@ def _misfit(t: Array, x: Array, w: float, g: float) -> Array:
 
 
 def _first_guess(t: Array, x: Array) -> tuple[float, float]:
-    """Angular frequency [rad/s] and decay rate [1/s] of the best fit on a grid."""
+    """Angular frequency [rad/s] and decay rate [1/s] of the best fit on a grid.
+
+    The grid ends where the samples tell nothing more (Nyquist). Of long series it has the slowest
+    frequencies and those around the peaks of the spectrum.
+    """
     span = float(t[-1])
-    highest = math.pi * (len(t) - 1) / span
-    grid = np.arange(math.pi / span, highest, 0.5 * math.pi / span)
+    step = 0.5 * math.pi / span
+    numbers = np.arange(2, 2 * (len(t) - 1))
+    if len(numbers) > _MOST_FREQUENCIES:
+        even = np.interp(np.linspace(0.0, span, len(t)), t, x - x.mean())
+        # The spectrum's lines are a turn over the series apart, four steps of the grid.
+        peaks = 4 * np.argsort(np.abs(np.fft.rfft(even)))[-_PEAKS:]
+        around = (peaks[:, None] + np.arange(-4, 5)).ravel()
+        wanted = np.union1d(np.arange(2, _SLOWEST), around)
+        numbers = wanted[(wanted >= 2) & (wanted < 2 * (len(t) - 1))]
     rates = np.array([0.0, 1.0, 3.0, 6.0]) / span
     left = [
-        (float(np.sum(_misfit(t, x, w, g) ** 2)), float(w), float(g)) for w in grid for g in rates
+        (float(np.sum(_misfit(t, x, w, g) ** 2)), float(w), float(g))
+        for w in step * numbers
+        for g in rates
     ]
     return min(left)[1:]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import Placed, place
@@ -19,6 +20,7 @@ from palpate.validation.exchange.result_files import (
     read_result,
     room_for_answer,
 )
+from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
@@ -134,7 +136,7 @@ def state_of_result(
 
 
 def with_motion(state: State, problem: Problem, result: ResultFile, placed: Placed) -> State:
-    """A dynamic case's trajectory at its output times: interpolated, never extrapolated.
+    """A dynamic case's trajectory at its output times: the states sent, or read between them.
 
     Raises:
         ResultFileError: No times, or they do not cover the case's.
@@ -148,31 +150,80 @@ def with_motion(state: State, problem: Problem, result: ResultFile, placed: Plac
     wanted = np.linspace(0.0, span.end_time, span.num_outputs + 1)
     given = result.times
     slack = 1e-9 * span.end_time
-    if given is None or given[0] > slack or given[-1] < span.end_time - slack:
+    if given is None or abs(given[0]) > slack or given[-1] < span.end_time - slack:
         raise ResultFileError(
             result.path,
             f"needs `times` from 0 to {span.end_time:g} s, (num_times,), with their displacement",
         )
-    after = np.clip(np.searchsorted(given, wanted), 1, max(len(given) - 1, 1))
-    share = np.clip((wanted - given[after - 1]) / (given[after] - given[after - 1]), 0.0, 1.0)
-    fields = placed.displacement
-    states = fields[after - 1] + share[:, None, None] * (fields[after] - fields[after - 1])
-    last = make_state(
+    read = read_at(given, placed.displacement, wanted, slack=slack)
+    states = [_moved(state, problem, wanted, motion) for motion in (read.states, read.others)]
+    if state.own is not None:
+        sent_there = state.own.displacements
+        end = read_at(given, sent_there, wanted[-1:], slack=slack)
+        for k, last in enumerate((end.states, end.others)):
+            there = _to_the_end(given, sent_there, last, wanted[-1], slack)
+            own = OwnMesh(state.own.mesh, there.displacements)
+            states[k] = on_own_mesh(states[k], problem.mesh, own)
+    return dataclasses.replace(
+        states[0],
+        sent=_to_the_end(given, placed.displacement, read.states[-1:], wanted[-1], slack),
+        other_reading=None if read.were_sent.all() else states[1],
+        remarks=(*state.remarks, *_told_of_times(given, read, span.end_time + slack)),
+    )
+
+
+def _moved(
+    state: State, problem: Problem, times: Points, displacements: NDArray[np.float64]
+) -> State:
+    """The same answer with this motion at the points of the case's mesh."""
+    return make_state(
         problem.mesh,
-        states[-1],
+        displacements[-1],
         label=state.label,
         simulator=state.simulator,
         strain=state.strain,
         seconds=state.seconds,
         details=state.details,
         tool_forces=state.tool_forces,
-        remarks=state.remarks,
+        trajectory=Trajectory(times, displacements),
     )
-    if state.own is not None:
-        last = on_own_mesh(last, problem.mesh, state.own)
-    return dataclasses.replace(
-        last, trajectory=Trajectory(wanted, states), sent=Trajectory(given, fields)
-    )
+
+
+def _to_the_end(
+    times: Points,
+    states: NDArray[np.float64],
+    last: NDArray[np.float64],
+    end: float,
+    slack: float,
+) -> Trajectory:
+    """The states sent from the start to the end, and the last one where none was sent there."""
+    is_inside = (times >= -slack) & (times <= end + slack)
+    if times[is_inside][-1] >= end - slack:
+        return Trajectory(times[is_inside], states[is_inside])
+    return Trajectory(np.append(times[is_inside], end), np.concatenate([states[is_inside], last]))
+
+
+def _told_of_times(times: Points, read: TimeReading, end: float) -> list[str]:
+    """What of a motion could be compared, and what could not."""
+    told = []
+    num_outputs, num_compared = len(read.were_sent), int(read.were_sent.sum())
+    if num_compared < num_outputs:
+        told.append(
+            f"{num_outputs - num_compared} of {num_outputs} output times were not sent: read there "
+            "by cubics between the states that were; how far that may be off counts as an error "
+            "bar. Send states at the output times of case.json."
+        )
+    num_late = int((times > end).sum())
+    num_between = len(times) - num_compared - num_late
+    if num_between > 0:
+        told.append(
+            f"{num_between} of {len(times)} states were sent at other times than the outputs: "
+            "there is nothing to compare them with; they are looked at for inverted cells, and for "
+            "places that the body cannot get to in time."
+        )
+    if num_late:
+        told.append(f"{num_late} of {len(times)} states come after the end; nothing is judged.")
+    return told
 
 
 def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | None:

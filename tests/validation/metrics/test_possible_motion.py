@@ -1,0 +1,146 @@
+"""No honest motion is out of reach, at any rate of outputs; garbage between them is."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.fastsim.dynamics import simulate
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.exchange.time_reading import read_at
+from palpate.validation.metrics import make_state
+from palpate.validation.metrics.possible_motion import (
+    largest_acceleration,
+    state_out_of_reach,
+    unmeasurable_state,
+)
+from palpate.validation.states import State, Trajectory
+
+Field = NDArray[np.float64]
+
+MESH = brick_box((6, 2, 2), (0.06, 0.02, 0.02), ragged=0.2)
+FACETS = MESH.boundary_facets
+X = MESH.points[FACETS][:, :, 0]
+CLAMP, TIP = FACETS[(X < 1e-9).all(axis=1)], FACETS[(X > 0.06 - 1e-9).all(axis=1)]
+SIDE = FACETS[(MESH.points[FACETS][:, :, 2] > 0.02 - 1e-9).all(axis=1)]
+HELD = Support(np.unique(CLAMP).astype(np.int32), CLAMP)
+SPAN = TimeSpan(0.5, None, 1.0, 50)
+PULSE = TabularAmplitude((0.0, 0.05, 0.1, 0.15), (0.0, 1.0, 1.0, 0.0))
+SHAKE = TabularAmplitude(
+    tuple(np.linspace(0.0, 0.5, 51)), tuple(np.sin(12.0 * math.pi * np.linspace(0.0, 0.5, 51)))
+)
+BODY = Problem(MESH, Material(2e4, 0.4), (HELD,), (), SPAN)
+MOTIONS: dict[str, tuple[tuple[Load, ...], tuple[Support, ...]]] = {
+    "weight": ((BodyForce((0.0, 0.0, -4000.0)),), ()),
+    "pull": ((Traction(TIP, (0.0, 100.0, 0.0)),), ()),
+    "pulse": ((Traction(TIP, (0.0, 200.0, 0.0), PULSE),), ()),
+    "pressure": ((Pressure(SIDE, 60.0),), ()),
+    "shaken": (
+        (),
+        (Support(HELD.points, CLAMP, (False, True, False), (0.0, 0.002, 0.0), SHAKE),),
+    ),
+}
+
+
+def moving(name: str, num_outputs: int) -> Problem:
+    loads, supports = MOTIONS[name]
+    fixed = Support(HELD.points, CLAMP, (True, not supports, True))
+    span = dataclasses.replace(SPAN, num_outputs=num_outputs)
+    return dataclasses.replace(BODY, loads=loads, supports=(fixed, *supports), time=span)
+
+
+def sent(
+    problem: Problem,
+    num_sent: int,
+    spoil: Callable[[Field, Field], None] | None = None,
+) -> State:
+    """fastsim's own motion sent at another rate; `spoil` may change what is between outputs."""
+    assert problem.time is not None
+    span = dataclasses.replace(problem.time, num_outputs=num_sent)
+    found = simulate(dataclasses.replace(problem, time=span))
+    times, states = found.times, found.displacements.copy()
+    wanted = np.linspace(0.0, span.end_time, problem.time.num_outputs + 1)
+    apart = np.abs(times[:, None] - wanted).min(axis=1)
+    if spoil is not None:
+        spoil(states, np.flatnonzero(apart > 1e-9))
+    read = read_at(times, states, wanted, slack=1e-9)
+    state = make_state(
+        MESH, states[-1], label="x", simulator="x", strain=Strain.GREEN,
+        trajectory=Trajectory(wanted, read.states),
+    )  # fmt: skip
+    return dataclasses.replace(state, sent=Trajectory(times, states))
+
+
+@pytest.mark.parametrize("num_outputs", [50, 10, 4, 1])
+@pytest.mark.parametrize("name", MOTIONS)
+def test_an_honest_motion_is_within_reach_at_every_rate(name: str, num_outputs: int) -> None:
+    problem = moving(name, num_outputs)
+    for num_sent in (7, 50, 100, 330):
+        assert state_out_of_reach(problem, sent(problem, num_sent)) == "", num_sent
+
+
+def spoiled(kind: str) -> Callable[[Field, Field], None]:
+    def spoil(states: Field, between: Field) -> None:
+        match kind:
+            case "last state":
+                states[between] = states[-1]
+            case "still":
+                states[between] = 0.0
+            case "one of them turned round":
+                k = between[np.abs(states[between]).max(axis=(1, 2)).argmax()]
+                states[k] *= -1.0
+
+    return spoil
+
+
+@pytest.mark.parametrize("kind", ["last state", "still", "one of them turned round"])
+@pytest.mark.parametrize("name", MOTIONS)
+def test_garbage_between_the_outputs_is_out_of_reach(name: str, kind: str) -> None:
+    problem = moving(name, 50)
+    for num_sent in (100, 250):
+        told = state_out_of_reach(problem, sent(problem, num_sent, spoiled(kind)))
+        assert "out of the body's reach" in told
+
+
+def test_a_smooth_excursion_between_two_outputs_is_out_of_reach() -> None:
+    """Neighbours in time follow each other closely, and still nothing brings the body there."""
+    problem = moving("weight", 50)
+
+    def excursion(states: Field, _between: Field) -> None:
+        size = np.abs(states).max()
+        inside = np.arange(401, 420)  # between the outputs 20 and 21 of 20 states each
+        states[inside, :, 2] += size * np.sin(math.pi * (inside - 400) / 20.0)[:, None] ** 2
+
+    assert state_out_of_reach(problem, sent(problem, 1000)) == ""
+    assert "out of the body's reach" in state_out_of_reach(problem, sent(problem, 1000, excursion))
+
+
+def test_the_bound_of_a_weight_is_gravity_on_what_is_free() -> None:
+    problem = moving("weight", 50)
+    assert problem.time is not None
+    rest = Trajectory(np.array([0.0, 0.5]), np.zeros((2, *MESH.points.shape)))
+    bound = largest_acceleration(problem, Strain.GREEN, rest)
+    # 4000 N/m3 on 1000 kg/m3: 4 m/s2 on 24 cm3 less what hangs at the clamp.
+    assert bound < 4.0 * math.sqrt(0.024)
+    assert bound > 0.9 * 4.0 * math.sqrt(0.024)
+
+
+def test_a_number_that_cannot_be_measured_is_told_with_its_time() -> None:
+    problem = moving("pull", 50)
+    good = sent(problem, 100)
+    assert unmeasurable_state(good) == ""
+    for number in (math.nan, 1e308):
+
+        def spoil(states: Field, _between: Field, number: float = number) -> None:
+            states[31, 3, 1] = number
+
+        told = unmeasurable_state(sent(problem, 100, spoil))
+        assert told.startswith("its state at 0.155 s")

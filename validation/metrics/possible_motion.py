@@ -1,0 +1,200 @@
+"""Whether a body can have got from state to state: garbage between the outputs is seen by itself.
+
+Nothing is compared here. Between two states a body leaves the straight line by no more than its
+acceleration lets it: |u(t) - line| <= a h1 h2 / 2, h1 and h2 the times to the two. From rest under
+loads F that stay, sqrt(a.M a) <= sqrt(F.M^-1 F) at all times: differentiate the equation of motion,
+and its energy (a.M a + v.K v) / 2 only falls, from the value of the start. Loads that change add
+their total variation; supports that move are loads that change, by what they pull with. This holds
+for linear elasticity, whatever the damping by mass; Green strain keeps near it.
+
+For tools there is no such bound, and for moving supports a wide one. There the second differences
+of the answer's states at the outputs, which are compared, say how it accelerates, where they are
+close enough to resolve the motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import Load, Pressure, Support
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.exchange.nodal_loads import (
+    facet_areas,
+    held_components,
+    lumped_mass,
+    nodal_force,
+)
+from palpate.validation.metrics.elasticity import internal_force
+from palpate.validation.metrics.finite import are_measurable
+from palpate.validation.metrics.sampling import content_frequency
+from palpate.validation.states import State, Trajectory
+
+# A pressure follows: it may turn round and its area may grow.
+_FOLLOWING = 2.0
+# Outputs see means of the acceleration over two of their steps.
+_DRIVEN = 4.0
+# Outputs at least, and outputs in a period, whose second differences resolve a motion.
+_FEWEST_OUTPUTS = 8
+_OUTPUTS_PER_PERIOD = 4
+# Of the largest state, and of the body: what single precision leaves of a displacement, and of
+# one that was taken from positions.
+_ROUNDING = 1e-5
+_ROUNDING_OF_PLACES = 1e-6
+
+
+def unmeasurable_state(state: State) -> str:
+    """Which state that was given holds numbers that cannot be measured; "" where none does."""
+    motion = state.sent or state.trajectory
+    own = [] if state.own is None else [state.own.displacements]
+    if motion is None:
+        is_good = are_measurable(state.displacement, *own)
+        return "" if is_good else "the answer holds numbers that are none, or too large to measure"
+    for k, displacement in enumerate(motion.displacements):
+        if not are_measurable(displacement, *(there[k] for there in own)):
+            return (
+                f"its state at {motion.times[k]:.4g} s holds numbers that are none, or too large "
+                "to measure"
+            )
+    return ""
+
+
+def state_out_of_reach(problem: Problem, state: State) -> str:
+    """Why a state that was given cannot be one of this body's motion; "" where all can.
+
+    Every state is held against those before and after it, next to it and half an output away.
+    An answer that was interpolated between steps as long as an output is within reach too.
+    """
+    motion, outputs = state.sent or state.trajectory, state.trajectory
+    if problem.time is None or motion is None or outputs is None:
+        return ""
+    mass = lumped_mass(problem)
+    interval = problem.time.end_time / problem.time.num_outputs
+    most = largest_acceleration(problem, state.strain, outputs)
+    is_looked_at = ~_moving_components(problem)
+    size = float(np.ptp(problem.mesh.points, axis=0).max()) * math.sqrt(mass.sum())
+    largest = math.sqrt(max(_squared(mass, u) for u in motion.displacements))
+    rounding = _ROUNDING * largest + _ROUNDING_OF_PLACES * size
+    worst, told = 1.0, ""
+    for before, k, after in _neighbours(motion.times, 0.5 * interval):
+        h1, h2 = (float(motion.times[b] - motion.times[a]) for a, b in ((before, k), (k, after)))
+        u0, u, u1 = (motion.displacements[i] for i in (before, k, after))
+        bend = np.where(is_looked_at, u - (u0 * h2 + u1 * h1) / (h1 + h2), 0.0)
+        off = math.sqrt(_squared(mass, bend))
+        reach = most * max(interval, h1 + h2) * h1 * h2 / (h1 + h2) + rounding
+        if off > worst * reach:
+            worst, metres = off / reach, math.sqrt(mass.sum())
+            told = (
+                f"its state at {motion.times[k]:.4g} s is out of the body's reach: "
+                f"{off / metres:.3g} m (root mean square) off the line from its state at "
+                f"{motion.times[before]:.4g} s to that at {motion.times[after]:.4g} s; what moves "
+                f"it here takes it {reach / metres:.3g} m off at most"
+            )
+    return told
+
+
+def _moving_components(problem: Problem) -> NDArray[np.bool_]:
+    """Which components supports lead along, (num_points, 3): they may turn at once."""
+    assert problem.time is not None
+    are_led = np.zeros(problem.mesh.points.shape, dtype=bool)
+    for support in problem.supports:
+        if _variation(support, problem.time.end_time)[1] > 0.0:
+            are_led |= _moved_by(problem, support) != 0.0
+    return are_led
+
+
+def _neighbours(times: Points, apart: float) -> Iterator[tuple[int, int, int]]:
+    """Each inner state with those next to it, and with those at least so far away [s]."""
+    slack = 1e-9 * float(times[-1])
+    for k in range(1, len(times) - 1):
+        yield k - 1, k, k + 1
+        before = int(np.searchsorted(times, times[k] - apart + slack, side="right")) - 1
+        after = int(np.searchsorted(times, times[k] + apart - slack))
+        if 0 <= before < k < after < len(times) and (before, after) != (k - 1, k + 1):
+            yield before, k, after
+
+
+def _squared(mass: Points, field: Points) -> float:
+    """field.M field, with masses [kg] at the points."""
+    return float(mass @ np.einsum("ij,ij->i", field, field))
+
+
+def largest_acceleration(problem: Problem, strain: Strain, outputs: Trajectory) -> float:
+    """Bound of sqrt(a.M a) over the whole motion [m/s2 sqrt(kg)].
+
+    Args:
+        problem: With its time span, from rest.
+        strain: Whose law the supports pull with.
+        outputs: The motion at the outputs; looked at where supports move or tools press.
+    """
+    assert problem.time is not None
+    end, mass = problem.time.end_time, lumped_mass(problem)
+    is_free = held_components(problem)[0] == 0
+    start, by_loads, by_supports = np.zeros_like(problem.mesh.points), 0.0, 0.0
+    for item in (*problem.loads, *problem.supports):
+        first, varied = _variation(item, end)
+        if isinstance(item, Support):
+            force = -internal_force(problem, _moved_by(problem, item), strain)
+            by_supports += varied * _over_mass(force, mass, is_free)
+        else:
+            force = _force(problem, item)
+            by_loads += varied * _over_mass(force, mass, is_free)
+        start += first * force
+    by_loads += _over_mass(start, mass, is_free)
+    if problem.tools:
+        return by_loads + _seen(problem, strain, outputs, mass)
+    if by_supports > 0.0:
+        by_supports = min(by_supports, _seen(problem, strain, outputs, mass))
+    return by_loads + by_supports
+
+
+def _seen(problem: Problem, strain: Strain, outputs: Trajectory, mass: Points) -> float:
+    """From the second differences of the outputs; infinite where they do not resolve the motion."""
+    interval = float(outputs.times[1] - outputs.times[0])
+    bends = np.diff(outputs.displacements, 2, axis=0)
+    if len(bends) + 1 < _FEWEST_OUTPUTS:
+        return math.inf
+    if not _OUTPUTS_PER_PERIOD * interval * content_frequency(problem, strain, outputs) <= 1.0:
+        return math.inf
+    return _DRIVEN * math.sqrt(max(_squared(mass, bend) for bend in bends)) / interval**2
+
+
+def _moved_by(problem: Problem, support: Support) -> Points:
+    """Displacement of the held points at the amplitude's factor 1 [m], (num_points, 3)."""
+    moved = np.zeros_like(problem.mesh.points)
+    for axis in np.flatnonzero(support.components):
+        moved[support.points, axis] = support.displacement[axis]
+    return moved
+
+
+def _variation(item: Load | Support, end: float) -> tuple[float, float]:
+    """The factor at the start [-], and by how much it changes in all until the end."""
+    amplitude = item.amplitude
+    if amplitude is None:
+        return 1.0, 0.0
+    knots = [0.0, *(t for t in amplitude.times if 0.0 < t < end), end]
+    factors = np.array([amplitude(t) for t in knots])
+    return float(factors[0]), float(np.abs(np.diff(factors)).sum())
+
+
+def _force(problem: Problem, load: Load) -> Points:
+    """At its full size [N], (num_points, 3); of a pressure a bound for wherever it turns."""
+    if not isinstance(load, Pressure):
+        return nodal_force(problem.mesh, load)
+    points = problem.mesh.points
+    corners = points[load.facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    thirds = _FOLLOWING * abs(load.pressure) * facet_areas(points, load.facets) / 3.0
+    force = np.zeros_like(points)
+    np.add.at(force, load.facets, (-thirds[:, None] * normals)[:, None])
+    return force
+
+
+def _over_mass(force: Points, mass: Points, is_free: NDArray[np.bool_]) -> float:
+    """sqrt(F.M^-1 F) over what is free."""
+    return math.sqrt(float((np.where(is_free, force, 0.0) ** 2 / mass[:, None]).sum()))
