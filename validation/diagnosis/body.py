@@ -78,9 +78,17 @@ class Body:
         law: Law | None = None,
         lame: tuple[Array, Array] | None = None,
     ) -> Points:
-        """Internal force [N] by the law and the material asked for, or by others."""
+        """Internal force [N] by the law and the material asked for, or by others.
+
+        NaN where a law has no stress for so large a strain.
+        """
         lmbda, mu = lame or (self.lmbda, self.mu)
-        return self.force_of((law or law_of(self.strain))(self.gradient(displacement), lmbda, mu))
+        try:
+            stress = (law or law_of(self.strain))(self.gradient(displacement), lmbda, mu)
+        except np.linalg.LinAlgError:
+            # A cell that is squeezed flat has no stress by a law that divides by its volume.
+            return np.full_like(self.mesh.points, np.nan)
+        return self.force_of(stress)
 
     def load(self, index: int, displacement: Points, *, is_other: bool = False) -> Points:
         """Nodal force of a load at full size [N].

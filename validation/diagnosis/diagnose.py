@@ -9,12 +9,14 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.validation.case.units import LENGTH
 from palpate.validation.diagnosis.answers import Fields, answer_explanations, distance, plain_slips
 from palpate.validation.diagnosis.asked import Ask, isotropy_explanation
 from palpate.validation.diagnosis.body import Body
@@ -43,7 +45,7 @@ from palpate.validation.diagnosis.tool_slips import tool_explanation, tool_force
 from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.states import State
 
-_OWN_MESH = "the answer is on a mesh of its own: only units were tried"
+_OWN_MESH = "The answer is on a mesh of its own: only units were tried"
 # Slips of units in an answer on a mesh of its own: what that mesh may be off at most.
 _MESH_ERROR = 0.2
 # Equations that fail at so small a part of the points fail there, and not everywhere.
@@ -57,6 +59,7 @@ def diagnose(
     *,
     other_strain: State | None = None,
     ask: Ask | None = None,
+    length_unit: str = "mm",
 ) -> Diagnosis:
     """What explains the answer of a candidate that a gate has failed.
 
@@ -66,6 +69,7 @@ def diagnose(
         reference: The reference's on the same mesh with that strain, if there is one.
         other_strain: The reference's on the same mesh with the other.
         ask: The candidate's displacement of other problems, where it can be asked again.
+        length_unit: In which places are told: m, cm or mm.
 
     Returns:
         What fits, the simplest first; nothing that does not fit by the rule of `explanation`.
@@ -100,13 +104,8 @@ def diagnose(
         found = choose(tried)
         stated, of = _stated(body, mine, theirs)
         if not found and not hint and problem.time is None:
-            hint = _where(body, mine[-1])
+            hint = _where(body, mine[-1], length_unit)
     return Diagnosis(candidate.strain, found, len({e.name for e in tried}), stated, of, hint)
-
-
-def asker(solve: Callable[[Problem, Strain, Callable[[str], None]], State], strain: Strain) -> Ask:
-    """A candidate's `solve` as a question for a displacement."""
-    return lambda problem: solve(problem, strain, lambda _line: None).displacement
 
 
 def equations_left(problem: Problem, candidate: State) -> float:
@@ -155,7 +154,7 @@ def _statics(
         tried += anisotropy_explanations(body, displacement, stated)
     if ask is not None and not is_found and not choose(tried) and not body.problem.inclusions:
         # Where it cannot answer these problems, nothing is said of them.
-        with contextlib.suppress(CandidateFailedError):
+        with contextlib.suppress(CandidateFailedError, InputError):
             tried += isotropy_explanation(body.problem, displacement, ask)
     yield from tried
 
@@ -191,7 +190,7 @@ def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:
         )  # fmt: skip
 
 
-def _where(body: Body, displacement: Points) -> str:
+def _where(body: Body, displacement: Points, length_unit: str) -> str:
     """Where the stated equations fail, if that is at a few points only."""
     internal = body.internal(displacement)
     external = body.total(body.loads(displacement))
@@ -200,8 +199,8 @@ def _where(body: Body, displacement: Points) -> str:
     bad = np.flatnonzero(~(off <= DOUBLE * scale))
     if not 0 < len(bad) <= _FEW * body.mesh.num_points:
         return ""
-    x, y, z = 1e3 * body.mesh.points[bad].mean(axis=0)
+    x, y, z = body.mesh.points[bad].mean(axis=0) / LENGTH[length_unit]
     return (
         f"The stated equations hold but at {len(bad)} of {body.mesh.num_points} points, about "
-        f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
+        f"({x:.4g}, {y:.4g}, {z:.4g}) {length_unit}"
     )

@@ -120,7 +120,9 @@ class Diagnosis:
         """One line for people."""
         best, *others = self.explanations or (None,)
         if best is None:
-            line = f"none of {self.tested} explanations fits"
+            line = (
+                f"none of {self.tested} explanations fits" if self.tested else "nothing was tried"
+            )
         elif best.complexity == 0:
             line = f"{best.name} ({best.residual:.1g} of {best.of})"
         else:

@@ -42,15 +42,15 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     told = candidate.details.get("time_step")
     step = span.time_step or (told if isinstance(told, float) and told > 0.0 else None)
     if body.problem.tools:
-        return None, "a motion with tools is not stepped again: mechanical slips were not tried"
+        return None, "A motion with tools is not stepped again: mechanical slips were not tried"
     if step is None:
-        return None, "no time step is known: mechanical slips were not tried (name `time_step`)"
+        return None, "No time step is known: mechanical slips were not tried (name `time_step`)"
     between = span.end_time / span.num_outputs
     per_output = max(1, int(np.ceil(between / step * (1.0 - 1e-12))))
     most = min(_MOST_STEPS, int(_WORK / body.mesh.num_cells))
     outputs = min(span.num_outputs, most // per_output)
     if outputs < 1:
-        return None, "too many cells to step again here: mechanical slips were not tried"
+        return None, "Too many steps to an output to repeat here: mechanical slips were not tried"
     return Stepper(body, between / per_output, per_output, outputs), ""
 
 

@@ -5,7 +5,8 @@ Each term is what the candidate would gain by mending one thing and leaving all 
     model           Green strain in the place of linear strain, on the same mesh
     discretisation  the truth's mesh and degree, with the candidate's own strain
     time            a quarter of the time step
-    solver          the same mesh, strain and step, solved by the reference
+    solver          the same mesh, strain and step, solved by the reference; called by another
+                    name where it is not the solver's (see `remainder`)
 
 Of an answer on a mesh of its own, which the reference does not solve on, discretisation and solver
 are one term. Norms do not add; signed numbers do, but for the interaction: what is left of the
@@ -16,7 +17,7 @@ do.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,11 +27,13 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.diagnosis import Diagnosis
+from palpate.validation.evidence.remainder import SOLVER, name_of_rest
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
 from palpate.validation.states import State
 
-MODEL, DISCRETISATION, TIME, SOLVER = "model", "discretisation", "time", "solver"
+MODEL, DISCRETISATION, TIME = "model", "discretisation", "time"
 # How much finer the time step is that stands for none.
 _FINER_STEP = 4
 
@@ -59,6 +62,11 @@ class Budget:
     def total(self) -> float:
         """Candidate less truth."""
         return self.value - self.truth
+
+    @property
+    def rest(self) -> str:
+        """Name of the term of mesh, strain and step alike: `SOLVER`, or what it is instead."""
+        return next(name for name in self.terms if name not in (MODEL, DISCRETISATION, TIME))
 
     @property
     def interaction(self) -> float:
@@ -95,7 +103,11 @@ def farthest_probe(displacement: Points) -> Probe:
 
 
 def static_budgets(
-    problem: Problem, candidate: State, states: Mapping[tuple[str, Strain], State]
+    problem: Problem,
+    candidate: State,
+    states: Mapping[tuple[str, Strain], State],
+    *,
+    diagnoses: Sequence[Diagnosis] = (),
 ) -> list[Budget]:
     """Budgets of a static answer from the reference's states.
 
@@ -103,6 +115,7 @@ def static_budgets(
         problem: The case's problem.
         candidate: Its displacement at the case's points; its `strain` is what it was solved with.
         states: The reference's, by label and strain: on the same mesh and the truth.
+        diagnoses: Of the case, where it was red.
 
     Returns:
         One for the farthest point's displacement, one for the change of volume; none where
@@ -138,7 +151,8 @@ def static_budgets(
         terms[SOLVER] = None
     else:
         terms[DISCRETISATION] = _less(read(same), read(fine))
-        terms[SOLVER] = _less(own, read(same))
+        rest = name_of_rest(problem, candidate, same, diagnoses)
+        terms[rest] = _less(own, read(same))
     return _budgets(_name(candidate), own, _sure(read(truth)), terms)
 
 
@@ -148,6 +162,7 @@ def motion_budgets(
     *,
     candidate: State | None = None,
     twin: State | None = None,
+    diagnoses: Sequence[Diagnosis] = (),
     progress: Callable[[str], None] = lambda _line: None,
 ) -> list[Budget]:
     """Budgets at the end of a motion, by fastsim itself with one thing changed at a time.
@@ -160,6 +175,7 @@ def motion_budgets(
         strain: What the candidate was solved with.
         candidate: Its state at the end; fastsim's own where None.
         twin: The reference's state with the same mesh, strain and step, for the solver's term.
+        diagnoses: Of the case, where it was red.
         progress: Called with one line for each run.
 
     Raises:
@@ -195,7 +211,10 @@ def motion_budgets(
     terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
     terms[TIME] = plain - stepped
     judged_by = plain if twin is None else probe.read(problem.mesh, twin.displacement)
-    terms[SOLVER] = own - judged_by
+    rest = SOLVER
+    if candidate is not None and twin is not None:
+        rest = name_of_rest(problem, candidate, twin, diagnoses)
+    terms[rest] = own - judged_by
     name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
     return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)
 
@@ -208,14 +227,17 @@ def case_budgets(result: CaseResult) -> list[Budget]:
     budgets = []
     for state in result.states:
         if state.label == result.candidate and not state.is_reference:
-            budgets += static_budgets(result.problem, state, references)
+            budgets += static_budgets(result.problem, state, references, diagnoses=result.diagnoses)
     return budgets
 
 
 def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
     """Column names, and a row of text for each budget; errors in parts of the truth."""
     columns = ["number", "candidate", "value", "truth", "error"]
-    columns += [MODEL, DISCRETISATION, TIME, SOLVER, "interaction"]
+    columns += [MODEL, DISCRETISATION, TIME]
+    # Where it is not the solver's for all of them, each says what it is.
+    is_solvers = all(budget.rest == SOLVER for budget in budgets)
+    columns += [SOLVER if is_solvers else "the rest", "interaction"]
     rows = []
     for budget in budgets:
         scale = abs(budget.truth) or 1.0
@@ -230,7 +252,8 @@ def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
                 f"{budget.value:.5g}",
                 f"{budget.truth:.5g}",
                 part(budget.total),
-                *(part(budget.terms.get(name)) for name in (MODEL, DISCRETISATION, TIME, SOLVER)),
+                *(part(budget.terms.get(name)) for name in (MODEL, DISCRETISATION, TIME)),
+                part(budget.terms[budget.rest]) + ("" if is_solvers else f" ({budget.rest})"),
                 part(budget.interaction),
             ]
         )
@@ -245,25 +268,23 @@ def budget_svg(budgets: list[Budget]) -> str:
 
     from palpate.validation.report.plots import figure_svg
 
-    colours = {
-        MODEL: "#b5332e",
-        DISCRETISATION: "#2f6f8f",
-        TIME: "#c98a12",
-        SOLVER: "#2f8f4e",
-        "interaction": "#999999",
-    }
+    colours = {MODEL: "#b5332e", DISCRETISATION: "#2f6f8f", TIME: "#c98a12"}
+    told: set[str] = set()
     figure, axes = pyplot.subplots(figsize=(8.4, 1.2 + 0.62 * len(budgets)))
     for place, budget in enumerate(reversed(budgets)):
         scale = (abs(budget.truth) or 1.0) / 100.0
         up = down = 0.0
-        for name, colour in colours.items():
+        rest = "#2f8f4e" if budget.rest == SOLVER else "#6b3fa0"
+        for name, colour in (colours | {budget.rest: rest, "interaction": "#999999"}).items():
             value = budget.interaction if name == "interaction" else budget.terms.get(name)
             width = (value or 0.0) / scale
             start = up if width >= 0.0 else down
+            label = name.partition(":")[0]
             axes.barh(
                 place, width, left=start, height=0.5, color=colour,
-                label=name if place == 0 else None,
+                label=None if label in told else label,
             )  # fmt: skip
+            told.add(label)
             up, down = (up + width, down) if width >= 0.0 else (up, down + width)
         axes.plot([budget.total / scale] * 2, [place - 0.36, place + 0.36], color="black", lw=2)
     names = [f"{b.quantity}\n{b.candidate}" for b in reversed(budgets)]

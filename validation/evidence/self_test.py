@@ -139,6 +139,7 @@ def run_self_test(
         published={},
         error_fields={},
         unseen=(),
+        diagnoses=(),
     )
 
 
@@ -146,7 +147,7 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
     """One fault on one case; skipped where the answer is the same with it and without."""
     faulty = with_fault(candidate, fault)
     try:
-        result = judge_case(case, candidate=faulty)
+        result = judge_case(case, candidate=faulty, diagnoses=False)
     except CannotShowError as error:
         return replace(_trial(fault.value, case, True, str(error)), verdict=Verdict.SKIPPED)
     if result.verdict is not Verdict.FAILED and _is_same(result, healthy):

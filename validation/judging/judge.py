@@ -19,8 +19,10 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
+from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
+from palpate.validation.judging.diagnosing import diagnose_failures
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
@@ -40,6 +42,7 @@ def judge_case(
     *,
     live: bool = False,
     candidate: Candidate | None = None,
+    diagnoses: bool = True,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> CaseResult:
     """Judge a candidate on a case.
@@ -48,6 +51,7 @@ def judge_case(
         case: The case; it needs at least one check.
         live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
         candidate: Who is judged; fastsim where None.
+        diagnoses: Whether to look for what explains an answer that fails.
         progress: Called with one line for each thing done.
 
     Raises:
@@ -95,6 +99,18 @@ def judge_case(
             f"No check of this case turns red when the answer is wrong like this: "
             f"{', '.join(unseen)}. Add a check of displacement_l2."
         )
+    found: tuple[Diagnosis, ...] = ()
+    if diagnoses:
+        found = diagnose_failures(
+            problem,
+            judged,
+            candidates,
+            references,
+            checks,
+            length_unit=case.spec.units.length,
+            progress=progress,
+        )
+    notes.extend(f"Diagnosis, {each.strain} strain: {each}." for each in found)
     verdict, why = _verdict(checks)
     notes.extend(why)
     states = (*candidates.values(), *references.states.values())
@@ -116,6 +132,7 @@ def judge_case(
         case_text=case.text,
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
         unseen=unseen,
+        diagnoses=found,
     )
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.states import Verdict
 
@@ -51,6 +52,7 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
             ],
             "metrics": {name: _finite(value) for name, value in result.metrics.items()},
             "unseen": list(result.unseen),
+            "diagnosis": _diagnosis_rows(result.diagnoses),
             "published": dict(result.published),
             "notes": list(result.notes),
             "provenance": dict(result.provenance),
@@ -59,6 +61,28 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
     ]
     document = {"palpate": version, "schema": 1, "cases": cases}
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def _diagnosis_rows(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
+    """A row for each explanation that fits; one without a name where none of those tried does."""
+    rows: list[dict[str, Any]] = []
+    for found in diagnoses:
+        about = {"strain": found.strain, "tried": found.tested}
+        rows += [
+            about
+            | {
+                "explanation": each.name,
+                "cause": each.cause.name.lower(),
+                "residual": _finite(each.residual),
+                "stated": _finite(each.stated),
+                "of": each.of,
+            }
+            for each in found.explanations
+        ]
+        if not found.explanations:
+            nothing = {"explanation": None, "cause": None, "residual": None}
+            rows.append(about | nothing | {"stated": _finite(found.stated), "of": found.of})
+    return rows
 
 
 def junit_xml(results: Sequence[CaseResult]) -> str:
@@ -88,7 +112,9 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
             for name in ("value", "limit", "reference_error", "scale", "reason", "is_vacuous"):
                 ET.SubElement(properties, "property", name=name, value=str(getattr(check, name)))
             if check.verdict is Verdict.FAILED:
-                ET.SubElement(test, "failure", message=_xml_safe(check.message))
+                failure = ET.SubElement(test, "failure", message=_xml_safe(check.message))
+                told = [str(d) for d in result.diagnoses if d.strain is check.strain]
+                failure.text = _xml_safe("\n".join(told)) or None
             elif check.verdict is Verdict.INCONCLUSIVE:
                 ET.SubElement(test, "error", message=_xml_safe(f"inconclusive: {check.message}"))
             elif check.verdict is Verdict.SKIPPED:
@@ -104,7 +130,10 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
     """A table for a job summary, the checks that did not pass first."""
     rows = [(result, check) for result in results for check in result.checks]
     rows.sort(key=lambda row: _GRAVEST_FIRST.index(row[1].verdict))
-    lines = [f"- **{_cell(r.name)}**: {r.verdict} ({_cell(r.title)})" for r in results]
+    lines = []
+    for r in results:
+        lines.append(f"- **{_cell(r.name)}**: {r.verdict} ({_cell(r.title)})")
+        lines += [f"  - diagnosis, {d.strain} strain: {_cell(str(d))}" for d in r.diagnoses]
     lines += ["", "| case | check | found | verdict | reason |", "| --- | --- | --- | --- | --- |"]
     lines += [
         f"| {_cell(result.name)} | {check_name(check)} | {_cell(check.message)} "

@@ -8,6 +8,7 @@ from typing import Any
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.states import State, Verdict
 
 
@@ -68,6 +69,7 @@ class CaseResult:
         case_text: The case file as it was read.
         evidence: What the case says for a credibility file: question, context of use...
         unseen: Plainly wrong answers that no check of the case turns red, by name.
+        diagnoses: What would explain each answer that a check failed.
     """
 
     name: str
@@ -87,6 +89,7 @@ class CaseResult:
     case_text: str = ""
     evidence: Mapping[str, Any] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
+    diagnoses: tuple[Diagnosis, ...] = ()
 
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""

@@ -155,7 +155,13 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
         for state in result.states:
             if state.label == result.candidate and not state.is_reference:
                 twin = result.state(SAME_MESH, state.strain)
-                budgets += motion_budgets(problem, state.strain, candidate=state, twin=twin)
+                budgets += motion_budgets(
+                    problem,
+                    state.strain,
+                    candidate=state,
+                    twin=twin,
+                    diagnoses=result.diagnoses,
+                )
         return budgets, ""
     except (InputError, FastsimError) as error:
         return [], str(error)

@@ -39,12 +39,14 @@ class Candidate:
         solve: Its state of a problem with a strain measure; raises CandidateFailedError.
         has_both_strains: Whether it is asked for both strain measures, or for the case's only.
         notes: What a reader of the verdict must know of it.
+        can_be_asked: Whether it solves other problems than the case's, as a file cannot.
     """
 
     name: str
     solve: Solve
     has_both_strains: bool = False
     notes: tuple[str, ...] = field(default=())
+    can_be_asked: bool = True
 
 
 def fastsim_candidate() -> Candidate:
@@ -111,7 +113,8 @@ def result_candidate(path: str | Path) -> Candidate:
         result = read_result(path, most_bytes=room_for_answer(problem))
         return state_of_result(result, problem, name, strain)
 
-    return Candidate(name, solve, False, (f"Result: {Path(path).name}.",))
+    notes = (f"Result: {Path(path).name}.",)
+    return Candidate(name, solve, False, notes, can_be_asked=False)
 
 
 def state_of_result(

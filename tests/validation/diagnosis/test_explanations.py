@@ -24,7 +24,7 @@ from palpate.validation.diagnosis.explanation import OF_FORCE, choose
 from palpate.validation.diagnosis.factors import displacement_words, in_words, snapped
 from palpate.validation.diagnosis.laws import law_of, laws_instead_of
 from palpate.validation.metrics import make_state
-from palpate.validation.states import OwnMesh, State
+from palpate.validation.states import OwnMesh, State, Trajectory
 
 Field = NDArray[np.float64]
 
@@ -237,12 +237,17 @@ def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> Non
 def test_tools_that_are_left_out_and_their_forces_are_named() -> None:
     from palpate.validation.simulators.candidate import fastsim_candidate
     from palpate.validation.simulators.faults import Fault
+    from palpate.validation.simulators.seeded import with_fault
 
     problem = load_case("press").problem
     right = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)
-    without = fastsim_candidate(Fault.DROPPED_TOOL).solve(problem, Strain.GREEN, lambda _line: None)
+    without = with_fault(fastsim_candidate(), Fault.DROPPED_TOOL).solve(
+        problem, Strain.GREEN, lambda _line: None
+    )
     assert name_of(diagnose(problem, without, right)) == "tools left out: nothing touches"
-    soft = fastsim_candidate(Fault.SOFTER).solve(problem, Strain.GREEN, lambda _line: None)
+    soft = with_fault(fastsim_candidate(), Fault.SOFTER).solve(
+        problem, Strain.GREEN, lambda _line: None
+    )
     # Only what the tool does moves the body: a softer one moves just as far.
     assert name_of(diagnose(problem, soft, right)).startswith(
         "force on the tools 0.98 times what was asked"
@@ -273,12 +278,26 @@ def test_a_motion_whose_step_nobody_knows_is_not_stepped_again(answers: Any) -> 
     unknown = dataclasses.replace(given, time=dataclasses.replace(given.time, time_step=None))
     diagnosis = diagnose(unknown, answers.of("block-motion", "softer"), None)
     assert diagnosis.explanations == ()
-    assert "no time step is known" in str(diagnosis)
+    assert "No time step is known" in str(diagnosis)
     # Unless the candidate says what it took.
     told = dataclasses.replace(
         answers.of("block-motion", "softer"), details={"time_step": given.time.time_step}
     )
     assert "stiffness 0.98 times" in name_of(diagnose(unknown, told, None))
+
+
+def test_a_motion_of_too_many_steps_says_that_nothing_was_tried() -> None:
+    problem = load_case("csm3").problem
+    assert problem.time is not None
+    still = np.zeros((problem.time.num_outputs + 1, *problem.mesh.points.shape))
+    times = np.linspace(0.0, problem.time.end_time, len(still))
+    # 0.04 s from output to output: 4 000 steps.
+    answered = dataclasses.replace(
+        state(problem, still[-1]),
+        trajectory=Trajectory(times, still),
+        details={"time_step": 1e-5},
+    )
+    assert str(diagnose(problem, answered, None)).startswith("nothing was tried. Too many steps")
 
 
 def test_times_that_run_too_fast_are_told_from_the_trajectory_alone() -> None:

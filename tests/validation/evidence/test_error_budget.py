@@ -20,10 +20,10 @@ from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import builtin_folder, load_case
+from palpate.validation.diagnosis.diagnose import equations_left
 from palpate.validation.evidence.error_budget import (
     DISCRETISATION,
     MODEL,
-    SOLVER,
     TIME,
     Budget,
     budget_rows,
@@ -34,10 +34,13 @@ from palpate.validation.evidence.error_budget import (
     static_budgets,
 )
 from palpate.validation.evidence.grid_convergence import assess_grid_convergence
+from palpate.validation.evidence.remainder import SOLVER, UNEXPLAINED
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
+from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import State
 
 CASES = ("kidney", "beam", "csm1")
@@ -97,8 +100,41 @@ def test_a_loose_tolerance_is_the_solvers_error(name: str) -> None:
     start = solve_static(_scaled(problem, 0.9)).displacement
     loose = newton.solve(start, 1.0).displacement
     assert loose is not None
-    seeded = budgets_of(name, state(problem, loose))
+    answer = state(problem, loose)
+    # It says itself how far it went.
+    said = {"relative_residual": equations_left(problem, answer)}
+    seeded = budgets_of(name, dataclasses.replace(answer, details=said))
     assert_lands_in(SOLVER, seeded, budgets_of(name, solved(name)))
+    # Who says nothing, or something else, is not believed to have stopped early.
+    for details in ({}, {"relative_residual": 1e-3 * said["relative_residual"]}):
+        silent = budgets_of(name, dataclasses.replace(answer, details=details))
+        assert {b.rest for b in silent} == {UNEXPLAINED}
+        assert [b.terms[UNEXPLAINED] for b in silent] == [b.terms[SOLVER] for b in seeded]
+
+
+@pytest.mark.parametrize(
+    ("fault", "rest"),
+    [
+        (Fault.SWAPPED_LAME, "explained: Lamé's parameters exchanged"),
+        (Fault.UNIT_ERROR, "explained: displacement in millimetres"),
+        (
+            Fault.LINEAR_INSTEAD_OF_GREEN,
+            "explained: linear strain in the place of Green strain",
+        ),
+        (Fault.MIRRORED_MESH, UNEXPLAINED),
+    ],
+)
+def test_a_wrong_law_is_not_booked_as_the_solvers_error(fault: Fault, rest: str) -> None:
+    """A candidate that is asked for Green strain and answers something else."""
+    whole = judge_case(load_case("kidney"), candidate=with_fault(fastsim_candidate(), fault))
+    budgets = [b for b in case_budgets(whole) if "green" in b.candidate]
+    assert {b.rest for b in budgets} == {rest}
+    for budget in budgets:
+        assert abs(budget.terms[rest] or 0.0) > 1e-5 * abs(budget.truth)
+        assert SOLVER not in budget.terms
+    columns, rows = budget_rows(budgets)
+    assert "solver" not in columns
+    assert all(f"({rest})" in " ".join(row) for row in rows)
 
 
 def _scaled(problem: Problem, factor: float) -> Problem:

@@ -1,0 +1,57 @@
+"""What an error is called that neither strain, mesh nor time step accounts for.
+
+It is the solver's only where the answer keeps the stated equations, or where the simulator says of
+itself that it stopped this early. A wrong law, load or unit is called by its name where the
+diagnosis found it; else the error is not explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate.meshes.problem import Problem
+from palpate.validation.diagnosis import Cause, Diagnosis
+from palpate.validation.diagnosis.answers import distance
+from palpate.validation.diagnosis.diagnose import equations_left
+from palpate.validation.diagnosis.explanation import CONVERGED, SINGLE
+from palpate.validation.states import State
+
+SOLVER = "solver"
+UNEXPLAINED = "not explained by mesh, time or solver"
+# A simulator measures its residual in a norm of its own.
+_NORMS_DIFFER = 10.0
+# Nobody stops earlier on purpose.
+_MOST_SAID = 0.1
+_SOLVERS = (Cause.AGREES, Cause.PRECISION)
+
+
+def name_of_rest(
+    problem: Problem,
+    candidate: State,
+    twin: State | None = None,
+    diagnoses: Sequence[Diagnosis] = (),
+) -> str:
+    """The name of what is left of a candidate's error on the same mesh, strain and step.
+
+    Args:
+        problem: The case's problem.
+        candidate: Its answer at the case's points.
+        twin: The reference's on the same mesh, for motions, which have no residual of their own.
+        diagnoses: Of the case, if it was red.
+    """
+    mine = [d for d in diagnoses if d.strain is candidate.strain]
+    first = mine[0].first if mine else None
+    if first is not None:
+        return SOLVER if first.cause in _SOLVERS else f"explained: {first.name}"
+    if problem.time is not None:
+        motions = [s.trajectory for s in (candidate, twin) if s is not None]
+        if len(motions) == 2 and motions[0] is not None and motions[1] is not None:
+            apart = distance(motions[0].displacements, motions[1].displacements)
+            return SOLVER if apart <= SINGLE else UNEXPLAINED
+        return UNEXPLAINED
+    left = equations_left(problem, candidate)
+    said = candidate.details.get("relative_residual")
+    allowed = CONVERGED
+    if isinstance(said, float) and 0.0 < said <= _MOST_SAID:
+        allowed = max(allowed, _NORMS_DIFFER * said)
+    return SOLVER if left <= allowed else UNEXPLAINED
