@@ -9,6 +9,7 @@ knows that a `.c` without its `.c.cached` is a dead run's, and removes it.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import sys
@@ -17,12 +18,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import palpate
+from palpate.meshes.temporaries import scratch_folder
+
+_FOR_THIS_PROCESS = contextlib.ExitStack()
+atexit.register(_FOR_THIS_PROCESS.close)
 
 
 def cache_folder(dolfinx_version: str) -> Path:
     """Folder of compiled forms: $XDG_CACHE_HOME/palpate or ~/.cache/palpate, by versions.
 
-    Falls back to a folder under the system's temporary one where that cannot be written.
+    Falls back to a folder under the system's temporary one where that cannot be written, and to
+    one for this process alone where that is somebody else's.
     """
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
@@ -34,7 +40,7 @@ def cache_folder(dolfinx_version: str) -> Path:
             # Code is loaded from here: never from a folder that somebody else owns.
             if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
                 return folder
-    return Path(tempfile.mkdtemp(prefix="palpate-forms-"))
+    return _FOR_THIS_PROCESS.enter_context(scratch_folder("forms"))
 
 
 def remove_unfinished(folder: Path) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -27,6 +28,28 @@ def test_a_home_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
     folder = cache_folder("0.11.0")
     assert folder.is_dir()
     assert folder.is_relative_to(tmp_path)
+
+
+def test_where_nothing_can_be_kept_a_folder_lasts_as_long_as_its_process(tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / f"palpate-{os.getuid()}").write_text("in the way")
+    program = (
+        "import stat\n"
+        "from palpate.reference.jit_cache import cache_folder\n"
+        "folder = cache_folder('0.11.0')\n"
+        "assert stat.S_IMODE(folder.stat().st_mode) == 0o700\n"
+        "(folder / 'form.c').write_text('x'); print(folder.parent)\n"
+    )
+    places = {"XDG_CACHE_HOME": str(tmp_path / "file"), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        env={**child_environment(), **places},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout == f"{tmp_path}\n", done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", f"palpate-{os.getuid()}"]
 
 
 def test_only_unfinished_sources_are_removed(tmp_path):
