@@ -7,7 +7,7 @@ says its shape and kind of number; what does not fit is refused with nothing unp
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import IO, Any
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
@@ -23,7 +23,9 @@ MOST_BYTES = 1024**3
 # Truth values, whole numbers, reals, text.
 _KINDS = "biufUS"
 _PIECE = 1024**2
-_HEADERS = {
+_Header = tuple[tuple[int, ...], bool, np.dtype[Any]]
+_VERSION: Callable[[IO[bytes]], tuple[int, int]] = np.lib.format.read_magic
+_HEADERS: dict[tuple[int, int], Callable[[IO[bytes]], _Header]] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
@@ -76,7 +78,7 @@ def _require_room(
         if entry.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
             raise FileFormatError(path, f"{name!r} is packed in a way numpy does not use")
         with archive.open(entry) as stream:
-            shape, dtype, _ = _header(stream)
+            shape, _, dtype = _header(stream)
         if dtype.kind not in _KINDS or dtype.itemsize == 0:
             raise FileFormatError(
                 path, f"{name!r} holds {dtype}, which is neither numbers nor text"
@@ -93,20 +95,20 @@ def _require_room(
             raise FileFormatError(path, f"{name!r} is shorter than its shape {shape} says")
 
 
-def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], bool]:
-    """Shape, kind of number, and whether columns come first."""
-    version = np.lib.format.read_magic(stream)
+def _header(stream: IO[bytes]) -> _Header:
+    """Shape, whether columns come first, and kind of number."""
+    version = _VERSION(stream)
     if version not in _HEADERS:
         raise ValueError(f"version {version} of the npy format")
     shape, columns_first, dtype = _HEADERS[version](stream)
     if any(not isinstance(n, int) or isinstance(n, bool) or n < 0 for n in shape):
         raise ValueError(f"shape {shape}")
-    return shape, dtype, columns_first
+    return shape, columns_first, dtype
 
 
 def _array(path: str | Path, archive: ZipFile, entry: ZipInfo) -> NDArray[Any]:
     with archive.open(entry) as stream:
-        shape, dtype, columns_first = _header(stream)
+        shape, columns_first, dtype = _header(stream)
         size = math.prod(shape) * dtype.itemsize
         # Never more than was judged, whatever the zip file says of itself; piece by piece, so
         # that the data is there once.

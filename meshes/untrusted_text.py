@@ -13,6 +13,7 @@ import os
 import stat
 import tomllib
 from collections.abc import Callable
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +73,7 @@ def read_text(path: str | Path, *, most_bytes: int = MOST_BYTES) -> str:
         raise FileFormatError(path, f"not UTF-8 text ({error.reason})") from error
 
 
-def open_plain(path: str | Path, *, most_bytes: int) -> Any:
+def open_plain(path: str | Path, *, most_bytes: int) -> BufferedReader:
     """A file opened to read bytes; pipes, devices and endless files are refused.
 
     Raises:

@@ -18,6 +18,7 @@ from palpate.validation.commands.report import report
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
 from palpate.validation.commands.words import listed
+from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import version_of
@@ -52,7 +53,7 @@ def cases() -> None:
     from palpate.validation.case import builtin_cases, load_case
 
     for name in builtin_cases():
-        print(f"{name:12} {load_case(name).title}")
+        print(for_terminal(f"{name:12} {load_case(name).title}"))
 
 
 app.command()(mesh)

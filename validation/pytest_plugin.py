@@ -40,6 +40,7 @@ def palpate_case() -> JudgeCase:
         from palpate.validation.case import load_case
         from palpate.validation.judging.judge import judge_case
         from palpate.validation.judging.outputs import check_name
+        from palpate.validation.quoting import for_terminal
         from palpate.validation.simulators.candidate import candidate_for, result_candidate
         from palpate.validation.states import Verdict
 
@@ -53,7 +54,8 @@ def palpate_case() -> JudgeCase:
             bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
             lines = [f"  {c.verdict}: {check_name(c)}: {c.message} ({c.reason})" for c in bad]
             lines += [f"  {note}" for note in judged.notes]
-            pytest.fail("\n".join([f"{judged.name}: {judged.verdict}", *lines]), pytrace=False)
+            lines = [for_terminal(line) for line in [f"{judged.name}: {judged.verdict}", *lines]]
+            pytest.fail("\n".join(lines), pytrace=False)
         return judged
 
     return judge

@@ -82,6 +82,7 @@ class State:
         tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
             (num_tools, num_outputs, 3), means from output to output.
         versions: Of the libraries that solved it, by name.
+        says: What an outside candidate says of itself: its words, never judged.
         remarks: What was done to the answer to compare it, a sentence each.
     """
 
@@ -102,6 +103,7 @@ class State:
     own: OwnMesh | None = None
     tool_forces: NDArray[np.float64] | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
+    says: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
     @property

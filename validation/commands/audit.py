@@ -15,6 +15,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import OneCase
+from palpate.validation.quoting import for_terminal
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
@@ -65,7 +66,7 @@ def audit(
     try:
         state = result_candidate(result).solve(loaded.problem, used, progress)
     except CandidateFailedError as error:
-        print(f"palpate: {error}", file=sys.stderr)
+        print(for_terminal(f"palpate: {error}"), file=sys.stderr)
         raise typer.Exit(1) from error
     found = run_task(AuditTask(state.displacement, used, degree), loaded.problem, progress=progress)
     assert isinstance(found, Audit)
@@ -74,7 +75,7 @@ def audit(
     if not wrong and not state.smallest_det_f > 0.0:
         wrong = [_INVERTED]
     for line in (*describe(found), *state.remarks):
-        print(line)
+        print(for_terminal(line))
     if json is not None:
         write_text_atomically(json, json_format.dumps(as_numbers(found, wrong), indent=2) + "\n")
     if cells is not None:
@@ -85,7 +86,7 @@ def audit(
             cell_data={"residual_norm": found.cell_errors},
         )
     for reason in wrong:
-        print(f"failed: {reason}")
+        print(for_terminal(f"failed: {reason}"))
     if wrong:
         raise typer.Exit(1)
 

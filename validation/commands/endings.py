@@ -20,6 +20,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.validation.quoting import for_terminal_lines
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -166,4 +167,4 @@ def end_of(error: BaseException) -> int:
 
 def _say(line: str) -> None:
     with contextlib.suppress(OSError):
-        print(f"palpate: {line}", file=sys.stderr)
+        print(for_terminal_lines(f"palpate: {line}"), file=sys.stderr)

@@ -11,6 +11,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.quoting import for_terminal
 
 
 class Mesher(StrEnum):
@@ -82,7 +83,8 @@ def mesh(
     built = fill(body, spec, units)
     quality = measure_quality(built.mesh)
     write_mesh(output, TetMesh(built.mesh.points / scale, built.mesh.cells))
-    print(
+    line = (
         f"{output}: {built.origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
         f" degrees, volume {built.mesh.volume:.6g} m3"
     )
+    print(for_terminal(line))

@@ -11,6 +11,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.quoting import for_terminal
 from palpate.validation.versions import version_of
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def build(names: Cases = None) -> None:
         store(case.name, case.problem, found, provenance, path=path)
         print(path)
         for line in describe_changes(accepted_path(case.name, beside), path):
-            print(f"  {line}")
+            print(for_terminal(f"  {line}"))
         print(f"  not used before `palpate reference accept {name} --reason TEXT`")
 
 
@@ -80,10 +81,11 @@ def check(names: Cases = None) -> None:
         except InputError as error:
             troubles.append(str(error))
             continue
-        print(f"{case.name}: {stored.origin}, made {stored.provenance.get('date', '?')}")
+        made = stored.provenance.get("date", "?")
+        print(for_terminal(f"{case.name}: {stored.origin}, made {made}"))
         accepted = describe_acceptance(stored)
         if accepted:
-            print(f"  {accepted}")
+            print(for_terminal(f"  {accepted}"))
     if troubles:
         raise InputError("; ".join(troubles))
 
@@ -114,7 +116,7 @@ def renew(
             continue
         print(path)
         for line in lines:
-            print(f"  {line}")
+            print(for_terminal(f"  {line}"))
     if troubles:
         raise InputError("; ".join(troubles))
 
@@ -145,7 +147,7 @@ def accept(
         }
         print(accept_pending(case.name, case.problem, acceptance, beside=beside))
         for line in changes:
-            print(f"  {line}")
+            print(for_terminal(f"  {line}"))
 
 
 def _beside(case: Case) -> Path | None:

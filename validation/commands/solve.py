@@ -12,6 +12,7 @@ import typer
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import OneCase
+from palpate.validation.quoting import for_terminal
 
 
 class Simulator(StrEnum):
@@ -46,7 +47,7 @@ def solve(
         try:
             state = fastsim_candidate().solve(problem, used, progress)
         except CandidateFailedError as error:
-            print(f"palpate: {error}", file=sys.stderr)
+            print(for_terminal(f"palpate: {error}"), file=sys.stderr)
             raise typer.Exit(1) from error
     else:
         state = solve_reference(problem, used, degree, progress)

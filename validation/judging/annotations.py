@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.quoting import for_workflow, for_workflow_property
 from palpate.validation.states import Verdict
 
 _MOST = 10
@@ -28,21 +29,13 @@ def github_annotations(results: Sequence[CaseResult]) -> list[str]:
     for result in results:
         verdicts = {check.verdict for check in result.checks}
         if result.verdict is Verdict.INCONCLUSIVE and result.verdict not in verdicts:
-            text = _data(f"{result.verdict}; {result.notes[-1] if result.notes else ''}")
-            lines.append(f"::warning title={_property(result.name)}::{text}")
+            text = for_workflow(f"{result.verdict}; {result.notes[-1] if result.notes else ''}")
+            lines.append(f"::warning title={for_workflow_property(result.name)}::{text}")
     return lines
 
 
 def _line(kind: str, result: CaseResult, check: CheckResult) -> str:
     file = str(result.provenance.get("case_file", ""))
-    place = f"file={_property(file)}," if file else ""
-    title = _property(f"{result.name}: {check_name(check)}")
-    return f"::{kind} {place}title={title}::{_data(f'{check.message}; {check.reason}')}"
-
-
-def _data(text: str) -> str:
-    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _property(text: str) -> str:
-    return _data(text).replace(":", "%3A").replace(",", "%2C")
+    place = f"file={for_workflow_property(file)}," if file else ""
+    title = for_workflow_property(f"{result.name}: {check_name(check)}")
+    return f"::{kind} {place}title={title}::{for_workflow(f'{check.message}; {check.reason}')}"

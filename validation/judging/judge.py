@@ -26,6 +26,7 @@ from palpate.validation.judging.diagnosing import diagnose_failures
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
 from palpate.validation.references.stored import load_stored, problem_key, references_folder
@@ -74,6 +75,7 @@ def judge_case(
 
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
+    said: dict[str, Any] = {}
     for strain in Strain if judged.has_both_strains else (case.strain,):
         try:
             answer = judged.solve(problem, strain, progress)
@@ -87,6 +89,10 @@ def judge_case(
             failures[strain] = impossible
         if not unmeasurable:
             candidates[strain] = answer
+        said.update(answer.says)
+
+    if said:
+        notes.append(own_words(judged.name, said))
 
     judge = CaseJudge(case, references)
     checks = [
@@ -130,6 +136,7 @@ def judge_case(
         rest_surface_area=problem.mesh.surface_area,
         error_fields=_error_fields(candidates, references),
         case_text=case.text,
+        candidate_says=said,
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
         unseen=unseen,
         diagnoses=found,

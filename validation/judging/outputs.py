@@ -13,6 +13,7 @@ from rich.text import Text
 
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
 from palpate.validation.states import Verdict
 
 _COLOUR = {
@@ -55,12 +56,13 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
             "diagnosis": _diagnosis_rows(result.diagnoses),
             "published": dict(result.published),
             "notes": list(result.notes),
+            "candidate_says": dict(result.candidate_says),
             "provenance": dict(result.provenance),
         }
         for result in results
     ]
     document = {"palpate": version, "schema": 1, "cases": cases}
-    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+    return json.dumps(for_json(document), indent=2, allow_nan=False) + "\n"
 
 
 def _diagnosis_rows(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
@@ -98,7 +100,7 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
         suite = ET.SubElement(
             root,
             "testsuite",
-            name=result.name,
+            name=for_xml(result.name),
             tests=str(len(counts) + is_empty),
             failures=str(counts.count(Verdict.FAILED)),
             errors=str(counts.count(Verdict.INCONCLUSIVE) + is_empty),
@@ -106,22 +108,26 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
         )
         for check in result.checks:
             test = ET.SubElement(
-                suite, "testcase", classname=f"palpate.{result.name}", name=check_name(check)
+                suite,
+                "testcase",
+                classname=for_xml(f"palpate.{result.name}"),
+                name=for_xml(check_name(check)),
             )
             properties = ET.SubElement(test, "properties")
             for name in ("value", "limit", "reference_error", "scale", "reason", "is_vacuous"):
-                ET.SubElement(properties, "property", name=name, value=str(getattr(check, name)))
+                value = for_xml(str(getattr(check, name)))
+                ET.SubElement(properties, "property", name=name, value=value)
             if check.verdict is Verdict.FAILED:
-                failure = ET.SubElement(test, "failure", message=_xml_safe(check.message))
+                failure = ET.SubElement(test, "failure", message=for_xml(check.message))
                 told = [str(d) for d in result.diagnoses if d.strain is check.strain]
-                failure.text = _xml_safe("\n".join(told)) or None
+                failure.text = "\n".join(map(for_xml, told)) or None
             elif check.verdict is Verdict.INCONCLUSIVE:
-                ET.SubElement(test, "error", message=_xml_safe(f"inconclusive: {check.message}"))
+                ET.SubElement(test, "error", message=for_xml(f"inconclusive: {check.message}"))
             elif check.verdict is Verdict.SKIPPED:
-                ET.SubElement(test, "skipped", message=_xml_safe(check.message))
+                ET.SubElement(test, "skipped", message=for_xml(check.message))
         if is_empty:
-            test = ET.SubElement(suite, "testcase", classname="palpate", name=result.name)
-            ET.SubElement(test, "error", message=_xml_safe(result.notes[-1]))
+            test = ET.SubElement(suite, "testcase", classname="palpate", name=for_xml(result.name))
+            ET.SubElement(test, "error", message=for_xml(result.notes[-1]))
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -132,12 +138,12 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
     rows.sort(key=lambda row: _GRAVEST_FIRST.index(row[1].verdict))
     lines = []
     for r in results:
-        lines.append(f"- **{_cell(r.name)}**: {r.verdict} ({_cell(r.title)})")
-        lines += [f"  - diagnosis, {d.strain} strain: {_cell(str(d))}" for d in r.diagnoses]
+        lines.append(f"- **{for_markdown(r.name)}**: {r.verdict} ({for_markdown(r.title)})")
+        lines += [f"  - diagnosis, {d.strain} strain: {for_markdown(str(d))}" for d in r.diagnoses]
     lines += ["", "| case | check | found | verdict | reason |", "| --- | --- | --- | --- | --- |"]
     lines += [
-        f"| {_cell(result.name)} | {check_name(check)} | {_cell(check.message)} "
-        f"| {check.verdict} | {_cell(check.reason)} |"
+        f"| {for_markdown(result.name)} | {for_markdown(check_name(check))} "
+        f"| {for_markdown(check.message)} | {check.verdict} | {for_markdown(check.reason)} |"
         for result, check in rows[:_MOST_ROWS]
     ]
     lines += _changes(results)
@@ -150,7 +156,7 @@ def _changes(results: Sequence[CaseResult]) -> list[str]:
     """Notes on what changed since the accepted result, as a list."""
     mark = "Since the accepted result: "
     lines = [
-        f"- **{_cell(result.name)}**: {_cell(note.removeprefix(mark))}"
+        f"- **{for_markdown(result.name)}**: {for_markdown(note.removeprefix(mark))}"
         for result in results
         for note in result.notes
         if note.startswith(mark)
@@ -162,20 +168,24 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
     """The table a person sees at the end."""
     for result in results:
         # Text, not markup: names come from files.
-        table = Table(title=Text(f"{result.name}: {result.title}"), title_justify="left")
+        table = Table(
+            title=Text(for_terminal(f"{result.name}: {result.title}")), title_justify="left"
+        )
         for name in ("check", "found", "verdict", "why this limit"):
             table.add_column(name, overflow="fold")
         for check in result.checks:
             table.add_row(
-                Text(check_name(check)),
-                Text(check.message),
+                Text(for_terminal(check_name(check))),
+                Text(for_terminal(check.message)),
                 Text(check.verdict, style=_COLOUR[check.verdict]),
-                Text(check.reason, style="dim"),
+                Text(for_terminal(check.reason), style="dim"),
             )
         console.print(table)
         for note in result.notes:
-            console.print(Text(note, style="dim"))
-        console.print(Text(f"{result.name}: {result.verdict}", style=_COLOUR[result.verdict]))
+            console.print(Text(for_terminal(note), style="dim"))
+        console.print(
+            Text(for_terminal(f"{result.name}: {result.verdict}"), style=_COLOUR[result.verdict])
+        )
 
 
 def check_name(check: CheckResult) -> str:
@@ -188,14 +198,3 @@ def check_name(check: CheckResult) -> str:
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and abs(value) < float("inf") else None
-
-
-def _cell(text: str) -> str:
-    """Text that cannot break out of a Markdown table cell or become HTML."""
-    safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return safe.replace("|", "\\|").replace("\n", " ").replace("`", "'")
-
-
-def _xml_safe(text: str) -> str:
-    """Control characters are not allowed in XML, not even escaped."""
-    return "".join(c for c in text if c >= " " or c in "\t\n")

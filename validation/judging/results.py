@@ -68,6 +68,7 @@ class CaseResult:
         candidate: Name of who was judged: the label of its states.
         case_text: The case file as it was read.
         evidence: What the case says for a credibility file: question, context of use...
+        candidate_says: What an outside candidate says of itself: its words, which nobody checked.
         unseen: Plainly wrong answers that no check of the case turns red, by name.
         diagnoses: What would explain each answer that a check failed.
     """
@@ -88,6 +89,7 @@ class CaseResult:
     candidate: str = "fastsim"
     case_text: str = ""
     evidence: Mapping[str, Any] = field(default_factory=dict)
+    candidate_says: Mapping[str, Any] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
 

@@ -25,6 +25,7 @@ from palpate.validation.evidence.error_budget import (
 )
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.quoting import for_html
 from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.motion_plot import motion_svg
@@ -65,6 +66,7 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("palpate.validation.report"),
         autoescape=True,
+        finalize=for_html,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from palpate.meshes.problem import Strain
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.quoting import csv_text
 
 MM3, MM2 = 1e9, 1e6
 
@@ -72,12 +73,11 @@ def state_table(result: CaseResult) -> StateTable:
 def state_table_csv(result: CaseResult) -> str:
     """The same table for a spreadsheet."""
     table = state_table(result)
-    lines = ["quantity,state," + ",".join(f'"{c}","{c} change %"' for c in table.columns)]
+    columns = ["quantity", "state"]
+    columns += [name for c in table.columns for name in (c, f"{c} change %")]
+    rows = []
     for row in table.rows:
         unit = "mm3" if row.quantity == "volume" else "mm2"
-        cells = ",".join(
-            ("" if value is None else f"{value:.4f}") + "," + ("" if c is None else f"{c:.4f}")
-            for value, c in row.cells
-        )
-        lines.append(f"{row.quantity} [{unit}],{row.state},{cells}")
-    return "\n".join(lines) + "\n"
+        cells = ["" if number is None else f"{number:.4f}" for pair in row.cells for number in pair]
+        rows.append([f"{row.quantity} [{unit}]", row.state, *cells])
+    return csv_text(columns, rows)

@@ -22,6 +22,7 @@ from palpate.validation.exchange.result_files import (
 )
 from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
+from palpate.validation.quoting import visible
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator, require_answers
@@ -82,7 +83,8 @@ def candidate_for(command: str | None, time_limit: float) -> Candidate:
 
 def candidate_name(name: str) -> str:
     """A candidate's name for people, told apart from the reference's own labels."""
-    return f"{name} (candidate)" if name.casefold().startswith(REFERENCE) else name
+    shown = visible(name)
+    return f"{shown} (candidate)" if shown.casefold().startswith(REFERENCE) else shown
 
 
 def outside_candidate(simulator: OutsideSimulator) -> Candidate:
@@ -146,7 +148,7 @@ def with_motion(state: State, problem: Problem, result: ResultFile, placed: Plac
     """
     told = dict(result.about)
     forces = _tool_forces(result, told.pop("tool_forces", None))
-    state = dataclasses.replace(state, details={**state.details, **told}, tool_forces=forces)
+    state = dataclasses.replace(state, says=told, tool_forces=forces)
     span = problem.time
     if span is None:
         return state
@@ -169,6 +171,7 @@ def with_motion(state: State, problem: Problem, result: ResultFile, placed: Plac
             states[k] = on_own_mesh(states[k], problem.mesh, own)
     return dataclasses.replace(
         states[0],
+        says=told,
         sent=_to_the_end(given, placed.displacement, read.states[-1:], wanted[-1], slack),
         other_reading=None if read.were_sent.all() else states[1],
         remarks=(*state.remarks, *_told_of_times(given, read, span.end_time + slack)),

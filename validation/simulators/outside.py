@@ -27,6 +27,7 @@ from palpate.validation.exchange.result_files import (
     read_result,
     room_for_answer,
 )
+from palpate.validation.quoting import in_quotes
 from palpate.validation.simulators.answer import CandidateFailedError, Progress
 
 DEFAULT_TIME_LIMIT = 600.0
@@ -161,11 +162,11 @@ def _run(words: list[str], folder: Path, time_limit: float) -> None:
 
 
 def _last_line(output: object) -> str:
-    """The last thing it said, after a colon."""
+    """The last thing it said, as its words."""
     stream = output
     assert hasattr(stream, "seek")
     assert hasattr(stream, "read")
     size = stream.seek(0, os.SEEK_END)
     stream.seek(max(0, size - _STDERR_CHARACTERS))
     lines = stream.read().decode("utf-8", errors="replace").strip().splitlines()
-    return f": {lines[-1][:200]}" if lines else ""
+    return f", its last line: {in_quotes(lines[-1])}" if lines else ""

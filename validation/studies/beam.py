@@ -19,6 +19,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
+from palpate.validation.quoting import csv_text
 from palpate.validation.references.sets import solve_state
 from palpate.validation.simulators import run_fastsim
 from palpate.validation.studies.common import code_of, judge_and_report
@@ -30,9 +31,8 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     """Judge the beam, sweep its load, and leave report.html, sweep.csv and sweep.svg."""
     result = judge_and_report("beam", folder, progress, console)
     rows = sweep(load_case("beam").problem, progress)
-    header = "load_factor,strain,simulator,tip_drop_mm,stretch_percent"
-    lines = [",".join(str(x) for x in row) for row in rows]
-    (folder / "sweep.csv").write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    columns = ("load_factor", "strain", "simulator", "tip_drop_mm", "stretch_percent")
+    (folder / "sweep.csv").write_text(csv_text(columns, rows), encoding="utf-8")
     (folder / "sweep.svg").write_text(sweep_svg(rows), encoding="utf-8")
     console.print(f"{'load':>6} {'strain':7} {'simulator':14} {'tip drop [mm]':>14} {'stretch':>9}")
     for factor, strain, simulator, drop, stretch in rows:

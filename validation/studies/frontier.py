@@ -9,7 +9,6 @@ drawn apart.
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
 import time
@@ -30,6 +29,7 @@ from palpate.validation.benchmarks.interpreters import interpreter_with
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.metrics import l2_norm
+from palpate.validation.quoting import csv_text
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -221,10 +221,8 @@ def _write(
     svg = frontier_svg(rows, bar)
     findings = find_faults(rows)
     (folder / "frontier.svg").write_text(svg, encoding="utf-8")
-    with (folder / "frontier.csv").open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, fieldnames=list(asdict(rows[0])))
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
+    text = csv_text(list(asdict(rows[0])), (asdict(row).values() for row in rows))
+    (folder / "frontier.csv").write_text(text, encoding="utf-8")
     columns = ["tool", "version", "law", "method", "cells", "seconds", "error", "same mesh"]
     table = [
         [r.tool, r.version, r.law, r.method, str(r.num_cells), f"{r.seconds:.3g}",

@@ -24,6 +24,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.validation.case import load_case
+from palpate.validation.quoting import csv_text
 from palpate.validation.run_folder import RESULTS
 
 BODIES = ("kidney", "beam")
@@ -65,9 +66,8 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         progress(f"{body}: {kind} {strength:g}")
         trials.append(attempt(body, kind, strength, problem))
     columns = ("body", "kind", "strength", "reference", "plain", "reference_seconds", "diagnosis")
-    rows = [[str(asdict(t)[c]).replace(",", ";") for c in columns] for t in trials]
-    lines = [",".join(columns), *(",".join(row) for row in rows)]
-    (folder / "hard-loads.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    table = csv_text(columns, ([asdict(t)[c] for c in columns] for t in trials))
+    (folder / "hard-loads.csv").write_text(table, encoding="utf-8")
     summary = summarise(trials)
     text = json.dumps(
         {"study": "hard-loads", "summary": summary, "trials": [asdict(t) for t in trials]}, indent=1

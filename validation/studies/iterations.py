@@ -25,6 +25,7 @@ from palpate.fastsim.errors import RelaxationFailedError
 from palpate.fastsim.newton import Iteration, Newton
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
+from palpate.validation.quoting import csv_text
 from palpate.validation.run_folder import RESULTS
 from palpate.validation.studies.beam import scaled
 
@@ -74,14 +75,14 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
         for factor in FACTORS:
             progress(f"{name}, {factor:g} of the load")
             curves += follow(name, load_case(name).problem, factor)
-    header = "case,load_factor,method,count,relative_residual"
-    lines = [
-        f"{c.case},{c.load_factor:g},{c.method},{count},{residual:.6e}"
+    columns = ("case", "load_factor", "method", "count", "relative_residual")
+    rows = [
+        (c.case, f"{c.load_factor:g}", c.method, count, f"{residual:.6e}")
         for c in curves
         for count, residual in zip(c.counts, c.residuals, strict=True)
     ]
     svg = curves_svg(curves)
-    (folder / "iterations.csv").write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    (folder / "iterations.csv").write_text(csv_text(columns, rows), encoding="utf-8")
     (folder / "iterations.svg").write_text(svg, encoding="utf-8")
     (folder / "report.html").write_text(page(curves, svg), encoding="utf-8")
     faults = find_faults(curves)

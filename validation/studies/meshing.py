@@ -29,6 +29,7 @@ from palpate.meshes.problem import Material
 from palpate.meshes.quality import dihedral_angles, edge_length_deviation
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.quoting import csv_text
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -80,8 +81,8 @@ def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
     rows = [measure(name, surface, mesh) for name, mesh in meshes.items()]
     findings = judge(rows)
     table = quality_table(rows)
-    lines = [",".join(row) for row in (table.columns, *table.rows)]
-    (folder / "quality.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    text = csv_text(table.columns, table.rows)
+    (folder / "quality.csv").write_text(text, encoding="utf-8")
     progress("drawing the meshes cut open")
     shown = [TRADITIONAL, PAPER, OURS]
     figure = StudyFigure(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -14,6 +12,7 @@ from typing import Any
 import matplotlib as mpl
 from rich.console import Console
 
+from palpate.validation.quoting import csv_text
 from palpate.validation.report.study_page import (
     Finding,
     StudyFigure,
@@ -66,7 +65,7 @@ def leave_study(
         The exit code: 0 passed, 1 failed, 3 inconclusive.
     """
     for stem, table in tables.items():
-        (folder / f"{stem}.csv").write_text(csv_text(table), encoding="utf-8")
+        (folder / f"{stem}.csv").write_text(csv_text(table.columns, table.rows), encoding="utf-8")
     for stem, figure in figures.items():
         (folder / f"{stem}.svg").write_text(figure.svg, encoding="utf-8")
     write_study_page(
@@ -83,10 +82,3 @@ def leave_study(
     for f in findings:
         console.print(f"{f.verdict}: {f.claim}: {f.found}", markup=False, soft_wrap=True)
     return CODES[gravest(findings)]
-
-
-def csv_text(table: StudyTable) -> str:
-    """A table as CSV; cells with commas are quoted."""
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows([table.columns, *table.rows])
-    return stream.getvalue()

@@ -53,7 +53,7 @@ def test_a_crash_an_exit_code_and_silence_are_failures(
     problem: Problem, script: Callable[..., OutsideSimulator]
 ) -> None:
     for body, message in (
-        ("print('out of luck'); sys.exit(3)", "ended with 3: out of luck"),
+        ("print('out of luck'); sys.exit(3)", 'ended with 3, its last line: "out of luck"'),
         ("os.kill(os.getpid(), 11)", "crashed \\(signal 11\\)"),
         ("pass", "without writing a result"),
         ("raise ValueError('no mesh')", "no mesh"),
