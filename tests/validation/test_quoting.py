@@ -25,6 +25,7 @@ from palpate.validation.judging import outputs
 from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.html import report_environment
 from palpate.validation.report.table_one import state_table_csv
 from palpate.validation.simulators.candidate import result_candidate
 from palpate.validation.states import Verdict
@@ -203,6 +204,13 @@ def test_what_a_candidate_says_is_told_as_its_words(tmp_path: Path, judged: Case
     assert '"passed\\" by \\"all"' in said[0]
     document = json.loads(outputs.results_json([result], "1"))["cases"][0]
     assert document["candidate_says"] == about
-    assert claim not in json.dumps(
-        {k: v for k, v in document.items() if k not in ("candidate_says", "notes")}
-    )
+    others = {k: v for k, v in document.items() if k not in ("candidate_says", "notes")}
+    assert claim not in json.dumps(others)
+
+
+def test_a_report_escapes_every_text_and_shows_what_is_hidden() -> None:
+    page = report_environment().from_string("<p>{{ text }}</p>").render(text=HOSTILE)
+    page.encode("utf-8")
+    assert hidden(page) == []
+    assert "<script>" not in page
+    assert "\\u202e" in page

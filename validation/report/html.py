@@ -49,7 +49,7 @@ def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
     Returns:
         The page to open first.
     """
-    environment = _environment()
+    environment = report_environment()
     if len(results) == 1:
         return _write_case(environment, results[0], folder / "report.html", "")
     for result in results:
@@ -62,7 +62,8 @@ def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
     return path
 
 
-def _environment() -> Environment:
+def report_environment() -> Environment:
+    """Templates that escape every text and show what is hidden in it."""
     environment = Environment(
         loader=PackageLoader("palpate.validation.report"),
         autoescape=True,

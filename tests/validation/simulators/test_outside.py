@@ -46,7 +46,7 @@ def test_the_smallest_adapter_gives_fastsims_answer(problem: Problem, strain: St
     expected = solve_static(problem, strain=strain).displacement
     found = answer.displacement
     assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
-    assert answer.details["tool"] == "numpy"
+    assert answer.says["tool"] == "numpy"
 
 
 def test_a_crash_an_exit_code_and_silence_are_failures(
