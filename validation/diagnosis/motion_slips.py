@@ -39,14 +39,15 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     """How the candidate's motion can be stepped again, or why it cannot."""
     span = body.problem.time
     assert span is not None
-    told = candidate.details.get("time_step")
-    step = span.time_step or (told if isinstance(told, float) and told > 0.0 else None)
+    told = candidate.says.get("time_step", candidate.details.get("time_step"))
+    step = span.time_step or (told if isinstance(told, float) and 0.0 < told < np.inf else None)
     if body.problem.tools:
         return None, "A motion with tools is not stepped again: mechanical slips were not tried"
     if step is None:
         return None, "No time step is known: mechanical slips were not tried (name `time_step`)"
     between = span.end_time / span.num_outputs
-    per_output = max(1, int(np.ceil(between / step * (1.0 - 1e-12))))
+    # A step that a candidate claims may be anything above 0.
+    per_output = max(1, int(np.ceil(min(between / step, 2 * _MOST_STEPS) * (1.0 - 1e-12))))
     most = min(_MOST_STEPS, int(_WORK / body.mesh.num_cells))
     outputs = min(span.num_outputs, most // per_output)
     if outputs < 1:
