@@ -22,6 +22,9 @@ from palpate.validation.diagnosis.laws import (
 
 # A constant that differs by less from what was asked is said to be right.
 _SAME = 1e-5
+# Constants this many times larger than what was asked belong to an answer that hardly moves, or to
+# a strain that the case does not have.
+_ABSURD = 1e3
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
@@ -137,7 +140,7 @@ def anisotropy_explanations(
         columns.append(S)
     forces = [body.force_of(push_forward(H, S, body.strain)) for S in columns]
     found = fit(forces, external, body.free)
-    if found is None:
+    if found is None or np.abs(found).max() > _ABSURD * body.lmbda.max() + _ABSURD * body.mu.max():
         return
     internal = body.total([c * f for c, f in zip(found, forces, strict=True)])
     left = body.residual(displacement, internal, external)

@@ -20,6 +20,8 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import Case
+from palpate.validation.diagnosis import Diagnosis
+from palpate.validation.diagnosis.asked import turned_otherwise
 from palpate.validation.evidence import relations
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.results import CaseResult, CheckResult
@@ -35,6 +37,10 @@ ANGLE_DEG = 70.0
 TURN_DEG = 40.0
 LEAST_BROKEN = 0.02
 _AXIS = (1.0, 2.0, -0.5)
+_TURNED, _RENUMBERED = "turned", "renumbered"
+_PATCHES = ("patch", "patch, diagonals swapped")
+# What any law keeps, isotropic or not.
+_OF_ANY_LAW = (_RENUMBERED, *_PATCHES)
 _REASON = "the same problem told in another way: only solver error may differ"
 
 
@@ -62,6 +68,7 @@ def judge_relations(
     for relation in _relations(problem, case.strain, candidate, progress):
         progress(f"{case.name}: {relation.name}")
         checks.append(_judge(relation, case.strain))
+    diagnoses = _isotropy(checks)
     return CaseResult(
         name=case.name,
         title=f"{case.title}: relations that need no reference",
@@ -71,13 +78,26 @@ def judge_relations(
         problem=problem,
         metrics={},
         provenance={},
-        notes=candidate.notes,
+        notes=(*candidate.notes, *(f"Diagnosis: {each}." for each in diagnoses)),
         published={},
         rest_volume=problem.mesh.volume,
         rest_surface_area=problem.mesh.surface_area,
         error_fields={},
         candidate=candidate.name,
+        diagnoses=diagnoses,
     )
+
+
+def _isotropy(checks: list[CheckResult]) -> tuple[Diagnosis, ...]:
+    """A law that is not isotropic breaks the turn, and none of `_OF_ANY_LAW`."""
+    values = {check.metric: check.value for check in checks}
+    kept = [values[name] for name in _OF_ANY_LAW]
+    broken = values[_TURNED]
+    if broken is None or None in kept:
+        return ()
+    found = turned_otherwise(max(value for value in kept if value is not None), broken)
+    strain = checks[0].strain
+    return (Diagnosis(strain, (found,), 1, broken, found.of),) if found.fits else ()
 
 
 def _judge(relation: _Relation, strain: Strain) -> CheckResult:
@@ -135,15 +155,15 @@ def _relations(
     matrix = relations.rotation(_AXIS, ANGLE_DEG) if is_general else axes
     mirror = np.diag([1.0, -1.0, 1.0])
     for name, changed in (
-        ("turned", relations.turn(problem, matrix)),
+        (_TURNED, relations.turn(problem, matrix)),
         ("mirrored", relations.turn(problem, mirror)),
-        ("renumbered", relations.renumber(problem)),
+        (_RENUMBERED, relations.renumber(problem)),
         ("other units", relations.change_units(problem)),
     ):
         yield _Relation(name, _REASON, unchanged(changed))
 
     yield _rigid_turn(problem, strain, answer)
-    for name, mesh in (("patch", _box(False)), ("patch, diagonals swapped", _box(True))):
+    for name, mesh in zip(_PATCHES, (_box(False), _box(True)), strict=True):
         affine = mesh.points @ np.array([[0.1, 0.05, 0.0], [-0.04, -0.08, 0.1], [0.0, 0.06, 0.05]])
         outer = np.unique(mesh.boundary_facets)
         given = relations.prescribe(mesh, problem.material, outer, affine)

@@ -18,7 +18,7 @@ from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis import Cause, Diagnosis, Explanation, diagnose
 from palpate.validation.diagnosis.answers import answer_explanations
-from palpate.validation.diagnosis.asked import isotropy_explanation
+from palpate.validation.diagnosis.asked import isotropy_explanation, turned_otherwise
 from palpate.validation.diagnosis.body import Body
 from palpate.validation.diagnosis.explanation import OF_FORCE, choose
 from palpate.validation.diagnosis.factors import displacement_words, in_words, snapped
@@ -313,3 +313,31 @@ def test_times_that_run_too_fast_are_told_from_the_trajectory_alone() -> None:
     assert [e.name for e in choose(answer_explanations(fast, truth, rest))] == [
         "time runs 2 times too fast"
     ]
+
+
+def test_solver_noise_is_no_anisotropy() -> None:
+    assert not turned_otherwise(0.0, 1e-8).fits
+    assert turned_otherwise(0.0, 1e-2).fits
+
+
+def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None:
+    from palpate.validation.evidence.metamorphic import judge_relations
+    from palpate.validation.simulators.candidate import Candidate
+
+    def judged(mistake: str) -> tuple[Diagnosis, ...]:
+        def solve(given: Problem, strain: Strain, _progress: Callable[[str], None]) -> State:
+            return answers.to(given, strain, mistake)
+
+        candidate = Candidate("mine", solve)
+        return judge_relations(load_case("block"), candidate, lambda _line: None).diagnoses
+
+    (found,) = judged("orthotropic")
+    assert "not isotropic" in name_of(found)
+    assert judged("dropped-cell") == ()
+
+
+def test_an_answer_that_hardly_moves_is_given_no_law() -> None:
+    """Constants as large as you like bring any small answer into equilibrium."""
+    problem = load_case("block").problem
+    right = solve_static(problem, strain=Strain.LINEAR).displacement
+    assert diagnose(problem, state(problem, 1e-30 * right, Strain.LINEAR), None).explanations == ()
