@@ -307,88 +307,35 @@ class ToolShape:
         NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
     ]: ...
 
-class ExplicitRun32:
-    @staticmethod
-    def make(
-        points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        lumped_mass: NDArray[np.float64],
-        is_free: NDArray[np.uint8],
-        lmbda: float,
-        mu: float,
-        strain: StrainMeasure,
-        time_step: float,
-        mass_damping: float,
-        displacement_limit: float,
-        num_threads: int,
-        at_most: InstructionSet,
-        tracks_energy: bool,
-    ) -> ExplicitRun32: ...
-    @property
-    def instruction_set(self) -> str: ...
-    def set_state(
+class ToolPath:
+    def __init__(
         self,
-        displacement: NDArray[np.float64],
-        increment: NDArray[np.float64],
-        energy: float,
+        times: NDArray[np.float64],
+        positions: NDArray[np.float64],
+        rotations: NDArray[np.float64],
     ) -> None: ...
-    def get_state(
-        self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
-    ) -> None: ...
-    def set_dead_loads(self, forces: NDArray[np.float64]) -> None: ...
-    def set_pressure(
-        self,
-        facets: NDArray[np.int32],
-        pressures: NDArray[np.float64],
-        histories: NDArray[np.int32],
-    ) -> None: ...
-    def set_moving_supports(
-        self, values: NDArray[np.float64], histories: NDArray[np.int32]
-    ) -> None: ...
-    def set_mass_damping(self, mass_damping: float) -> None: ...
-    def advance(
-        self,
-        factors: NDArray[np.float64],
-        every: int,
-        displacements: NDArray[np.float64],
-        energies: NDArray[np.float64],
-        poses: NDArray[np.float64],
-        reactions: NDArray[np.float64],
-    ) -> tuple[int, StopReason, int]: ...
-    def add_tool(
-        self,
-        shape: ToolShape,
-        is_constraint: bool,
-        friction: float,
-        reach: float,
-        deepest: float,
-        direction: tuple[float, float, float],
-        mass: float,
-        points: NDArray[np.float64],
-        vertices: NDArray[np.int32],
-        stiffnesses: NDArray[np.float64],
-    ) -> None: ...
-    def set_body_touch(
-        self,
-        points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        vertices: NDArray[np.int32],
-        facets: NDArray[np.int32],
-        parts: NDArray[np.int32],
-        stiffnesses: NDArray[np.float64],
-        at_most: InstructionSet,
-    ) -> None: ...
-    def body_touches(self) -> tuple[int, float]: ...
-    def get_contact_force(self, force: NDArray[np.float64]) -> None: ...
-    def internal_force(self, force: NDArray[np.float64]) -> None: ...
+    def rotation_at(self, time: float) -> list[float]: ...
+    def poses_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
-class ExplicitRun64:
+class CentralDifference:
+    def __init__(self, time_step: float, mass_damping: float) -> None: ...
+    time_step: float
+    mass_damping: float
+    def next_increments(
+        self,
+        increment: NDArray[np.float64],
+        mass: NDArray[np.float64],
+        force: NDArray[np.float64],
+    ) -> NDArray[np.float64]: ...
+
+class ExplicitRun:
     @staticmethod
     def make(
         points: NDArray[np.float64],
         cells: NDArray[np.int32],
         lumped_mass: NDArray[np.float64],
         is_free: NDArray[np.uint8],
+        *,
         lmbda: float,
         mu: float,
         strain: StrainMeasure,
@@ -397,8 +344,9 @@ class ExplicitRun64:
         displacement_limit: float,
         num_threads: int,
         at_most: InstructionSet,
+        is_single: bool,
         tracks_energy: bool,
-    ) -> ExplicitRun64: ...
+    ) -> ExplicitRun: ...
     @property
     def instruction_set(self) -> str: ...
     def set_state(
@@ -410,9 +358,10 @@ class ExplicitRun64:
     def get_state(
         self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
     ) -> None: ...
-    def set_dead_loads(self, forces: NDArray[np.float64]) -> None: ...
+    def set_dead_load(self, history: int, forces: NDArray[np.float64]) -> None: ...
     def set_pressure(
         self,
+        points: NDArray[np.float64],
         facets: NDArray[np.int32],
         pressures: NDArray[np.float64],
         histories: NDArray[np.int32],
@@ -421,18 +370,10 @@ class ExplicitRun64:
         self, values: NDArray[np.float64], histories: NDArray[np.int32]
     ) -> None: ...
     def set_mass_damping(self, mass_damping: float) -> None: ...
-    def advance(
-        self,
-        factors: NDArray[np.float64],
-        every: int,
-        displacements: NDArray[np.float64],
-        energies: NDArray[np.float64],
-        poses: NDArray[np.float64],
-        reactions: NDArray[np.float64],
-    ) -> tuple[int, StopReason, int]: ...
     def add_tool(
         self,
         shape: ToolShape,
+        *,
         is_constraint: bool,
         friction: float,
         reach: float,
@@ -443,7 +384,7 @@ class ExplicitRun64:
         vertices: NDArray[np.int32],
         stiffnesses: NDArray[np.float64],
     ) -> None: ...
-    def set_body_touch(
+    def set_self_contact(
         self,
         points: NDArray[np.float64],
         cells: NDArray[np.int32],
@@ -453,6 +394,14 @@ class ExplicitRun64:
         stiffnesses: NDArray[np.float64],
         at_most: InstructionSet,
     ) -> None: ...
-    def body_touches(self) -> tuple[int, float]: ...
+    def advance(
+        self, factors: NDArray[np.float64], tools: NDArray[np.float64]
+    ) -> tuple[int, StopReason, int]: ...
+    def look(
+        self, factors: NDArray[np.float64], tools: NDArray[np.float64]
+    ) -> tuple[int, StopReason, int]: ...
+    def energies(self) -> tuple[float, float, float]: ...
+    def take_tool_records(self) -> NDArray[np.float64]: ...
     def get_contact_force(self, force: NDArray[np.float64]) -> None: ...
+    def self_overlap(self) -> tuple[int, float]: ...
     def internal_force(self, force: NDArray[np.float64]) -> None: ...

@@ -65,6 +65,8 @@ class Histories:
             InputError: An amplitude that is not finite at one of the times.
         """
         factors = np.ones((len(times), len(self)))
+        if not self._functions:
+            return factors
         for column, function in enumerate(self._functions, start=1):
             factors[:, column] = [function(float(t)) for t in times]
         if not np.isfinite(factors).all():

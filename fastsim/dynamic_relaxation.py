@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.fastsim.amplitudes import Histories, smooth_ramp
+from palpate.fastsim.amplitudes import smooth_ramp
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
@@ -188,19 +188,18 @@ class _Relaxation:
             self._problem,
             strain=self._strain,
             time_step=1.0,
-            mass_damping=0.0,
-            histories=Histories(self._problem, ramp, ramp),
+            amplitude=ramp,
+            support_amplitude=ramp,
             mass=mass,
             num_threads=self._num_threads,
             tools=tools,
         )
-        zero = np.zeros_like(self.last_good)
-        body.start(zero, zero)
         self.history = []
         before, force_before = body.displacement.copy(), body.force()
         while self.steps < max_steps:
             try:
-                body.advance(WINDOW, WINDOW)
+                body.step(WINDOW)
+                body.look()
             except BlowUpError as error:
                 self.steps += WINDOW
                 self.last_good = error.displacement
@@ -217,7 +216,7 @@ class _Relaxation:
             rounding = rounding_error(4.0 * self._bound[:, None], now) / scale
             if is_loaded and relative <= max(self._tolerance, 0.1 * rounding):
                 if tools is not None:
-                    self.tool_forces = tools.last_forces()
+                    self.tool_forces = body.take_tool_records()["force"].copy()
                 return now, relative
             # While the load still grows the change of force is not the body's alone.
             if is_loaded:

@@ -2,34 +2,26 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.fastsim.amplitudes import Amplitudes, Histories
-from palpate.fastsim.body import Body
-from palpate.fastsim.contact.body_contact import BodyContact
+from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.contact.contact_law import ContactLaw
-from palpate.fastsim.contact.explicit_tools import ExplicitTools, ToolTrack
-from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.explicit_body import ExplicitBody, Precision
+from palpate.fastsim.contact.explicit_tools import ToolTrack
+from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 
 __all__ = [
+    "SAFETY",
     "DynamicResult",
     "Energies",
     "Precision",
     "simulate",
 ]
-
-# Share of the critical step used when none is chosen: Green strain stiffens under stretch.
-SAFETY = 0.8
-# The steps are left about so often, for progress and Ctrl-C [s].
-_BREATH = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +57,7 @@ class DynamicResult:
         num_steps: Steps done.
         energies: If asked for.
         instruction_set: What the step ran on.
-        tools: What each tool did and felt.
+        tools: Where each tool was, and what acted on it.
     """
 
     times: Points
@@ -96,8 +88,8 @@ def simulate(
 ) -> DynamicResult:
     """Run the explicit scheme over the problem's time span.
 
-    M a'' + D a' + R(a) = s(t) F with lumped M and D = mass_damping M, by eq. 12 (corrected: see
-    core/mechanics/central_difference.hpp) from the start-up value of eq. 13.
+    M a'' + D a' + R(a) = s(t) F with lumped M and D = mass_damping M (eq. 11), by eq. 12
+    (corrected: see core/explicit/central_difference.hpp) from the start-up value of eq. 13.
 
     Args:
         problem: With `time` set; its `time_step` None takes 0.8 of the critical one.
@@ -127,104 +119,50 @@ def simulate(
         BlowUpError: A cell inverted (Green strain), a number left its bounds, or energy grew
             from nothing; carries the last good state.
     """
-    span, mesh = problem.time, problem.mesh
+    span = problem.time
     if span is None:
         raise InputError("a dynamic run needs a time span; add [time] to the case")
-    if num_threads < 1:
-        raise InputError(f"num_threads = {num_threads}: needs at least 1")
-    elastic = Body.of(problem, strain)
-    critical, mass = elastic.critical_time_step(), elastic.lumped_mass
-    tools = None
-    if problem.tools:
-        tools = ExplicitTools(
-            problem,
-            contact,
-            mass,
-            critical_time_step=critical,
-            time_step=span.time_step,
-        )
-        critical = tools.critical_time_step
-    bodies = None
-    if body_contact is not None:
-        bodies = BodyContact(
-            problem,
-            body_contact,
-            mass,
-            critical_time_step=critical,
-            time_step=span.time_step,
-        )
-        critical = bodies.critical_time_step
-    if span.time_step is not None and span.time_step > critical:
-        raise UnstableStepError(span.time_step, critical)
-    wanted = span.time_step if span.time_step is not None else SAFETY * critical
-    per_output = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
     body = ExplicitBody(
         problem,
         strain=strain,
-        time_step=span.end_time / (span.num_outputs * per_output),
-        mass_damping=span.mass_damping,
-        histories=Histories(problem, amplitude, support_amplitude),
+        displacement=displacement,
+        velocity=velocity,
+        amplitude=amplitude,
+        support_amplitude=support_amplitude,
         precision=precision,
         num_threads=num_threads,
         tracks_energy=tracks_energy,
-        tools=tools,
-        body_contact=bodies,
+        contact=contact,
+        body_contact=body_contact,
     )
-    zero = np.zeros_like(mesh.points)
-    body.start(
-        elastic.checked(zero if displacement is None else displacement),
-        elastic.checked(zero if velocity is None else velocity),
-    )
-    states, rows = [body.displacement[None].copy()], [np.zeros((1, 3))]
-    done = 0
-    for new, energies in _outputs(body, span.num_outputs, per_output):
-        states.append(new)
-        rows = [*rows, energies[1:]] if done else [energies]
-        done += len(new)
-        if progress:
-            now = done * span.end_time / span.num_outputs
-            progress(f"t = {now:.4g} s of {span.end_time:.4g} s")
-    displacements = np.concatenate(states)
     times = span.end_time / span.num_outputs * np.arange(span.num_outputs + 1)
+    displacements = np.empty((len(times), *problem.mesh.points.shape))
+    energies, tool_steps, tool_records = [], [], []
+    for output, now in enumerate(times):
+        if output > 0:
+            body.step(body.steps_per_output)
+        body.look()
+        displacements[output] = body.displacement
+        energies.append(body.energies())
+        tool_steps.append(body.tool_steps())
+        tool_records.append(body.take_tool_records())
+        if progress and output > 0:
+            progress(f"t = {now:.4g} s of {span.end_time:.4g} s")
+    balance = None
+    if tracks_energy:
+        of_strain = np.array([body.elastic.strain_energy(u) for u in displacements])
+        balance = Energies(of_strain, *np.array(energies).T)
+    tracks: tuple[ToolTrack, ...] = ()
+    if body.tools is not None:
+        tracks = body.tools.tracks(times, np.array(tool_steps), np.array(tool_records))
     return DynamicResult(
         times=times,
         displacements=displacements,
         velocity=body.velocity(),
-        time_step=body.dt,
-        critical_time_step=critical,
+        time_step=body.time_step,
+        critical_time_step=body.critical_time_step,
         num_steps=body.steps,
-        energies=_energies(body, displacements, np.concatenate(rows)) if tracks_energy else None,
+        energies=balance,
         instruction_set=body.instruction_set,
-        tools=() if tools is None else tools.tracks(times),
+        tools=tracks,
     )
-
-
-def _outputs(
-    body: ExplicitBody, num_outputs: int, per_output: int
-) -> Iterator[tuple[Points, Points]]:
-    """States and energies, several outputs at a time where they are quick, none where slow.
-
-    How the steps are cut into calls changes no bit of the trajectory.
-    """
-    output, piece = 0, min(per_output, 64)
-    while output < num_outputs:
-        left, first = per_output, None
-        while left > 0:
-            if piece > per_output and left == per_output:
-                count = min(piece // per_output, num_outputs - output)
-                num_steps, every = count * per_output, per_output
-            else:
-                num_steps = every = min(piece, left)
-            start = time.perf_counter()
-            states, energies = body.advance(num_steps, every, is_output=left <= num_steps)
-            pace = max(time.perf_counter() - start, 1e-6) / num_steps
-            piece = max(1, int(_BREATH / pace))
-            first = energies[:1] if first is None else first
-            left -= min(num_steps, left)
-        yield states, np.concatenate([first, energies[1:]])
-        output += len(states)
-
-
-def _energies(body: ExplicitBody, displacements: Points, rows: Points) -> Energies:
-    strain = np.array([body.elastic.strain_energy(u) for u in displacements])
-    return Energies(strain, *rows.T)

@@ -1,33 +1,38 @@
-"""A body in explicit motion: the compiled run with its loads, supports and diagnosis."""
+"""A body in explicit motion, stepped from outside: eq. 11-13 with loads, supports and contact."""
 
 from __future__ import annotations
 
+import time
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.amplitudes import Histories
+from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import BodyContact
-from palpate.fastsim.contact.explicit_tools import ExplicitTools
-from palpate.fastsim.errors import BlowUpError
-from palpate.fastsim.forces import constraints, external_force
+from palpate.fastsim.contact.contact_law import ContactLaw
+from palpate.fastsim.contact.explicit_tools import (
+    TOOL_RECORD,
+    TOOL_STEP,
+    ExplicitTools,
+)
+from palpate.fastsim.errors import UnstableStepError
+from palpate.fastsim.explicit_diagnosis import diagnose
+from palpate.fastsim.explicit_loads import ExplicitLoads
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import Pressure, Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.rigid_tool import ToolPath
 
+# Part of the critical step used when none is chosen: Green strain stiffens under stretch.
+SAFETY = 0.8
 # A displacement of more than this many sizes of the body is a blow-up, whatever its energy.
 _BOUND_IN_SIZES = 1e3
-_REASONS = {
-    _core.StopReason.inverted_cell: "a cell inverted",
-    _core.StopReason.out_of_bounds: "a displacement left all bounds",
-    _core.StopReason.energy_growth: "energy grew from nothing",
-    _core.StopReason.deep_in_tool: "a vertex moved so fast or deep that it may pass through a tool",
-}
+# The core is left about so often, so that Ctrl-C works [s].
+_BREATH = 0.5
 
 
 class Precision(StrEnum):
@@ -38,256 +43,358 @@ class Precision(StrEnum):
 
 
 class ExplicitBody:
-    """One run: the core's state, and what is needed to start and to judge it.
+    """A body that is stepped by whoever holds it: a loop, a viewer, a robot, a training run.
 
     Args:
-        problem: Mesh, material, supports and loads.
-        strain: Strain measure.
-        time_step: [s].
-        mass_damping: lambda in D = lambda M [1/s].
-        histories: Amplitudes of the loads and supports.
-        mass: Lumped [kg], shape (num_points,); None is the material's.
-        precision: Of the step.
-        num_threads: At least 1.
-        tracks_energy: Whether `advance` returns energies.
-        tools: Rigid tools; None is none.
-        body_contact: Of bodies with each other and themselves; None is none.
+        problem: Mesh, material, supports, loads and tools. Its time span, if any, says the step,
+            the damping and how far apart outputs are; without one there is no damping.
+        strain: Engineering or Green strain.
+        displacement: To start from; see `set_state`. None is rest.
+        velocity: The same.
+        time_step: [s]; None takes the time span's, or 0.8 of the critical one, shortened so that
+            a whole number makes an output.
+        amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
+            which is 1 from the start where it has none.
+        support_amplitude: The same for the prescribed displacements of the supports.
+        precision: Of the step; loads, states and energies are float64 all the same.
+        num_threads: At least 1. A run repeats bit for bit for a given number.
+        tracks_energy: Sum up work and losses at every step (slower).
+        contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
+        body_contact: A penalty for bodies that touch each other or themselves (the parts of the
+            mesh); None lets them pass through each other.
+        mass: Made-up lumped mass [kg], shape (num_points,), for dynamic relaxation; the time step
+            is then the caller's own care. None is the material's.
+        tools: The tools as prepared for that mass.
 
     Attributes:
-        displacement: At the last good step [m], shape (num_points, 3).
-        steps: Good steps done.
+        elastic: The body at rest.
+        time_step: [s].
+        critical_time_step: With contact [s].
+        steps_per_output: Steps between two outputs of the time span; 1 without one.
+        steps: Good steps done since the start.
+        tools: The rigid tools; None without any.
+
+    Raises:
+        InputError: A number of threads below 1, or loads or supports that make no sense.
+        UnstableStepError: The chosen step is above the critical one.
+        ToolError: A tool is in the body at the start, slips between its vertices, or is faster
+            than they can follow.
+
+    Example:
+        >>> import numpy as np
+        >>> from palpate.fastsim.explicit_body import ExplicitBody
+        >>> from palpate.meshes.boundary_conditions import Support
+        >>> from palpate.meshes.problem import Material, Problem
+        >>> from palpate.meshes.tet_mesh import TetMesh
+        >>> mesh = TetMesh(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
+        >>> held = Support(np.array([0, 1, 2], dtype=np.int32))
+        >>> body = ExplicitBody(Problem(mesh, Material(1e4, 0.3, 1000.0), (held,), ()))
+        >>> body.apply_force([[0.0, 0.0, 5.0]], points=[3])
+        >>> body.step(10)
+        >>> bool(body.displacement[3, 2] > 0.0)
+        True
     """
 
     def __init__(
         self,
         problem: Problem,
         *,
-        strain: Strain,
-        time_step: float,
-        mass_damping: float,
-        histories: Histories,
-        mass: Points | None = None,
+        strain: Strain = Strain.GREEN,
+        displacement: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        time_step: float | None = None,
+        amplitude: Amplitudes = None,
+        support_amplitude: Amplitudes = None,
         precision: Precision = Precision.DOUBLE,
         num_threads: int = 1,
         tracks_energy: bool = False,
+        contact: ContactLaw | None = None,
+        body_contact: ContactLaw | None = None,
+        mass: Points | None = None,
         tools: ExplicitTools | None = None,
-        body_contact: BodyContact | None = None,
     ) -> None:
-        mesh = problem.mesh
+        if num_threads < 1:
+            raise InputError(f"num_threads = {num_threads}: needs at least 1")
+        mesh, span = problem.mesh, problem.time
         self.problem = problem
-        self.dt = time_step
-        self.steps = 0
-        self.tracks_energy = tracks_energy
-        self.displacement = np.zeros_like(mesh.points)
-        self._increment = np.zeros_like(mesh.points)
         self.elastic = Body.of(problem, strain)
-        self._damping = mass_damping
-        self._mass = (self.elastic.lumped_mass if mass is None else mass)[:, None]
-        self._histories = histories
-        self._is_free, self._held, self._held_histories = _moving_constraints(problem, histories)
-        kind = _core.ExplicitRun32 if precision is Precision.SINGLE else _core.ExplicitRun64
-        self._run = kind.make(
+        self._mass = self.elastic.lumped_mass if mass is None else mass
+        chosen = span.time_step if time_step is None and span is not None else time_step
+        self.critical_time_step = np.inf if mass is not None else self.elastic.critical_time_step()
+        self.tools, self._body_contact = tools, None
+        if problem.tools and tools is None:
+            self.tools = ExplicitTools(
+                problem,
+                contact,
+                self._mass,
+                critical_time_step=self.critical_time_step,
+                time_step=chosen,
+            )
+            self.critical_time_step = self.tools.critical_time_step
+        if body_contact is not None:
+            self._body_contact = BodyContact(
+                problem,
+                body_contact,
+                self._mass,
+                critical_time_step=self.critical_time_step,
+                time_step=chosen,
+            )
+            self.critical_time_step = self._body_contact.critical_time_step
+        if chosen is not None and chosen > self.critical_time_step:
+            raise UnstableStepError(chosen, self.critical_time_step)
+        wanted = SAFETY * self.critical_time_step if chosen is None else chosen
+        self.time_step, self.steps_per_output = wanted, 1
+        if span is not None and time_step is None:
+            self.time_step, self.steps_per_output = _divided(span, wanted)
+        self._scheme = _core.CentralDifference(
+            self.time_step, 0.0 if span is None or mass is not None else span.mass_damping
+        )
+        self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
+        self._run = _core.ExplicitRun.make(
             mesh.points,
             mesh.cells,
-            np.ascontiguousarray(self._mass[:, 0]),
-            self._is_free,
-            self.elastic.lmbda,
-            self.elastic.mu,
-            self.elastic.measure,
-            time_step,
-            mass_damping,
-            _BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
-            num_threads,
-            chosen_instruction_set(),
-            tracks_energy,
+            self._mass,
+            self._loads.is_free,
+            lmbda=self.elastic.lmbda,
+            mu=self.elastic.mu,
+            strain=self.elastic.measure,
+            time_step=self.time_step,
+            mass_damping=self._scheme.mass_damping,
+            displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
+            num_threads=num_threads,
+            at_most=chosen_instruction_set(),
+            is_single=precision is Precision.SINGLE,
+            tracks_energy=tracks_energy,
         )
-        self._give_loads()
-        self._run.set_moving_supports(self._held, self._held_histories)
-        self._tools = tools
-        self._contact_force = np.zeros_like(mesh.points)
-        if tools is not None:
-            tools.attach(self._run, time_step, is_timed=mass is None)
-        self._touches_bodies = body_contact is not None
-        if body_contact is not None:
-            body_contact.attach(self._run)
+        self._loads.attach(self._run)
+        if self.tools is not None:
+            self.tools.attach(self._run, self.time_step, is_timed=mass is None)
+        if self._body_contact is not None:
+            self._body_contact.attach(self._run)
+        self._displacement = np.zeros_like(mesh.points)
+        self._increment = np.zeros_like(mesh.points)
+        self._read_only = self._displacement.view()
+        self._read_only.flags.writeable = False
+        self._ways: dict[int, tuple[Points, Points]] = {}
+        self._tool_steps: NDArray[np.void] = np.zeros(0, dtype=TOOL_STEP)
+        self._pace = 1e-4
+        self.set_state(self._displacement if displacement is None else displacement, velocity)
 
     @property
     def instruction_set(self) -> str:
         """What the step runs on."""
         return self._run.instruction_set
 
-    def start(self, displacement: Points, velocity: Points) -> None:
-        """Set the initial state; a(-dt) = a - dt v + dt^2 / 2 a'' (eq. 13).
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return self.steps * self.time_step
 
-        Held components are where their supports are at once.
+    @property
+    def displacement(self) -> Points:
+        """At the present state [m], shape (num_points, 3).
+
+        Read-only, and always the same array: what it holds after a step is read anew into it.
         """
-        free = self._is_free.astype(bool)
-        self.displacement = np.where(free, displacement, self._held_at(0.0))
-        self._contact_force[:] = 0.0
-        if self._tools is not None:
-            self._tools.start(self.displacement)
-        speed = np.where(free, velocity, 0.0)
-        acceleration = self.force() / self._mass - self._damping * speed
-        self._increment = self.dt * speed - 0.5 * self.dt**2 * acceleration
-        self._increment[~free] = 0.0
-        energy = self.elastic.strain_energy(self.displacement)
-        energy += 0.5 * float(np.sum(self._mass * speed**2))
-        self._run.set_state(self.displacement, self._increment, energy)
-        self.steps = 0
+        self._read_state()
+        return self._read_only
 
-    def advance(
-        self, num_steps: int, every: int, *, is_output: bool = True
-    ) -> tuple[Points, Points]:
-        """Do steps without stopping; return the states at every n-th of them.
+    def set_state(self, displacement: ArrayLike, velocity: ArrayLike | None = None) -> None:
+        """Start from a state, at time 0: a(-dt) = a - dt v + dt^2 / 2 a'' (eq. 13).
 
         Args:
-            num_steps: A multiple of `every`.
-            every: Steps between two records, >= 1.
-            is_output: Whether the tools' tracks are wanted at the records.
-
-        Returns:
-            Displacements [m], shape (num_records, num_points, 3); and kinetic energy, external
-            work and damping loss [J] there, shape (num_records + 1, 3), the first row for the
-            state at the start (all zero if not tracked).
+            displacement: [m], shape (num_points, 3). Held components are where their supports
+                are at once.
+            velocity: [m/s], shape (num_points, 3); None is zero.
 
         Raises:
-            BlowUpError: With the last good state.
+            InputError: Wrong shape, or a value that is not finite.
+            ToolInsideError: A tool is in the body.
         """
-        count = num_steps // every
-        states = np.empty((count, *self.displacement.shape))
-        energies = np.zeros((count + 1, 3))
-        times = self.dt * (self.steps + np.arange(num_steps + 2))
-        factors, tools = self._histories.at(times), self._tools
-        poses = np.zeros((len(times), 0)) if tools is None else tools.rows(times)
-        reactions = np.zeros((0, 0)) if tools is None else tools.begin_reactions(count)
-        done, reason, point = self._run.advance(factors, every, states, energies, poses, reactions)
-        self.steps += done
-        self._run.get_state(self.displacement, self._increment)
-        if tools is not None or self._touches_bodies:
-            self._run.get_contact_force(self._contact_force)
-        if tools is not None:
-            tools.collect(reactions, is_output=is_output)
-        # The step looks at the state it starts from: the last one has not been looked at.
-        looks = reason is _core.StopReason.none and self.elastic.strain is Strain.GREEN
-        if looks and self.elastic.smallest_det_f(self.displacement)[0] <= 0.0:
-            self.displacement -= self._increment
-            self.steps -= 1
-            reason = _core.StopReason.inverted_cell
-        if reason is not _core.StopReason.none:
-            raise self._diagnose(reason, point)
-        return states, energies
+        free = self._loads.is_free != 0
+        self.steps = 0
+        given = self.elastic.checked(displacement)
+        self._displacement[:] = np.where(free, given, self._loads.held_at(0.0))
+        speed = np.zeros_like(given)
+        if velocity is not None:
+            speed = np.where(free, self.elastic.checked(velocity), 0.0)
+        if self.tools is not None:
+            self.tools.start(self._displacement)
+        dt, mass = self.time_step, self._mass[:, None]
+        force = self._loads.at(0.0, self._displacement)
+        force -= self.elastic.internal_force(self._displacement)
+        acceleration = force / mass - self._scheme.mass_damping * speed
+        self._increment[:] = dt * speed - 0.5 * dt**2 * acceleration
+        self._increment[~free] = 0.0
+        energy = self.elastic.strain_energy(self._displacement)
+        energy += 0.5 * float(np.sum(mass * speed**2))
+        self._run.set_state(self._displacement, self._increment, energy)
+        self._is_read, self._is_looked_at = True, False
 
-    def body_touches(self) -> tuple[int, float]:
-        """Vertices inside cells at the last step, and the deepest [m]."""
-        return self._run.body_touches()
+    def step(self, num_steps: int = 1) -> None:
+        """Do steps of eq. 12.
+
+        A cell that the last of them inverts is seen by the next step, or by `look`.
+
+        Raises:
+            BlowUpError: A cell inverted (Green strain), a number left its bounds, a vertex may
+                pass through a tool, or energy grew from nothing; carries the last good state.
+            ToolTooFastError: A tool cannot get where it was sent in these steps.
+        """
+        if self._ways:
+            self._set_off(num_steps)
+        while num_steps > 0:
+            piece = min(num_steps, max(1, int(_BREATH / self._pace)))
+            start = time.perf_counter()
+            outcome = self._run.advance(*self._rows(piece))
+            self._pace = max(time.perf_counter() - start, 1e-6) / piece
+            self._is_read = self._is_looked_at = False
+            self._settle(*outcome)
+            num_steps -= piece
+
+    def look(self) -> None:
+        """Find all that pushes at the present state, without a step; the next one need not.
+
+        Raises:
+            BlowUpError: The last step inverted a cell.
+        """
+        if self._is_looked_at:
+            return
+        factors, tools = self._rows(1)
+        outcome = self._run.look(factors, tools)
+        self._is_looked_at = True
+        self._settle(*outcome)
+        self._tool_steps = tools[0].view(TOOL_STEP)
+
+    def apply_force(self, force: ArrayLike, *, points: ArrayLike | None = None) -> None:
+        """Push with forces of the caller's own, besides the problem's loads, from now on.
+
+        What was applied before ends; zero ends all.
+
+        Args:
+            force: [N], shape (num_points, 3), or one row for each of `points`.
+            points: Where they act; None is everywhere.
+
+        Raises:
+            InputError: Wrong shape, no such point, or a value that is not finite.
+        """
+        self._loads.apply(self._run, force, points)
+        self._is_looked_at = False
+
+    def move_tool(
+        self, number: int, position: ArrayLike, rotation: ArrayLike | None = None
+    ) -> None:
+        """Send a tool elsewhere: it goes there during the next call of `step`, and stays.
+
+        Args:
+            number: Of the tool, from 0.
+            position: Of its origin [m], shape (3,).
+            rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
+
+        Raises:
+            InputError: There is no such tool.
+        """
+        if self.tools is None:
+            raise InputError(f"tool number {number}: the problem has no tools")
+        turn = self.tools.pose_at(number, self.time)[1]
+        if rotation is not None:
+            turn = np.asarray(rotation, dtype=np.float64)
+        self._ways[number] = (np.asarray(position, dtype=np.float64), turn)
+
+    def tool_steps(self) -> NDArray[np.void]:
+        """Where the tools' paths are now, shape (num_tools,) of `TOOL_STEP`."""
+        self.look()
+        return self._tool_steps
+
+    def take_tool_records(self) -> NDArray[np.void]:
+        """What acts on the tools, shape (num_tools,) of `TOOL_RECORD`; impulses begin anew."""
+        self.look()
+        return self._run.take_tool_records().view(TOOL_RECORD).reshape(-1)
+
+    def energies(self) -> tuple[float, float, float]:
+        """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""
+        self.look()
+        return self._run.energies()
+
+    def self_overlap(self) -> tuple[int, float]:
+        """Vertices of the body inside its own cells, and the deepest [m]."""
+        self.look()
+        return self._run.self_overlap()
 
     def velocity(self) -> Points:
-        """Central velocity at the present time [m/s]: the mean of the two increments."""
-        half = 0.5 * self._damping * self.dt
-        ahead = ((1.0 - half) * self._increment + self.dt**2 * self.force() / self._mass) / (
-            1.0 + half
-        )
-        time = self.steps * self.dt
-        ahead = np.where(
-            self._is_free != 0, ahead, self._held_at(time + self.dt) - self._held_at(time)
-        )
-        speed: Points = (self._increment + ahead) / (2.0 * self.dt)
+        """Central velocity at the present state [m/s]: the mean of the two increments."""
+        force, now = self.force(), self.time
+        ahead = self._scheme.next_increments(self._increment, self._mass, force)
+        moved = self._loads.held_at(now + self.time_step) - self._loads.held_at(now)
+        ahead = np.where(self._loads.is_free != 0, ahead, moved)
+        speed: Points = (self._increment + ahead) / (2.0 * self.time_step)
         return speed
 
     def load(self) -> Points:
         """All loads F(t) at the present state, pressure and tools included [N], (num_points, 3)."""
-        factors = self._histories.at([self.steps * self.dt])[0]
-        load: Points = np.tensordot(factors, self._dead, axes=1) + self._contact_force
-        for pressure, history in self._pressures:
-            pushed = Problem(self.problem.mesh, self.problem.material, (), (pressure,))
-            load += factors[history] * external_force(pushed, self.displacement)
+        self._read_state()
+        load: Points = self._loads.at(self.time, self._displacement)
+        if self.tools is not None or self._body_contact is not None:
+            self.look()
+            touching = np.empty_like(load)
+            self._run.get_contact_force(touching)
+            load += touching
         return load
 
     def force(self) -> Points:
         """Loads minus internal force, F(t) - R(a), at the present state [N]."""
-        force: Points = self.load() - self.elastic.internal_force(self.displacement)
+        force: Points = self.load() - self.elastic.internal_force(self._displacement)
         return force
 
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D = mass_damping M from here on [1/s]."""
-        self._damping = mass_damping
+        self._scheme = _core.CentralDifference(self.time_step, mass_damping)
         self._run.set_mass_damping(mass_damping)
+        self._is_looked_at = False
 
-    def _held_at(self, time: float) -> Points:
-        factors = self._histories.at([time])[0]
-        held: Points = factors[np.maximum(self._held_histories, 0)] * self._held
-        return held
+    def _rows(self, num_steps: int) -> tuple[Points, Points]:
+        """Factors of the histories and steps of the tools, before each step and after the last."""
+        times = self.time_step * (self.steps + np.arange(num_steps + 1))
+        factors = self._loads.factors(times)
+        if self.tools is None:
+            return factors, np.empty((num_steps + 1, 0))
+        return factors, self.tools.steps(times).view(np.float64).reshape(num_steps + 1, -1)
 
-    def _give_loads(self) -> None:
-        # Pressure follows the body only where the strain measure knows finite rotations.
-        follows = self.elastic.strain is Strain.GREEN
-        problem, histories = self.problem, self._histories
-        external_force(problem)  # names a load that is not finite by its number
-        self._dead = np.zeros((len(histories), *problem.mesh.points.shape))
-        self._pressures: list[tuple[Pressure, int]] = []
-        for load, history in zip(problem.loads, histories.of_load, strict=True):
-            if follows and isinstance(load, Pressure):
-                self._pressures.append((load, history))
-            else:
-                alone = Problem(problem.mesh, problem.material, (), (load,))
-                self._dead[history] += external_force(alone)
-        self._run.set_dead_loads(self._dead)
-        if self._pressures:
-            counts = [len(p.facets) for p, _ in self._pressures]
-            self._run.set_pressure(
-                np.concatenate([p.facets for p, _ in self._pressures]).astype(np.int32),
-                np.repeat([float(p.pressure) for p, _ in self._pressures], counts),
-                np.repeat([h for _, h in self._pressures], counts).astype(np.int32),
+    def _set_off(self, num_steps: int) -> None:
+        """Put the tools that were sent elsewhere onto their ways."""
+        assert self.tools is not None
+        now = self.time
+        for number, (position, turn) in self._ways.items():
+            here, turned = self.tools.pose_at(number, now)
+            ends = np.array([now, now + num_steps * self.time_step])
+            way = ToolPath(ends, np.stack([here, position]), np.stack([turned, turn]))
+            self.tools.send(number, way)
+        self._ways = {}
+
+    def _read_state(self) -> None:
+        if not self._is_read:
+            self._run.get_state(self._displacement, self._increment)
+            self._is_read = True
+
+    def _settle(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
+        """Count the steps of a call of the core; say what ended it, if anything did."""
+        self.steps += steps_done
+        if reason is not _core.StopReason.none:
+            self._is_read = False
+            self._read_state()
+            raise diagnose(
+                self.elastic,
+                reason,
+                point,
+                displacement=self._displacement.copy(),
+                increment=self._increment,
+                mass=self._mass,
+                steps=self.steps,
+                time_step=self.time_step,
             )
 
-    def _diagnose(self, reason: _core.StopReason, point: int) -> BlowUpError:
-        mesh = self.problem.mesh
-        smallest, cell = self.elastic.smallest_det_f(self.displacement)
-        if reason is _core.StopReason.inverted_cell:
-            # The bad state is one increment ahead of the last good one.
-            cell = self.elastic.smallest_det_f(self.displacement + self._increment)[1]
-        elif point >= 0:
-            cell = int(np.flatnonzero((mesh.cells == point).any(axis=1))[0])
-        critical = self.elastic.critical_time_step(
-            displacement=self.displacement, mass=self._mass[:, 0]
-        )
-        return BlowUpError(
-            _REASONS[reason],
-            step=self.steps,
-            time=self.steps * self.dt,
-            cell=cell,
-            place=tuple(float(x) for x in mesh.points[mesh.cells[cell]].mean(axis=0)),
-            smallest_det_f=smallest,
-            displacement=self.displacement,
-            time_step=self.dt,
-            critical_time_step=critical,
-        )
 
-
-def _moving_constraints(
-    problem: Problem, histories: Histories
-) -> tuple[NDArray[np.uint8], Points, NDArray[np.int32]]:
-    """Free components, held values, and the history of each held component (-1 if free).
-
-    A component held by two supports needs the same value and the same amplitude.
-    """
-    is_free, held = constraints(problem)
-    of = np.full(held.shape, -1, dtype=np.int32)
-    for support, history in zip(problem.supports, histories.of_support, strict=True):
-        _mark(support, history, held, of)
-    return is_free, held, of
-
-
-def _mark(support: Support, history: int, held: Points, of: NDArray[np.int32]) -> None:
-    points = np.union1d(support.points, support.facets)
-    for axis in range(3):
-        if not support.components[axis]:
-            continue
-        clash = points[(of[points, axis] >= 0) & (of[points, axis] != history)]
-        clash = clash[held[clash, axis] != 0.0]
-        if clash.size:
-            raise InputError(
-                f"point {int(clash[0])} is held along {'xyz'[axis]} by two supports with "
-                "different amplitudes; separate the supports"
-            )
-        of[points, axis] = history
+def _divided(span: TimeSpan, wanted: float) -> tuple[float, int]:
+    """The step that is at most the wanted one and divides the outputs, and how many make one."""
+    count = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
+    return span.end_time / (span.num_outputs * count), count

@@ -89,10 +89,10 @@ class BodyContact:
         added = _PRESSING * self.stiffness / lightest
         self.critical_time_step = float(2.0 / np.sqrt(squared + added))
 
-    def attach(self, run: _core.ExplicitRun32 | _core.ExplicitRun64) -> None:
+    def attach(self, run: _core.ExplicitRun) -> None:
         """Give the contact to a run."""
         mesh = self._mesh
-        run.set_body_touch(
+        run.set_self_contact(
             np.ascontiguousarray(mesh.points),
             np.ascontiguousarray(mesh.cells),
             self._vertices,

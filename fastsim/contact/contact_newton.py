@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.fastsim.contact.tool_contact import Gaps, ToolContact
 from palpate.fastsim.newton import Newton
@@ -56,7 +57,7 @@ class ContactNewton(Newton):
     ) -> None:
         super().__init__(problem, strain, relative_tolerance, max_iterations)
         self.contacts = contacts
-        self.poses: list[Points] = []
+        self.poses: list[NDArray[np.void]] = []
         self.multipliers = [np.zeros(len(contact.vertices)) for contact in contacts]
         self.settled = [np.zeros(len(contact.vertices)) for contact in contacts]
         self._weights = [
@@ -65,7 +66,7 @@ class ContactNewton(Newton):
         self._active: list[np.ndarray[tuple[int, ...], np.dtype[np.bool_]]] = []
         self._contact_norm = 0.0
         self._is_close = False
-        self._next_poses: list[Points] = []
+        self._next_poses: list[NDArray[np.void]] = []
         self._places_size = float(np.abs(problem.mesh.points).max())
 
     def pressed(self, displacement: Points) -> list[tuple[Gaps, Points]]:
@@ -87,7 +88,7 @@ class ContactNewton(Newton):
             force[contact.vertices] += push[:, None] * gaps.normals
         return force
 
-    def predict(self, displacement: Points, poses: list[Points], factor: float) -> Points:
+    def predict(self, displacement: Points, poses: list[NDArray[np.void]], factor: float) -> Points:
         """About where the body is once the tools are at other poses; then they are there.
 
         Distances are those to where the tools were, less how far each comes along its normal: no
@@ -194,8 +195,8 @@ class ContactNewton(Newton):
         return norm <= 8.0 * eps * self._places_size * float(np.linalg.norm(weights))
 
 
-def _ahead(gaps: Gaps, places: Points, pose: Points, next_pose: Points) -> Gaps:
+def _ahead(gaps: Gaps, places: Points, pose: NDArray[np.void], next_pose: NDArray[np.void]) -> Gaps:
     """Gaps when the tool has gone on to another pose, to first order in its way."""
-    turn, turned = pose[3:].reshape(3, 3), next_pose[3:].reshape(3, 3)
-    way = (places - pose[:3]) @ (turned @ turn.T).T + next_pose[:3] - places
+    turn = next_pose["rotation"] @ pose["rotation"].T
+    way = (places - pose["position"]) @ turn.T + next_pose["position"] - places
     return replace(gaps, distances=gaps.distances - np.sum(gaps.normals * way, axis=1))

@@ -1,11 +1,12 @@
-"""Rigid tools in an explicit run: settings, poses at every step, and what the tools feel."""
+"""Rigid tools in an explicit run: settings, poses at every step, and what acts on the tools."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.contact.contact_law import (
@@ -21,20 +22,30 @@ from palpate.fastsim.contact.tool_checks import (
     require_outside,
     require_slow,
 )
-from palpate.fastsim.contact.tool_contact import POSE, ToolContact, poses_at
+from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import ToolPath
 
-# Numbers of a tool in a row of reactions: force, moment, impulse, offset, smallest gap.
-REACTION = 11
+# As core/explicit/contact.hpp names them: where a tool is to be at a time, and what acts on it.
+TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
+TOOL_RECORD = np.dtype(
+    [
+        ("force", np.float64, 3),
+        ("moment", np.float64, 3),
+        ("impulse", np.float64, 3),
+        ("offset", np.float64),
+        ("gap", np.float64),
+    ]
+)
 # A vertex deeper than this part of the tool's half thickness may come out on the other side.
 _DEEPEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class ToolTrack:
-    """What a tool did and felt, at the output times.
+    """Where a tool was and what acted on it, at the output times.
 
     Attributes:
         positions: Of its origin [m], shape (n, 3).
@@ -105,8 +116,7 @@ class ExplicitTools:
             )
         self.critical_time_step = critical_with_contact(critical_time_step, self.penalties, mass)
         self._speeds: list[float] = []
-        self._rows: list[Points] = []
-        self._impulses = np.zeros((len(self.contacts), 3))
+        self._paths = [core_path(contact.tool.path) for contact in self.contacts]
 
     @property
     def penalties(self) -> list[tuple[ToolContact, float]]:
@@ -114,9 +124,7 @@ class ExplicitTools:
         pairs = zip(self.contacts, self.stiffnesses, strict=True)
         return [(contact, k) for contact, k in pairs if k is not None]
 
-    def attach(
-        self, run: _core.ExplicitRun32 | _core.ExplicitRun64, time_step: float, *, is_timed: bool
-    ) -> None:
+    def attach(self, run: _core.ExplicitRun, time_step: float, *, is_timed: bool) -> None:
         """Give the tools to a run; where times are real, refuse those that are too fast."""
         rest = np.ascontiguousarray(self._problem.mesh.points)
         for number, (contact, k) in enumerate(zip(self.contacts, self.stiffnesses, strict=True)):
@@ -127,77 +135,83 @@ class ExplicitTools:
             if is_timed:
                 require_slow(tool, number, allowed)
             deepest = _DEEPEST * half_thickness(tool.shape)
-            reach = deepest if np.isfinite(deepest) else 0.0
             drive = tool.drive
             run.add_tool(
                 contact.shape,
-                k is None,
-                tool.friction_coefficient,
-                reach,
-                deepest,
-                (0.0, 0.0, 0.0) if drive is None else drive.direction,
-                0.0 if drive is None else drive.mass,
-                rest,
-                contact.vertices,
-                contact.areas * (0.0 if k is None else k),
+                is_constraint=k is None,
+                friction=tool.friction_coefficient,
+                reach=deepest if np.isfinite(deepest) else 0.0,
+                deepest=deepest,
+                direction=(0.0, 0.0, 0.0) if drive is None else drive.direction,
+                mass=0.0 if drive is None else drive.mass,
+                points=rest,
+                vertices=contact.vertices,
+                stiffnesses=contact.areas * (0.0 if k is None else k),
             )
 
     def start(self, displacement: Points) -> None:
-        """Check where the tools begin, and forget what they felt."""
+        """Back to the tools' own paths; check where they begin."""
+        self._paths = [core_path(contact.tool.path) for contact in self.contacts]
         for number, contact in enumerate(self.contacts):
             require_outside(self._problem, contact, number, displacement)
-        self._rows = []
-        self._impulses[:] = 0.0
 
-    def rows(self, times: Points) -> Points:
-        """Poses and drives at times of the run, shape (n, 13 num_tools)."""
+    def send(self, number: int, way: ToolPath) -> None:
+        """Put a tool onto another path, which it begins where it is.
+
+        Raises:
+            InputError: There is no such tool, or it is driven by a force.
+            ToolTooFastError: Vertices could not follow.
+        """
+        if not 0 <= number < len(self.contacts):
+            raise InputError(f"tool number {number}: there are {len(self.contacts)}, from 0")
+        tool = self.contacts[number].tool
+        if tool.drive is not None:
+            raise InputError(f"tool {number + 1} is driven by a force and goes its own way")
+        require_slow(replace(tool, path=way), number, self._speeds[number])
+        self._paths[number] = core_path(way)
+
+    def pose_at(self, number: int, time: float) -> tuple[Points, Points]:
+        """Position [m], shape (3,), and rotation (w, x, y, z) of a tool on its path."""
+        if not 0 <= number < len(self.contacts):
+            raise InputError(f"tool number {number}: there are {len(self.contacts)}, from 0")
+        path = self._paths[number]
+        pose = path.poses_at(np.array([time])).view(POSE)[0, 0]
+        return pose["position"], np.array(path.rotation_at(time))
+
+    def steps(self, times: Points) -> NDArray[np.void]:
+        """Poses and drives at times of the run, shape (n, num_tools) of `TOOL_STEP`."""
         on_path = times if self._clock is None else self._clock(times)
-        out = np.zeros((len(times), len(self.contacts), POSE + 1))
-        for k, contact in enumerate(self.contacts):
-            out[:, k, :POSE] = poses_at(contact.tool.path, on_path)
+        out = np.zeros((len(times), len(self.contacts)), dtype=TOOL_STEP)
+        for k, (contact, path) in enumerate(zip(self.contacts, self._paths, strict=True)):
+            out["pose"][:, k] = path.poses_at(on_path).view(POSE)[:, 0]
             drive = contact.tool.drive
             if drive is not None:
-                out[:, k, POSE] = [drive.force * drive.amplitude(float(t)) for t in on_path]
-        return out.reshape(len(times), -1)
+                out["drive"][:, k] = [drive.force * drive.amplitude(float(t)) for t in on_path]
+        return out
 
-    def begin_reactions(self, num_records: int) -> Points:
-        """An array for the records of one call."""
-        return np.zeros((num_records + 1, REACTION * len(self.contacts)))
+    def tracks(
+        self, times: Points, steps: NDArray[np.void], records: NDArray[np.void]
+    ) -> tuple[ToolTrack, ...]:
+        """What happened to each tool between its first record and its last.
 
-    def collect(self, reactions: Points, *, is_output: bool) -> None:
-        """Keep the records of a call; where it ended between outputs, only their impulses."""
-        table = reactions.reshape(len(reactions), len(self.contacts), REACTION)
-        if not self._rows:
-            self._rows.append(table[0].copy())
-        for row in table[1:]:
-            self._impulses += row[:, 6:9]
-            if is_output:
-                kept = row.copy()
-                kept[:, 6:9] = self._impulses
-                self._impulses[:] = 0.0
-                self._rows.append(kept)
-
-    def last_forces(self) -> Points:
-        """Force on each tool at the last record [N], shape (num_tools, 3)."""
-        return self._rows[-1][:, :3].copy()
-
-    def tracks(self, times: Points) -> tuple[ToolTrack, ...]:
-        """What each tool did, at the output times [s]."""
-        table = np.array(self._rows)
-        poses = self.rows(times).reshape(len(times), len(self.contacts), POSE + 1)
+        Args:
+            times: Of the records [s], shape (n,).
+            steps: Where the tools' paths were, shape (n, num_tools) of `TOOL_STEP`.
+            records: What acted on them, shape (n, num_tools) of `TOOL_RECORD`.
+        """
         spans = np.concatenate([[np.inf], np.diff(times)])[:, None]
         out = []
         for k, contact in enumerate(self.contacts):
             drive = contact.tool.drive
             along = np.zeros(3) if drive is None else np.array(drive.direction)
-            rows = table[:, k]
+            of = records[:, k]
             out.append(
                 ToolTrack(
-                    positions=poses[:, k, :3] + rows[:, 9:10] * along,
-                    forces=rows[:, :3].copy(),
-                    moments=rows[:, 3:6].copy(),
-                    mean_forces=rows[:, 6:9] / spans,
-                    smallest_gaps=rows[:, 10].copy(),
+                    positions=steps["pose"]["position"][:, k] + of["offset"][:, None] * along,
+                    forces=of["force"].copy(),
+                    moments=of["moment"].copy(),
+                    mean_forces=of["impulse"] / spans,
+                    smallest_gaps=of["gap"].copy(),
                     stiffness=self.stiffnesses[k],
                     largest_speed=self._speeds[k],
                 )

@@ -38,7 +38,7 @@ def require_outside(
         worst = int(np.argmax(depths))
         place = contact.places(displacement)[worst]
         raise ToolInsideError(number, float(depths[worst]), allowed, _as_tuple(place))
-    middle = _middle_points(contact.tool.shape) @ pose[3:].reshape(3, 3).T + pose[:3]
+    middle = _middle_points(contact.tool.shape) @ pose["rotation"].T + pose["position"]
     for place in middle:
         if _is_in_a_cell(problem, displacement, place):
             raise ToolInsideError(number, float("inf"), allowed, _as_tuple(place))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.forces import constraints, lumped_areas
@@ -23,11 +24,10 @@ from palpate.meshes.rigid_tool import (
     SphereShape,
     ToolPath,
     ToolShape,
-    rotation_matrix,
 )
 
-# Numbers of a pose: position, rotation row by row.
-POSE = 12
+# As core/contact/tool_shape.hpp names it: where a tool is.
+POSE = np.dtype([("position", np.float64, 3), ("rotation", np.float64, (3, 3))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,13 +74,13 @@ class ToolContact:
         places: Points = self._rest + displacement[self.vertices]
         return places
 
-    def gaps(self, displacement: Points, pose: Points) -> Gaps:
+    def gaps(self, displacement: Points, pose: NDArray[np.void]) -> Gaps:
         """Gaps of the vertices, the tool at a pose (see `poses_at`)."""
         return gaps_at(self.shape, self.places(displacement), pose)
 
 
 def core_shape(shape: ToolShape) -> _core.ToolShape:
-    """The compiled twin of a shape."""
+    """A shape as the core knows it."""
     match shape:
         case SphereShape():
             return _core.ToolShape.sphere(shape.radius)
@@ -97,45 +97,28 @@ def core_shape(shape: ToolShape) -> _core.ToolShape:
             )
 
 
-def gaps_at(shape: _core.ToolShape, places: Points, pose: Points) -> Gaps:
-    """Gaps of places in space [m], shape (n, 3), to a shape at a pose, shape (12,)."""
+def gaps_at(shape: _core.ToolShape, places: Points, pose: NDArray[np.void]) -> Gaps:
+    """Gaps of places in space [m], shape (n, 3), to a shape at a pose."""
     given = np.ascontiguousarray(places, dtype=np.float64)
-    return Gaps(*shape.gaps(given, np.ascontiguousarray(pose, dtype=np.float64)))
+    return Gaps(*shape.gaps(given, np.array(pose).reshape(1).view(np.float64).reshape(1, -1)))
 
 
-def poses_at(path: ToolPath, times: Points) -> Points:
-    """Poses at many times at once: position, then rotation row by row; shape (n, 12).
-
-    The same as `ToolPath.pose_at`: straight and at constant turn (slerp) between knots.
-    """
-    t = np.clip(np.asarray(times, dtype=np.float64), path.times[0], path.times[-1])
-    out = np.empty((len(t), POSE))
-    for axis in range(3):
-        out[:, axis] = np.interp(t, path.times, path.positions[:, axis])
-    turns = path.rotations
-    if len(path.times) == 1 or np.abs(turns - turns[0]).max() == 0.0:
-        out[:, 3:] = rotation_matrix(turns[0]).ravel()
-        return out
-    after = np.clip(np.searchsorted(path.times, t, side="right"), 1, len(path.times) - 1)
-    s = (t - path.times[after - 1]) / (path.times[after] - path.times[after - 1])
-    start, end = turns[after - 1], turns[after].copy()
-    cosine = np.sum(start * end, axis=1)
-    end[cosine < 0.0] *= -1.0
-    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
-    sine = np.where(angle < 1e-9, 1.0, np.sin(angle))
-    first = np.where(angle < 1e-9, 1.0 - s, np.sin((1.0 - s) * angle) / sine)
-    last = np.where(angle < 1e-9, s, np.sin(s * angle) / sine)
-    w, x, y, z = (first[:, None] * start + last[:, None] * end).T
-    rows = [
-        1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-    ]  # fmt: skip
-    out[:, 3:] = np.stack(rows, axis=1)
-    return out
+def core_path(path: ToolPath) -> _core.ToolPath:
+    """A path as the core knows it."""
+    return _core.ToolPath(
+        *(np.array(rows, dtype=np.float64) for rows in (path.times, path.positions, path.rotations))
+    )
 
 
-def on_tool(contact: ToolContact, displacement: Points, force: Points, pose: Points) -> Points:
+def poses_at(path: ToolPath, times: Points) -> NDArray[np.void]:
+    """Poses at many times at once, shape (n,) of `POSE`; the same as `ToolPath.pose_at`."""
+    given = np.ascontiguousarray(times, dtype=np.float64)
+    return core_path(path).poses_at(given).view(POSE).reshape(-1)
+
+
+def on_tool(
+    contact: ToolContact, displacement: Points, force: Points, pose: NDArray[np.void]
+) -> Points:
     """Force [N] and moment about the tool's origin [N m] on the tool, shape (6,).
 
     Args:
@@ -144,7 +127,7 @@ def on_tool(contact: ToolContact, displacement: Points, force: Points, pose: Poi
         force: On the contact's vertices [N], shape (n, 3).
         pose: Of the tool.
     """
-    arms = contact.places(displacement) - pose[:3]
+    arms = contact.places(displacement) - pose["position"]
     return np.concatenate([-force.sum(axis=0), -np.cross(arms, force).sum(axis=0)])
 
 

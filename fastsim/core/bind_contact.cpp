@@ -1,7 +1,9 @@
-// Bindings of the shapes of rigid tools: no logic, no defaults. Python has checked every array.
+// Bindings of the shapes and paths of rigid tools: no logic, no defaults. Python has checked every
+// array.
 #include "bind_arrays.hpp"
-#include "contact/tool_shape.hpp"
+#include "contact/tool_path.hpp"
 
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
 
 #include <tuple>
@@ -37,9 +39,9 @@ void bind_contact(nb::module_ &module) {
             nb::arg("points").noconvert(), nb::arg("facets").noconvert())
         .def(
             "gaps",
-            [](const ToolShape &shape, GivenPoints places, GivenColumn<double> pose_row) {
+            [](const ToolShape &shape, GivenPoints places, GivenTable<double, 12> pose_row) {
                 const auto rows = as_rows<Point>(places);
-                const Pose pose = Pose::from({pose_row.data(), pose_row.size()});
+                const Pose &pose = as_rows<Pose>(pose_row)[0];
                 std::vector<double> distances(rows.size()), curvatures(rows.size());
                 std::vector<Point> normals(rows.size()), axes(rows.size());
                 {
@@ -56,4 +58,25 @@ void bind_contact(nb::module_ &module) {
                                        as_column<double>(curvatures), as_table(axes));
             },
             nb::arg("places").noconvert(), nb::arg("pose").noconvert());
+
+    nb::class_<ToolPath>(module, "ToolPath")
+        .def(
+            "__init__",
+            [](ToolPath *self, GivenColumn<double> times, GivenPoints positions,
+               GivenTable<double, 4> rotations) {
+                new (self) ToolPath(as_span(times), as_rows<Point>(positions),
+                                    as_rows<Quaternion>(rotations));
+            },
+            nb::arg("times").noconvert(), nb::arg("positions").noconvert(),
+            nb::arg("rotations").noconvert())
+        .def("rotation_at", &ToolPath::rotation_at, nb::arg("time"))
+        .def(
+            "poses_at",
+            [](const ToolPath &path, GivenColumn<double> times) {
+                auto rows = new_array<double>({times.size(), sizeof(Pose) / sizeof(double)});
+                for (std::size_t k = 0; k < times.size(); ++k)
+                    reinterpret_cast<Pose *>(rows.data())[k] = path.pose_at(times.data()[k]);
+                return rows;
+            },
+            nb::arg("times").noconvert());
 }

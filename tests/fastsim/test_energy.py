@@ -127,12 +127,11 @@ def test_a_wrong_force_breaks_the_balance(
 
     class Stiffer:
         @staticmethod
-        def make(*given: Any) -> Any:
-            lmbda, mu = given[4:6]
-            return _core.ExplicitRun64.make(*given[:4], lmbda, 1.01 * mu, *given[6:])
+        def make(*given: Any, **named: Any) -> Any:
+            return _core.ExplicitRun.make(*given, **{**named, "mu": 1.01 * named["mu"]})
 
     names = {name: getattr(_core, name) for name in dir(_core) if not name.startswith("__")}
-    seeded = SimpleNamespace(**{**names, "ExplicitRun64": Stiffer})
+    seeded = SimpleNamespace(**{**names, "ExplicitRun": Stiffer})
     monkeypatch.setattr(explicit_body, "_core", seeded)
     result = run(block(make_box), BodyForce((0.0, 40.0, -200.0)), ramped=ramped)
     assert imbalance(result) > limit

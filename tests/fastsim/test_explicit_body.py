@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.fastsim import dynamics
+from palpate.fastsim import explicit_body
 from palpate.fastsim.amplitudes import Amplitude
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import Precision, simulate
@@ -45,10 +46,10 @@ def no_check_of_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a wrong step through, to see that it is caught later."""
 
     class Patient(Body):
-        def critical_time_step(self, **_: object) -> float:
-            return 1e9
+        def critical_time_step(self, **state: Any) -> float:
+            return super().critical_time_step(**state) if state else 1e9
 
-    monkeypatch.setattr(dynamics, "Body", Patient)
+    monkeypatch.setattr(explicit_body, "Body", Patient)
 
 
 @PRECISIONS

@@ -8,17 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.fastsim.amplitudes import Histories
 from palpate.fastsim.body import Body
-from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
-from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.dynamics import SAFETY
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.kidney import shape_kidney
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import CapsuleShape, RigidTool, ToolPath
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -84,13 +81,13 @@ def measure_speed(mesh: TetMesh) -> Speed:
     bodies.append(moving_capsule(mesh, step, None, touches_itself=True))
     # The capsule is down after 0.2 s.
     for body in bodies:
-        body.advance(int(0.25 / step), int(0.25 / step))
+        body.step(int(0.25 / step))
     steps = max(50, int(_CELL_STEPS / mesh.num_cells))
     best = [np.inf] * len(bodies)
     for _ in range(_TIMINGS):
         for k, body in enumerate(bodies):
             start = time.process_time()
-            body.advance(steps, steps)
+            body.step(steps)
             best[k] = min(best[k], (time.process_time() - start) / steps)
     return Speed(mesh.num_cells, step, (best[0], best[1], best[2], best[3]))
 
@@ -108,35 +105,11 @@ def moving_capsule(
     across = np.repeat([[np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]], 3, axis=0)
     path = ToolPath(np.array([0.0, 0.2, 5.0]), positions, across)
     tools = () if law is None else (RigidTool(CapsuleShape(radius, 0.02), path),)
-    problem = Problem(mesh, TISSUE, (held,), (), tools=tools)
-    explicit = None
-    if law is not None:
-        explicit = ExplicitTools(
-            problem,
-            law,
-            Body(mesh, TISSUE).lumped_mass,
-            critical_time_step=step / SAFETY,
-            time_step=step,
-        )
-    itself = None
-    if touches_itself:
-        itself = BodyContact(
-            problem,
-            ContactLaw(ContactForm.PENALTY),
-            Body(mesh, TISSUE).lumped_mass,
-            critical_time_step=step / SAFETY,
-            time_step=step,
-        )
-    body = ExplicitBody(
-        problem,
-        strain=Strain.GREEN,
+    span = TimeSpan(1.0, mass_damping=MASS_DAMPING)
+    return ExplicitBody(
+        Problem(mesh, TISSUE, (held,), (), span, tools),
         time_step=step,
-        mass_damping=MASS_DAMPING,
-        histories=Histories(problem, None, None),
         precision=Precision.SINGLE,
-        tools=explicit,
-        body_contact=itself,
+        contact=law,
+        body_contact=ContactLaw(ContactForm.PENALTY) if touches_itself else None,
     )
-    rest = np.zeros_like(mesh.points)
-    body.start(rest, rest)
-    return body

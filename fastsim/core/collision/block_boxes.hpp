@@ -2,7 +2,7 @@
 // The boxes of up to 64 elements, side by side, and which of them meet other boxes: a bit for each.
 
 #include "collision/extent.hpp"
-#include "mechanics/step_kernel.hpp"
+#include "explicit/step_kernel.hpp"
 
 #include <cstddef>
 

@@ -3,7 +3,7 @@
 
 #include "collision/block_search.hpp"
 #include "collision/pair_order.hpp"
-#include "collision/workers.hpp"
+#include "threads/workers.hpp"
 
 namespace fastsim {
 

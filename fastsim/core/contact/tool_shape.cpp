@@ -90,13 +90,6 @@ Box box_of(const ToolShape &shape) {
     return std::visit([](const auto &kind) { return own_box(kind); }, shape);
 }
 
-Pose Pose::from(std::span<const double> row) {
-    Pose pose{};
-    std::copy_n(row.begin(), 3, pose.position.begin());
-    std::copy_n(row.begin() + 3, 9, pose.rotation.begin());
-    return pose;
-}
-
 Point Pose::to_tool(const Point &place) const {
     const Point d = minus(place, position);
     Point own{};

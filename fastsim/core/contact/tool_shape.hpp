@@ -43,16 +43,16 @@ Gap gap_of(const ToolShape &shape, const Point &place);
 /// Box of the shape in its own frame; infinite for a half space.
 Box box_of(const ToolShape &shape);
 
-/// Where a tool is: rotation @ place + position, the rotation row by row.
+/// Where a tool is: rotation @ place + position, the rotation row by row. A row of numbers in
+/// Python.
 struct Pose {
     Point position;
     std::array<double, 9> rotation;
 
-    /// Pre-condition: 12 numbers, the position first.
-    static Pose from(std::span<const double> row);
     Point to_tool(const Point &place) const;     // of a place in space
     Point turned_out(const Point &vector) const; // of a vector in the tool's frame
 };
+static_assert(sizeof(Pose) == 12 * sizeof(double));
 
 /// Gap of a place in space; normal and axis turned out into it.
 Gap gap_at(const ToolShape &shape, const Pose &pose, const Point &place);

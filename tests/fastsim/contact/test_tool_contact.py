@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.fastsim.contact.tool_contact import Gaps, core_shape, gaps_at, poses_at
+from palpate.fastsim.contact.tool_contact import POSE, Gaps, core_shape, gaps_at, poses_at
 from palpate.meshes.arrays import Points
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -19,7 +19,7 @@ from palpate.meshes.rigid_tool import (
 from palpate.meshes.shapes import shape_box, shape_sphere
 
 EPS = np.finfo(float).eps
-AT_ORIGIN = np.concatenate([np.zeros(3), np.eye(3).ravel()])
+AT_ORIGIN = np.array((np.zeros(3), np.eye(3)), dtype=POSE)
 SHAPES: list[ToolShape] = [
     SphereShape(0.7),
     CapsuleShape(0.4, 0.6),
@@ -34,7 +34,7 @@ def places(count: int = 400) -> Points:
     return np.random.default_rng(3).uniform(-1.5, 1.5, (count, 3))
 
 
-def gaps(shape: ToolShape, where: Points, pose: Points = AT_ORIGIN) -> Gaps:
+def gaps(shape: ToolShape, where: Points, pose: np.ndarray = AT_ORIGIN) -> Gaps:
     return gaps_at(core_shape(shape), where, pose)
 
 
@@ -91,7 +91,7 @@ def test_a_closed_surface_is_the_box_it_was_made_of() -> None:
     box = gaps(BoxShape((0.3, 0.5, 0.8)), x)
     surface = shape_box((0.6, 1.0, 1.6), edge_length=0.4)
     middle = 0.5 * (surface.points.min(axis=0) + surface.points.max(axis=0))
-    shifted = np.concatenate([-middle, np.eye(3).ravel()])
+    shifted = np.array((-middle, np.eye(3)), dtype=POSE)
     closed = gaps(SurfaceShape(surface), x, shifted)
     assert (box.distances < 0).sum() > 10
     assert np.abs(closed.distances - box.distances).max() < 32 * EPS
@@ -126,9 +126,9 @@ def test_a_pose_moves_the_distance_along(shape: ToolShape) -> None:
         np.array([[1.0, 0.0, 0.0, 0.0], [0.5, 0.5, -0.5, 0.5]]),
     )
     pose = poses_at(path, np.array([0.6]))[0]
-    turn = pose[3:].reshape(3, 3)
+    turn = pose["rotation"]
     x = places()
-    own, moved = gaps(shape, x), gaps(shape, x @ turn.T + pose[:3], pose)
+    own, moved = gaps(shape, x), gaps(shape, x @ turn.T + pose["position"], pose)
     assert np.abs(own.distances - moved.distances).max() < 32 * EPS
     straight = np.abs(own.normals @ turn.T - moved.normals).max(axis=1)
     assert np.quantile(straight, 0.99) < 1e-9
@@ -143,6 +143,6 @@ def test_poses_at_many_times_are_the_paths_own() -> None:
     poses = poses_at(path, times)
     for pose, time in zip(poses, times, strict=True):
         position, rotation = path.pose_at(float(time))
-        assert np.allclose(pose[:3], position, rtol=0, atol=16 * EPS)
+        assert np.allclose(pose["position"], position, rtol=0, atol=16 * EPS)
         # Angles come from an arc cosine: half of the digits are lost near 0.
-        assert np.allclose(pose[3:].reshape(3, 3), rotation, rtol=0, atol=1e-7)
+        assert np.allclose(pose["rotation"], rotation, rtol=0, atol=1e-7)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from palpate.fastsim import _core
-from palpate.fastsim.amplitudes import Histories
 from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.meshes.boundary_conditions import BodyForce, Support
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
 
@@ -30,22 +27,20 @@ class Rival:
             material,
             (Support(body["held"]),),
             (BodyForce((x, y, z)),),
+            TimeSpan(1.0, mass_damping=float(body["mass_damping"])),
         )
         self._body = ExplicitBody(
             problem,
-            strain=Strain.GREEN,
             time_step=float(body["time_step"]),
-            mass_damping=float(body["mass_damping"]),
-            histories=Histories(problem, None, None),
             precision=Precision(self.precision),
             num_threads=int(body["num_threads"]),
         )
-        rest = np.zeros_like(problem.mesh.points)
-        self._body.start(rest, rest)
 
     def advance(self, num_steps: int) -> dict[str, Any]:
         """From one output to the next."""
-        self._body.advance(num_steps, num_steps)
+        self._body.step(num_steps)
+        self._body.look()
+        self._last = self._body.displacement
         return {"instruction_set": self._body.instruction_set}
 
 

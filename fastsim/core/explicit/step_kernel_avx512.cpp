@@ -1,5 +1,5 @@
 // The kernel for AVX-512: 16 floats or 8 doubles. Compiled with those flags.
-#include "mechanics/step_kernel.hpp"
+#include "explicit/step_kernel.hpp"
 
 #ifdef FASTSIM_HAS_X86_KERNELS
 #include <immintrin.h>
@@ -89,7 +89,7 @@ struct Double8 {
     }
 };
 
-#include "mechanics/step_kernel.inl"
+#include "explicit/step_kernel.inl"
 
 } // namespace
 

@@ -113,17 +113,16 @@ template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename 
     return job.is_green ? add_batches<Pack, true>(job) : add_batches<Pack, false>(job);
 }
 
-/// Eq. 12 in increments; forces are left at zero. Returns whether all
-/// displacements are in bounds.
+/// The step of eq. 12; forces are left at zero. Returns whether all displacements are in bounds.
 template <typename Pack> bool move_points(const MoveJob<typename Pack::Real> &job) {
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width;
     const V limit = V{} + job.limit, zero = {};
     auto inside = zero <= zero;
     for (std::size_t i = job.first; i < job.last; i += width) {
-        const V pushed = Pack::load(job.external + i) - Pack::load(job.force + i);
-        const V increment =
-            job.keep * Pack::load(job.increment + i) + Pack::load(job.mobility + i) * pushed;
+        const V force = Pack::load(job.external + i) - Pack::load(job.force + i);
+        const V increment = next_increment(job.keep, Pack::load(job.increment + i),
+                                           Pack::load(job.mobility + i), force);
         const V next = Pack::load(job.displacement + i) + increment;
         __builtin_memcpy(job.force + i, &zero, sizeof(V));
         __builtin_memcpy(job.increment + i, &increment, sizeof(V));

@@ -1,5 +1,5 @@
 // The portable kernel: 16-byte vectors, which every target has or the compiler takes apart.
-#include "mechanics/step_kernel.hpp"
+#include "explicit/step_kernel.hpp"
 
 namespace fastsim {
 
@@ -34,7 +34,7 @@ template <typename Number> struct Plain {
     }
 };
 
-#include "mechanics/step_kernel.inl"
+#include "explicit/step_kernel.inl"
 
 } // namespace
 

@@ -1,4 +1,4 @@
-#include "contact/tool_touch.hpp"
+#include "explicit/tool_touch.hpp"
 
 #include "predicates/vector_algebra.hpp"
 
@@ -22,14 +22,14 @@ struct Mover {
 };
 
 template <typename Real>
-Mover mover_of(const TouchedBody<Real> &body, std::size_t entry, const Point &place) {
+Mover mover_of(const Motion<Real> &motion, std::size_t entry, const Point &place) {
     Mover mover{place, {}, {}};
     for (std::size_t j = 0; j < 3; ++j) {
         const std::size_t i = entry + j;
-        mover.mobility[j] = static_cast<double>(body.mobility[i]);
-        mover.increment[j] =
-            static_cast<double>(body.keep) * static_cast<double>(body.increment[i]) +
-            mover.mobility[j] * static_cast<double>(body.external[i] - body.force[i]);
+        mover.mobility[j] = static_cast<double>(motion.mobility[i]);
+        mover.increment[j] = next_increment(
+            static_cast<double>(motion.keep), static_cast<double>(motion.increment[i]),
+            mover.mobility[j], static_cast<double>(motion.external[i] - motion.force[i]));
     }
     return mover;
 }
@@ -78,7 +78,7 @@ Point friction_force(const TouchSettings &tool, const Pose &now, const Pose &nex
 
 template <typename Real>
 Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices, const Pose &now,
-               const Pose &next, const TouchedBody<Real> &body, std::vector<std::size_t> &touched) {
+               const Pose &next, Motion<Real> &motion, Push<Real> &push, std::size_t thread) {
     Reaction reaction{};
     Real fastest(0);
     const Box box = posed_box(box_of(tool.shape), now, tool.reach);
@@ -86,16 +86,16 @@ Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices,
         Point place{};
         bool is_near = true;
         for (std::size_t j = 0; j < 3; ++j) {
-            place[j] = vertex.rest[j] + static_cast<double>(body.displacement[vertex.entry + j]);
+            place[j] = vertex.rest[j] + static_cast<double>(motion.displacement[vertex.entry + j]);
             is_near &= place[j] >= box.low[j] && place[j] <= box.high[j];
-            fastest = std::max(fastest, std::abs(body.increment[vertex.entry + j]));
+            fastest = std::max(fastest, std::abs(motion.increment[vertex.entry + j]));
         }
         if (!is_near)
             continue;
         Point force{};
         Gap gap{};
         if (tool.is_constraint) {
-            const Mover mover = mover_of(body, vertex.entry, place);
+            const Mover mover = mover_of(motion, vertex.entry, place);
             force = constraint_force(tool, next, mover, gap);
             reaction.gap = std::min(reaction.gap, gap.distance);
             if (!(gap.distance < 0.0))
@@ -110,33 +110,31 @@ Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices,
                 continue;
             force = along({}, gap.normal, -gap.distance * vertex.stiffness);
             if (tool.friction > 0.0) {
-                const Mover mover = mover_of(body, vertex.entry, place);
+                const Mover mover = mover_of(motion, vertex.entry, place);
                 force =
                     along(force, friction_force(tool, now, next, mover, force, gap.normal), 1.0);
             }
         }
-        // What the body feels is rounded to its precision; the tool feels just that.
-        Point felt{};
+        // What acts on the body is rounded to its precision; just that acts back on the tool.
+        Point acting{};
         for (std::size_t j = 0; j < 3; ++j) {
             const Real rounded = static_cast<Real>(force[j]);
-            body.force[vertex.entry + j] -= rounded;
-            body.contact[vertex.entry + j] += rounded;
-            felt[j] = static_cast<double>(rounded);
-            reaction.force[j] -= felt[j];
+            motion.force[vertex.entry + j] -= rounded;
+            push.force[vertex.entry + j] += rounded;
+            acting[j] = static_cast<double>(rounded);
+            reaction.force[j] -= acting[j];
         }
-        const Point moment = cross(minus(place, now.position), felt);
+        const Point moment = cross(minus(place, now.position), acting);
         reaction.moment = along(reaction.moment, moment, -1.0);
-        touched.push_back(vertex.entry);
+        push.touched[thread].push_back(vertex.entry);
     }
     reaction.fastest = static_cast<double>(fastest);
     return reaction;
 }
 
-template Reaction touch<float>(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
-                               const Pose &, const TouchedBody<float> &,
-                               std::vector<std::size_t> &);
-template Reaction touch<double>(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
-                                const Pose &, const TouchedBody<double> &,
-                                std::vector<std::size_t> &);
+template Reaction touch(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
+                        const Pose &, Motion<float> &, Push<float> &, std::size_t);
+template Reaction touch(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
+                        const Pose &, Motion<double> &, Push<double> &, std::size_t);
 
 } // namespace fastsim

@@ -1,4 +1,4 @@
-#include "mechanics/step_kernel.hpp"
+#include "explicit/step_kernel.hpp"
 
 #include <algorithm>
 

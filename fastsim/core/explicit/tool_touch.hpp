@@ -12,6 +12,7 @@
 // on the vertices, to the last bit.
 
 #include "contact/tool_shape.hpp"
+#include "explicit/motion.hpp"
 
 #include <cstddef>
 #include <limits>
@@ -44,17 +45,10 @@ struct Reaction {
     double fastest = 0.0;
 };
 
-/// A body's arrays, records of 4.
-template <typename Real> struct TouchedBody {
-    const Real *displacement, *increment, *external, *mobility;
-    Real *force;   // inner force; what pushes the body is taken off
-    Real *contact; // gathered here too
-    Real keep;
-};
-
-/// Adds the forces of a tool on some vertices; entries of the touched ones are added to a list.
+/// Takes the forces of a tool on some vertices off the body's, and adds them to the push; the
+/// records of touched ones are added to those of the thread.
 template <typename Real>
 Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices, const Pose &now,
-               const Pose &next, const TouchedBody<Real> &body, std::vector<std::size_t> &touched);
+               const Pose &next, Motion<Real> &motion, Push<Real> &push, std::size_t thread);
 
 } // namespace fastsim

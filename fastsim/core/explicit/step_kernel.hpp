@@ -8,6 +8,8 @@
 // Those translation units include no library templates: an inline function built for AVX-512
 // must not become the copy that the linker keeps for everybody.
 
+#include "explicit/central_difference.hpp"
+
 #include <cstddef>
 #include <cstdint>
 

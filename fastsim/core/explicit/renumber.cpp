@@ -1,4 +1,4 @@
-#include "mechanics/renumber.hpp"
+#include "explicit/renumber.hpp"
 
 #include "mechanics/block_matrix.hpp"
 

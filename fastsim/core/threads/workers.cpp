@@ -1,4 +1,4 @@
-#include "collision/workers.hpp"
+#include "threads/workers.hpp"
 
 namespace fastsim {
 

@@ -1,5 +1,5 @@
 // The kernel for AVX2 with fused multiply-add: 8 floats or 4 doubles. Compiled with those flags.
-#include "mechanics/step_kernel.hpp"
+#include "explicit/step_kernel.hpp"
 
 #ifdef FASTSIM_HAS_X86_KERNELS
 #include <immintrin.h>
@@ -75,7 +75,7 @@ struct Double4 {
     }
 };
 
-#include "mechanics/step_kernel.inl"
+#include "explicit/step_kernel.inl"
 
 } // namespace
 

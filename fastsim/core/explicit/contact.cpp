@@ -1,0 +1,145 @@
+#include "explicit/contact.hpp"
+
+#include "predicates/vector_algebra.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fastsim {
+
+template <typename Real>
+void RigidTools<Real>::add(const TouchSettings &settings, const PointRecords &records,
+                           std::span<const double> points, std::span<const Index> vertices,
+                           std::span<const double> stiffnesses) {
+    Tool tool{settings, {}};
+    for (std::size_t k = 0; k < vertices.size(); ++k) {
+        const double *place = &points[3 * static_cast<std::size_t>(vertices[k])];
+        tool.vertices.push_back(
+            {records.first_entry(vertices[k]), {place[0], place[1], place[2]}, stiffnesses[k]});
+    }
+    std::ranges::sort(tool.vertices, {}, &TouchVertex::entry);
+    _tools.push_back(std::move(tool));
+    for (std::vector<Reaction> &reactions : _reactions)
+        reactions.resize(_tools.size());
+}
+
+template <typename Real> void RigidTools<Real>::reset() {
+    for (Tool &tool : _tools) {
+        tool.offset = tool.increment = 0.0;
+        tool.impulse = {};
+    }
+}
+
+template <typename Real> Pose RigidTools<Real>::Tool::at(const ToolStep &step) const {
+    return {along(step.pose.position, settings.direction, offset), step.pose.rotation};
+}
+
+template <typename Real>
+typename RigidTools<Real>::Touched
+RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<const ToolStep> now,
+                        std::span<const ToolStep> next, Motion<Real> &motion, Push<Real> &push) {
+    const double behind = push.clear(thread, motion);
+    std::vector<std::size_t> &touched = push.touched[thread];
+    touched.clear();
+    bool is_known = true;
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        const Tool &tool = _tools[t];
+        const auto begin = std::ranges::lower_bound(tool.vertices, 4 * portion.first_owned, {},
+                                                    &TouchVertex::entry);
+        const auto end = std::ranges::lower_bound(begin, tool.vertices.end(),
+                                                  4 * portion.last_owned, {}, &TouchVertex::entry);
+        Reaction &reaction = _reactions[thread][t];
+        reaction = fastsim::touch<Real>(tool.settings, {begin, end}, tool.at(now[t]),
+                                        tool.at(next[t]), motion, push, thread);
+        is_known = is_known && reaction.gap >= -tool.settings.deepest &&
+                   reaction.fastest <= 0.5 * tool.settings.deepest;
+    }
+    double ahead = 0.0;
+    for (const std::size_t first : touched)
+        for (std::size_t i = first; i < first + 3; ++i)
+            if (motion.is_free[i] != 0)
+                ahead += static_cast<double>(push.force[i]) *
+                         static_cast<double>(motion.increment_ahead(i));
+    return {is_known, 0.5 * (std::abs(behind) + std::abs(ahead))};
+}
+
+template <typename Real> void RigidTools<Real>::sum_reactions() {
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        Reaction &sum = _tools[t].reaction;
+        sum = {};
+        for (const std::vector<Reaction> &parts : _reactions) {
+            sum.force = along(sum.force, parts[t].force, 1.0);
+            sum.moment = along(sum.moment, parts[t].moment, 1.0);
+            sum.gap = std::min(sum.gap, parts[t].gap);
+        }
+    }
+}
+
+template <typename Real>
+void RigidTools<Real>::move(std::span<const ToolStep> now, const Motion<Real> &motion) {
+    const double dt = motion.scheme.time_step;
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        Tool &tool = _tools[t];
+        tool.impulse = along(tool.impulse, tool.reaction.force, dt);
+        if (!(tool.settings.mass > 0.0))
+            continue;
+        const double push = now[t].drive + dot(tool.settings.direction, tool.reaction.force);
+        // From rest: a(-dt) = a(dt), eq. 13.
+        const double part = motion.has_begun ? 1.0 : 0.5;
+        tool.increment += part * dt * dt * push / tool.settings.mass;
+        tool.offset += tool.increment;
+    }
+}
+
+template <typename Real> std::vector<ToolRecord> RigidTools<Real>::take_records() {
+    std::vector<ToolRecord> records;
+    for (Tool &tool : _tools) {
+        const Reaction &sum = tool.reaction;
+        records.push_back({sum.force, sum.moment, tool.impulse, tool.offset, sum.gap});
+        tool.impulse = {};
+    }
+    return records;
+}
+
+template <typename Real>
+void SelfContact<Real>::set(std::unique_ptr<BodyTouch> touch, std::span<const double> points) {
+    _touch = std::move(touch);
+    _rest.resize(points.size() / 3);
+    for (std::size_t i = 0; i < _rest.size(); ++i)
+        _rest[i] = {points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+    _places = _rest;
+}
+
+template <typename Real>
+double SelfContact<Real>::add(const PointRecords &records, Motion<Real> &motion, Push<Real> &push) {
+    const double work = push.clear(0, motion);
+    std::vector<std::size_t> &touched = push.touched[0];
+    touched.clear();
+    for (std::size_t i = 0; i < _rest.size(); ++i)
+        for (std::size_t j = 0; j < 3; ++j)
+            _places[i][j] = _rest[i][j] +
+                            static_cast<double>(motion.displacement[4 * records.record_of[i] + j]);
+    for (const PointForce &pushed : _touch->find_forces(_places)) {
+        const std::size_t first = records.first_entry(pushed.point);
+        for (std::size_t j = 0; j < 3; ++j) {
+            const Real force = static_cast<Real>(pushed.force[j]);
+            push.force[first + j] += force;
+            motion.force[first + j] -= force;
+        }
+        touched.push_back(first);
+    }
+    return work;
+}
+
+template <typename Real> std::pair<std::size_t, double> SelfContact<Real>::overlap() const {
+    if (!_touch)
+        return {0, 0.0};
+    return {_touch->num_touching(), _touch->deepest()};
+}
+
+template class RigidTools<float>;
+template class RigidTools<double>;
+template class SelfContact<float>;
+template class SelfContact<double>;
+
+} // namespace fastsim

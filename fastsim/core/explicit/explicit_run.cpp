@@ -1,0 +1,361 @@
+#include "explicit/explicit_run.hpp"
+
+#include "threads/thread_team.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+namespace fastsim {
+
+namespace {
+
+template <typename T> bool same_bytes(std::span<const T> a, const std::vector<T> &b) {
+    return a.size() == b.size() &&
+           (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);
+}
+
+template <typename Real> class Run final : public ExplicitRun {
+  public:
+    Run(std::span<const double> points, std::span<const Index> cells,
+        std::span<const double> lumped_mass, std::span<const std::uint8_t> is_free,
+        const ExplicitSettings &settings)
+        : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
+          _records(points.size() / 3, cells), _batches(points, cells, _records, _kernel.width),
+          _portions(divide(_batches, _records.size(), settings.num_threads)),
+          _team(_portions.size()), _at_forces(_team.size()), _at_end(_team.size()),
+          _parts(_team.size()), _supports(_team.size()), _tools(_team.size()) {
+        const std::size_t num_points = _records.size();
+        for (auto *array : {&_motion.displacement, &_motion.increment, &_motion.external,
+                            &_motion.force, &_motion.mobility})
+            array->assign(_records.padded_size(), Real(0));
+        for (std::size_t t = 1; t < _parts.size(); ++t)
+            _parts[t].force.assign(_records.padded_size(), Real(0));
+        _motion.mass.resize(num_points);
+        for (std::size_t k = 0; k < num_points; ++k)
+            _motion.mass[k] = lumped_mass[_records.point_of[k]];
+        _motion.is_free.assign(4 * num_points, 0);
+        _records.pack(is_free, _motion.is_free.data());
+        _motion.set_scheme(settings.scheme);
+        for (auto *push : {&_pushes.pressure, &_pushes.body, &_pushes.tools})
+            push->touched.resize(_team.size());
+    }
+
+    void set_state(std::span<const double> displacement, std::span<const double> increment,
+                   double energy) override {
+        forget_forces();
+        _records.pack(displacement, _motion.displacement.data());
+        _records.pack(increment, _motion.increment.data());
+        // A held component does not move, whatever its start-up value says.
+        for (std::size_t i = 0; i < _motion.is_free.size(); ++i)
+            if (_motion.is_free[i] == 0)
+                _motion.increment[i] = Real(0);
+        _motion.has_begun = false;
+        for (auto *push : {&_pushes.pressure, &_pushes.body, &_pushes.tools})
+            std::fill(push->force.begin(), push->force.end(), Real(0));
+        _tools.reset();
+        _balance.reset(_team.size());
+        _watch.reset(_team.size(), _motion, energy);
+        _steps_since_good = 0;
+        _last_factors.clear();
+    }
+
+    void get_state(std::span<double> displacement, std::span<double> increment) const override {
+        _records.unpack(_motion.displacement.data(), displacement);
+        _records.unpack(_motion.increment.data(), increment);
+    }
+
+    void set_dead_load(std::size_t history, std::span<const double> forces) override {
+        forget_forces();
+        _loads.set(_records, history, forces);
+        _last_factors.clear();
+    }
+
+    void set_pressure(std::span<const double> points, std::span<const Index> facets,
+                      std::span<const double> pressures,
+                      std::span<const Index> histories) override {
+        _pressure.set(_records, points, facets, pressures, histories, _pushes.pressure);
+    }
+
+    void set_moving_supports(std::span<const double> values,
+                             std::span<const Index> histories) override {
+        _supports.set(_records, _portions, values, histories, _motion);
+    }
+
+    void add_tool(const TouchSettings &settings, std::span<const double> points,
+                  std::span<const Index> vertices, std::span<const double> stiffnesses) override {
+        _tools.add(settings, _records, points, vertices, stiffnesses);
+        _pushes.tools.force.assign(4 * _records.size(), Real(0));
+    }
+
+    void set_self_contact(std::unique_ptr<BodyTouch> touch,
+                          std::span<const double> points) override {
+        _self_contact.set(std::move(touch), points);
+        _pushes.body.force.assign(4 * _records.size(), Real(0));
+    }
+
+    void set_mass_damping(double mass_damping) override {
+        _motion.set_scheme({_motion.scheme.time_step, mass_damping});
+        if (_tools.size() > 0) // the constraint looks a step ahead
+            forget_forces();
+    }
+
+    ExplicitOutcome advance(const ExplicitPlan &plan) override {
+        const std::size_t num_steps = plan.num_rows - 1;
+        ExplicitOutcome outcome{static_cast<std::int64_t>(num_steps), StopReason::none, -1};
+        const bool is_found = has_forces_of(plan);
+        if (!is_found)
+            forget_forces();
+        _team.run([&](std::size_t thread) {
+            const auto stop = [&](StopReason reason, std::size_t steps_done) {
+                if (thread == 0)
+                    outcome = {static_cast<std::int64_t>(steps_done), reason, -1};
+            };
+            for (std::size_t step = 0; step < num_steps; ++step) {
+                StopReason reason = StopReason::none;
+                if (step > 0 || !is_found)
+                    reason = find_forces(thread, plan, step);
+                if (reason != StopReason::none)
+                    return stop(reason, step);
+                const bool looks = step + 1 == num_steps || step % 16 == 15;
+                reason = move(thread, plan, step, looks);
+                if (reason != StopReason::none)
+                    return stop(reason, step + 1);
+            }
+        });
+        _has_forces = false;
+        const auto last = plan.factors_at(num_steps - 1);
+        _last_factors.assign(last.begin(), last.end());
+        if (outcome.reason != StopReason::none)
+            go_back(outcome);
+        return outcome;
+    }
+
+    ExplicitOutcome look(const ExplicitPlan &plan) override {
+        ExplicitOutcome outcome{0, StopReason::none, -1};
+        if (!has_forces_of(plan)) {
+            forget_forces();
+            _team.run([&](std::size_t thread) {
+                const StopReason reason = find_forces(thread, plan, 0);
+                if (thread == 0)
+                    outcome.reason = reason;
+                else if (reason != StopReason::none)
+                    return;
+                if (reason == StopReason::none && _settings.tracks_energy)
+                    _balance.add(thread, _portions[thread], _motion, _pushes, _supports, false);
+            });
+        }
+        if (outcome.reason != StopReason::none) {
+            go_back(outcome);
+            return outcome;
+        }
+        _tools.sum_reactions();
+        _has_forces = true;
+        _factors_of_forces.assign(plan.factors.begin(), plan.factors.end());
+        _tools_of_forces.assign(plan.tools.begin(), plan.tools.end());
+        const auto now = plan.factors_at(0);
+        _last_factors.assign(now.begin(), now.end());
+        return outcome;
+    }
+
+    EnergyRecord energies() const override { return _balance.total(); }
+    std::vector<ToolRecord> take_tool_records() override { return _tools.take_records(); }
+
+    void get_contact_force(std::span<double> force) const override {
+        for (std::size_t i = 0; i < _records.size(); ++i)
+            for (std::size_t j = 0; j < 3; ++j) {
+                const std::size_t at = 4 * _records.record_of[i] + j;
+                force[3 * i + j] = _pushes.tools.at(at) + _pushes.body.at(at);
+            }
+    }
+
+    std::pair<std::size_t, double> self_overlap() const override { return _self_contact.overlap(); }
+
+    void internal_force(std::span<double> force) override {
+        forget_forces();
+        _team.run([&](std::size_t thread) {
+            static_cast<void>(_kernel.add_forces(job_of(thread)));
+            _team.wait();
+            sum_parts(_portions[thread]);
+        });
+        _records.unpack(_motion.force.data(), force);
+        std::fill(_motion.force.begin(), _motion.force.end(), Real(0));
+    }
+
+    const char *instruction_set() const override { return _kernel.name; }
+
+  private:
+    struct alignas(64) Part { // of one thread; the first one's force is that of the motion
+        AlignedVector<Real> force;
+        bool is_known = true; // where the tools push
+    };
+
+    Real *force_of(std::size_t thread) {
+        return thread == 0 ? _motion.force.data() : _parts[thread].force.data();
+    }
+
+    ForceJob<Real> job_of(std::size_t thread) {
+        return {_motion.displacement.data(),
+                force_of(thread),
+                _batches.corners.data(),
+                _batches.rest.data(),
+                _portions[thread].first_batch,
+                _portions[thread].last_batch,
+                static_cast<Real>(_settings.lame.lmbda),
+                static_cast<Real>(_settings.lame.mu),
+                _settings.strain == StrainMeasure::green};
+    }
+
+    void sum_parts(const Portion &portion) {
+        for (std::size_t t = 1; t < _parts.size(); ++t) {
+            Real *const part = _parts[t].force.data();
+            const std::size_t last = 4 * std::min(portion.last_owned, _portions[t].last_touched);
+            for (std::size_t i = 4 * std::max(portion.first_owned, _portions[t].first_touched);
+                 i < last; ++i) {
+                _motion.force[i] += part[i];
+                part[i] = Real(0);
+            }
+        }
+    }
+
+    /// The first half of a step: the residual F - R(a) of eq. 12, with all that pushes.
+    StopReason find_forces(std::size_t thread, const ExplicitPlan &plan, std::size_t step) {
+        const Portion &portion = _portions[thread];
+        const auto factors = plan.factors_at(step);
+        const Real smallest = _kernel.add_forces(job_of(thread));
+        _at_forces.cast(thread, step,
+                        smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
+        // Not into what was given: the other threads may still be reading that.
+        if (thread == 0 && !_pressure.is_empty())
+            _watch.give_later(_pressure.add(factors, _motion, _pushes.pressure));
+        if (thread == 0 && !_self_contact.is_empty())
+            _watch.give_later(_self_contact.add(_records, _motion, _pushes.body));
+        _team.wait();
+        if (const StopReason reason = _at_forces.result(step); reason != StopReason::none)
+            return reason;
+        sum_parts(portion);
+        const auto change = _loads.change(step == 0 ? std::span<const double>(_last_factors)
+                                                    : plan.factors_at(step - 1),
+                                          factors);
+        if (change.is_jump)
+            _watch.count_dead_loads(thread, portion, _motion);
+        if (change.is_new)
+            _loads.combine(portion, factors, _motion);
+        const auto next = plan.factors_at(step + 1);
+        _watch.give(thread, _supports.pull(thread, factors, next, _motion, _pushes));
+        if (_tools.size() > 0) {
+            const auto touched = _tools.touch(thread, portion, plan.tools_at(step),
+                                              plan.tools_at(step + 1), _motion, _pushes.tools);
+            _parts[thread].is_known = touched.is_known;
+            _watch.give(thread, touched.given);
+        }
+        return StopReason::none;
+    }
+
+    /// The second half: eq. 12 itself, and a look at what came of it now and then.
+    StopReason move(std::size_t thread, const ExplicitPlan &plan, std::size_t step, bool looks) {
+        const Portion &portion = _portions[thread];
+        if (_settings.tracks_energy)
+            _balance.add(thread, portion, _motion, _pushes, _supports, true);
+        // Owned points begin at whole packs; the last portion ends in the padding.
+        const std::size_t last =
+            (4 * portion.last_owned + longest_pack - 1) / longest_pack * longest_pack;
+        const bool is_inside = _kernel.move_points(
+            {_motion.displacement.data(), _motion.increment.data(), _motion.force.data(),
+             _motion.external.data(), _motion.mobility.data(), 4 * portion.first_owned, last,
+             _motion.keep, static_cast<Real>(_settings.displacement_limit)});
+        _supports.move(thread, plan.factors_at(step + 1), _motion);
+        _at_end.cast(thread, step,
+                     !is_inside                 ? StopReason::out_of_bounds
+                     : !_parts[thread].is_known ? StopReason::deep_in_tool
+                                                : StopReason::none);
+        if (looks)
+            _watch.look(thread, portion, _motion);
+        _team.wait();
+        if (thread == 0) {
+            _tools.sum_reactions();
+            _tools.move(plan.tools_at(step), _motion);
+            _motion.has_begun = true;
+            ++_steps_since_good;
+        }
+        if (const StopReason reason = _at_end.result(step); reason != StopReason::none)
+            return reason;
+        if (looks && _watch.is_growing(_motion))
+            return StopReason::energy_growth;
+        if (looks) {
+            _watch.keep(portion, _motion);
+            if (thread == 0)
+                _steps_since_good = 0;
+        }
+        return StopReason::none;
+    }
+
+    /// Were the forces found for the first two rows of the plan?
+    bool has_forces_of(const ExplicitPlan &plan) const {
+        const std::size_t factors = _factors_of_forces.size(), tools = _tools_of_forces.size();
+        return _has_forces && same_bytes(plan.factors.first(factors), _factors_of_forces) &&
+               same_bytes(plan.tools.first(tools), _tools_of_forces);
+    }
+
+    void forget_forces() {
+        for (std::size_t t = 0; t < _team.size(); ++t)
+            std::fill_n(force_of(t), _has_forces ? _records.padded_size() : 0, Real(0));
+        _has_forces = false;
+    }
+
+    /// Leaves the last good state: one step back from an inverted cell, else that of the last look
+    /// of the watch.
+    void go_back(ExplicitOutcome &outcome) {
+        if (outcome.reason != StopReason::inverted_cell) {
+            for (std::size_t t = 0; t < _team.size(); ++t)
+                _watch.look(t, _portions[t], _motion);
+            outcome.point = static_cast<std::int64_t>(_records.point_of[_watch.fastest_record()]);
+            _watch.restore(_motion);
+            outcome.steps_done -= _steps_since_good;
+        } else if (_motion.has_begun) {
+            for (std::size_t i = 0; i < 4 * _records.size(); ++i)
+                _motion.displacement[i] -= _motion.increment[i];
+            outcome.steps_done -= 1;
+        }
+        _last_factors.clear();
+        _has_forces = true; // some
+        forget_forces();
+    }
+
+    ExplicitSettings _settings;
+    KernelChoice<Real> _kernel;
+    PointRecords _records;
+    CellBatches<Real> _batches;
+    std::vector<Portion> _portions; // by thread
+    ThreadTeam _team;
+    Votes<StopReason> _at_forces, _at_end;
+    std::vector<Part> _parts;
+    Motion<Real> _motion;
+    Pushes<Real> _pushes;
+    DeadLoads<Real> _loads;
+    FollowerPressure<Real> _pressure;
+    MovingSupports<Real> _supports;
+    RigidTools<Real> _tools;
+    SelfContact<Real> _self_contact;
+    EnergyBalance<Real> _balance;
+    GrowthWatch<Real> _watch;
+    std::int64_t _steps_since_good = 0;
+    std::vector<double> _last_factors; // that the external forces are made of; empty: other ones
+    // Whether a look has left its forces for the next step, and what for.
+    bool _has_forces = false;
+    std::vector<double> _factors_of_forces;
+    std::vector<ToolStep> _tools_of_forces;
+};
+
+} // namespace
+
+std::unique_ptr<ExplicitRun> ExplicitRun::make(std::span<const double> points,
+                                               std::span<const Index> cells,
+                                               std::span<const double> lumped_mass,
+                                               std::span<const std::uint8_t> is_free,
+                                               const ExplicitSettings &settings) {
+    if (settings.is_single)
+        return std::make_unique<Run<float>>(points, cells, lumped_mass, is_free, settings);
+    return std::make_unique<Run<double>>(points, cells, lumped_mass, is_free, settings);
+}
+
+} // namespace fastsim

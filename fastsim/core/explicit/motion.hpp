@@ -1,0 +1,60 @@
+#pragma once
+// A body in motion as all parts of an explicit run see it, in records (see records.hpp).
+
+#include "explicit/records.hpp"
+
+#include <array>
+#include <cstdint>
+
+namespace fastsim {
+
+template <typename Real> struct Motion {
+    CentralDifference scheme;
+    AlignedVector<Real> displacement, increment; // a(t), and d(t) = a(t) - a(t-dt)
+    AlignedVector<Real> external;                // F: the dead loads
+    AlignedVector<Real> force;    // R(a), less what pushes besides the dead loads; 0 after a step
+    AlignedVector<Real> mobility; // 0 where held
+    std::vector<double> mass;     // by point
+    std::vector<std::uint8_t> is_free; // by entry
+    Real keep;
+    bool has_begun = false; // a step has been made from the state that was set
+
+    /// d(t+dt) of an entry by eq. 12, before the step makes it.
+    Real increment_ahead(std::size_t i) const {
+        return next_increment(keep, increment[i], mobility[i], external[i] - force[i]);
+    }
+    void set_scheme(const CentralDifference &given) {
+        scheme = given;
+        keep = static_cast<Real>(scheme.keep());
+        for (std::size_t i = 0; i < is_free.size(); ++i)
+            if (is_free[i] != 0)
+                mobility[i] = static_cast<Real>(scheme.mobility(mass[i / 4]));
+    }
+};
+
+/// What pushes besides the dead loads, in records; empty where nothing ever does.
+template <typename Real> struct Push {
+    AlignedVector<Real> force;
+    std::vector<std::vector<std::size_t>> touched; // by thread: records that may not be 0
+
+    /// Sets it to 0; returns the work that it did along the last increment.
+    double clear(std::size_t thread, const Motion<Real> &motion) {
+        double work = 0.0;
+        for (const std::size_t first : touched[thread])
+            for (std::size_t i = first; i < first + 3; ++i) {
+                // What pushes a moving support passes straight through it.
+                if (motion.is_free[i] != 0)
+                    work +=
+                        static_cast<double>(force[i]) * static_cast<double>(motion.increment[i]);
+                force[i] = Real(0);
+            }
+        return work;
+    }
+    double at(std::size_t i) const { return force.empty() ? 0.0 : static_cast<double>(force[i]); }
+};
+
+template <typename Real> struct Pushes {
+    Push<Real> pressure, body, tools;
+};
+
+} // namespace fastsim

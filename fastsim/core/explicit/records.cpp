@@ -1,0 +1,77 @@
+#include "explicit/records.hpp"
+
+#include "explicit/renumber.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+namespace fastsim {
+
+PointRecords::PointRecords(std::size_t num_points, std::span<const Index> cells)
+    : record_of(num_points), point_of(num_points) {
+    const std::vector<Index> order = reverse_cuthill_mckee(num_points, cells);
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        point_of[k] = static_cast<std::size_t>(order[k]);
+        record_of[point_of[k]] = k;
+    }
+}
+
+template <typename Real>
+CellBatches<Real>::CellBatches(std::span<const double> points, std::span<const Index> cells,
+                               const PointRecords &records, std::size_t kernel_width)
+    : width(kernel_width), count((cells.size() / 4 + width - 1) / width) {
+    const std::size_t num_cells = cells.size() / 4;
+    const RestCells at_rest = make_rest_cells(points, cells);
+    std::vector<std::size_t> key(num_cells, 0), sorted(num_cells);
+    for (std::size_t i = 0; i < cells.size(); ++i)
+        key[i / 4] += records.first_entry(cells[i]);
+    std::iota(sorted.begin(), sorted.end(), std::size_t{0});
+    std::ranges::stable_sort(sorted, {}, [&](std::size_t c) { return key[c]; });
+    corners.assign(4 * width * count, static_cast<std::int32_t>(4 * records.size()));
+    rest.assign(10 * width * count, Real(0));
+    for (std::size_t k = 0; k < num_cells; ++k) {
+        const std::size_t c = sorted[k], batch = k / width, lane = k % width;
+        for (std::size_t a = 0; a < 4; ++a)
+            corners[(4 * batch + a) * width + lane] =
+                static_cast<std::int32_t>(records.first_entry(cells[4 * c + a]));
+        for (std::size_t e = 0; e < 9; ++e)
+            rest[(10 * batch + e) * width + lane] = static_cast<Real>(at_rest.gradients[c][e]);
+        rest[(10 * batch + 9) * width + lane] = static_cast<Real>(at_rest.volumes[c]);
+    }
+}
+
+template <typename Real>
+std::vector<Portion> divide(const CellBatches<Real> &batches, std::size_t num_points,
+                            std::size_t num_threads) {
+    const std::size_t count = std::max<std::size_t>(1, std::min(num_threads, batches.count));
+    const auto first_owned = [&](std::size_t k) {
+        constexpr std::size_t whole = longest_pack / 4;
+        return k == count ? num_points : num_points * k / count / whole * whole;
+    };
+    std::vector<Portion> portions;
+    for (std::size_t t = 0; t < count; ++t) {
+        Portion portion{batches.count * t / count,
+                        batches.count * (t + 1) / count,
+                        num_points,
+                        0,
+                        first_owned(t),
+                        first_owned(t + 1)};
+        const std::size_t size = 4 * batches.width;
+        for (std::size_t i = size * portion.first_batch; i < size * portion.last_batch; ++i) {
+            const auto point = static_cast<std::size_t>(batches.corners[i]) / 4;
+            if (point == num_points)
+                continue;
+            portion.first_touched = std::min(portion.first_touched, point);
+            portion.last_touched = std::max(portion.last_touched, point + 1);
+        }
+        portions.push_back(portion);
+    }
+    return portions;
+}
+
+template struct CellBatches<float>;
+template struct CellBatches<double>;
+template std::vector<Portion> divide(const CellBatches<float> &, std::size_t, std::size_t);
+template std::vector<Portion> divide(const CellBatches<double> &, std::size_t, std::size_t);
+
+} // namespace fastsim
