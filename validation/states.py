@@ -27,6 +27,13 @@ class Verdict(StrEnum):
     SKIPPED = "skipped"
 
 
+class Precision(StrEnum):
+    """In which numbers an answer may have been computed; double, unless somebody grants single."""
+
+    SINGLE = "single"
+    DOUBLE = "double"
+
+
 def gravest(verdicts: Sequence[Verdict]) -> Verdict:
     """Failed before inconclusive before passed; nothing but skipped checks is inconclusive."""
     for verdict in (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.PASSED):

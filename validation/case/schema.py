@@ -20,6 +20,7 @@ from palpate.validation.case.numbers import (
 from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS
+from palpate.validation.states import Precision
 
 # Held against a number of the case file: the candidate's answer, or the truth itself.
 PUBLISHED = "published_displacement"
@@ -222,6 +223,8 @@ class CheckSpec(Table):
     strain: Strain | None = None
     limit: Number
     reason: str = Field(min_length=1)
+    # "single" raises a limit to what rounding to float32 does; the case's where nothing is said.
+    precision: Precision | None = None
     # Of what is published: a point of the mesh, which component, and the number there, in the
     # case's length unit, Hz or 1/s; the reason names the source.
     at: Vector | None = None
@@ -242,6 +245,8 @@ class CheckSpec(Table):
             raise ValueError(f'{own} go with against = "candidate", and nothing else does')
         if CATALOGUE[self.metric].needs_same_mesh and self.against != "same_mesh":
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
+        if self.precision is not None and self.metric in OWN_METRICS:
+            raise ValueError(f"precision goes with what is compared, not with {self.metric}")
         given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
         if (is_published and len(given) < 3) or (given and not is_published):
             raise ValueError(
@@ -277,6 +282,8 @@ class CaseSpec(Table):
     description: str = ""
     units: Units = Units()
     strain: Strain = Strain.GREEN
+    # "single" grants float32 to every check that compares; see metrics/rounding.py.
+    precision: Precision = Precision.DOUBLE
     geometry: GeometrySpec
     mesh: MeshSpec = MeshSpec()
     material: MaterialSpec

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import OneCase
+from palpate.validation.commands.words import GrantedPrecision, OneCase
 
 
 def export(
@@ -35,6 +35,7 @@ def compare(
     result: Annotated[Path, typer.Argument(help="displacement as .vtu, .npz or .csv")],
     json: Annotated[Path | None, typer.Option()] = None,
     live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
+    precision: GrantedPrecision = None,
 ) -> None:
     """Judge somebody else's result; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
@@ -50,7 +51,11 @@ def compare(
     # A file that cannot be read is told before anything is solved.
     read_result(result, most_bytes=room_for_answer(loaded.problem))
     judged = judge_case(
-        loaded, live=live, candidate=result_candidate(result), progress=progress_lines()
+        loaded,
+        live=live,
+        candidate=result_candidate(result),
+        precision=precision,
+        progress=progress_lines(),
     )
     if json is not None:
         text = outputs.results_json([judged], str(judged.provenance["palpate"]))

@@ -12,6 +12,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import (
+    GrantedPrecision,
     OptionalCases,
     OptionalFile,
     SimulatorCommand,
@@ -33,6 +34,7 @@ def gate(
     ] = Fault.NONE,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    precision: GrantedPrecision = None,
     metamorphic: Annotated[
         bool, typer.Option(help="judge by relations that need no reference")
     ] = False,
@@ -78,7 +80,10 @@ def gate(
     elif metamorphic:
         results = [judge_relations(case, candidate, progress) for case in loaded]
     else:
-        results = [judge_case(c, live=live, candidate=candidate, progress=progress) for c in loaded]
+        results = [
+            judge_case(c, live=live, candidate=candidate, precision=precision, progress=progress)
+            for c in loaded
+        ]
     if accepted is not None:
         results = with_changes(results, accepted)
     texts = {

@@ -9,7 +9,13 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import Folder, OptionalCases, SimulatorCommand, TimeLimit
+from palpate.validation.commands.words import (
+    Folder,
+    GrantedPrecision,
+    OptionalCases,
+    SimulatorCommand,
+    TimeLimit,
+)
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.versions import version_of
 
@@ -20,6 +26,7 @@ def report(
     every: Annotated[bool, typer.Option("--all", help="every built-in case, and an index")] = False,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    precision: GrantedPrecision = None,
     pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
 ) -> None:
     """Solve with both, judge, and write the report with everything beside it.
@@ -46,7 +53,10 @@ def report(
     require_run_folder(output, inputs=inputs)
     progress = progress_lines()
     candidate = candidate_for(simulator, time_limit)
-    results = [judge_case(c, live=True, candidate=candidate, progress=progress) for c in loaded]
+    results = [
+        judge_case(c, live=True, candidate=candidate, precision=precision, progress=progress)
+        for c in loaded
+    ]
     with run_folder(output, inputs=inputs) as fresh:
         progress("drawing the report")
         page = write_report(results, fresh)

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.validation.states import Precision
+
 
 def complete_case(incomplete: str) -> list[str]:
     """Built-in cases that begin so, for the shell; it knows the files by itself."""
@@ -37,3 +39,7 @@ SimulatorCommand = Annotated[
     str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
 ]
 TimeLimit = Annotated[float, typer.Option(help="of the simulator, in seconds")]
+GrantedPrecision = Annotated[
+    Precision | None,
+    typer.Option(help="granted to the answers; default: what the case grants"),
+]

@@ -17,10 +17,22 @@ from palpate.validation.states import State, Verdict
 
 @dataclass(frozen=True, eq=False)
 class CaseJudge:
-    """What an answer to a case is held against."""
+    """What an answer to a case is held against.
+
+    Attributes:
+        case: The case.
+        references: Of the case.
+        granted: Its checks at the precision that was granted; as they stand in it where None.
+    """
 
     case: Case
     references: ReferenceSet
+    granted: tuple[CheckSpec, ...] | None = None
+
+    @property
+    def checks(self) -> tuple[CheckSpec, ...]:
+        """Every check, in the order of the case."""
+        return tuple(self.case.checks) if self.granted is None else self.granted
 
     @property
     def problem(self) -> Problem:
@@ -67,7 +79,7 @@ class CaseJudge:
         reference = self._any_reference(self.case.strain)
         if reference is None:
             return ()
-        specs = [spec for spec in self.case.checks if self.strain_of(spec) is self.case.strain]
+        specs = [spec for spec in self.checks if self.strain_of(spec) is self.case.strain]
         return tuple(
             answer.label
             for answer in spoiled_answers(self.problem, reference)

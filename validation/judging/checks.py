@@ -10,7 +10,7 @@ from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import CATALOGUE, measure, most_inverted, smallest_det_f
-from palpate.validation.states import State, Verdict
+from palpate.validation.states import Precision, State, Verdict
 
 
 def decide(error: float, bar: float, limit: float) -> Verdict:
@@ -110,6 +110,7 @@ def judge_check(
         reference_error=bar,
         verdict=verdict,
         reason=spec.reason,
+        precision=spec.precision or Precision.DOUBLE,
         message=message,
     )
 
@@ -127,5 +128,6 @@ def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:
         reference_error=0.0,
         verdict=Verdict.SKIPPED,
         reason=spec.reason,
+        precision=spec.precision or Precision.DOUBLE,
         message=why,
     )

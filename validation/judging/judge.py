@@ -23,6 +23,7 @@ from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.diagnosing import diagnose_failures
+from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
@@ -32,7 +33,7 @@ from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_li
 from palpate.validation.references.stored import load_stored, problem_key, references_folder
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
-from palpate.validation.states import State, Verdict, gravest
+from palpate.validation.states import Precision, State, Verdict, gravest
 
 # Added to what a check found.
 VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
@@ -44,6 +45,7 @@ def judge_case(
     live: bool = False,
     candidate: Candidate | None = None,
     diagnoses: bool = True,
+    precision: Precision | None = None,
     progress: Callable[[str], None] = lambda _line: None,
 ) -> CaseResult:
     """Judge a candidate on a case.
@@ -53,6 +55,7 @@ def judge_case(
         live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
         candidate: Who is judged; fastsim where None.
         diagnoses: Whether to look for what explains an answer that fails.
+        precision: Granted to the candidate; what the case grants where None.
         progress: Called with one line for each thing done.
 
     Raises:
@@ -94,10 +97,14 @@ def judge_case(
     if said:
         notes.append(own_words(judged.name, said))
 
-    judge = CaseJudge(case, references)
+    grant = PrecisionGrant(case, references, precision)
+    notes.extend(grant.notes)
+    judge = CaseJudge(case, references, grant.checks())
     checks = [
-        _judged(judge, spec, judged, candidates.get(judge.strain_of(spec)), failures)
-        for spec in case.checks
+        grant.with_remark(
+            spec, _judged(judge, spec, judged, candidates.get(judge.strain_of(spec)), failures)
+        )
+        for spec in judge.checks
     ]
     unseen = judge.unseen()
     if unseen:

@@ -14,7 +14,7 @@ from rich.text import Text
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
-from palpate.validation.states import Verdict
+from palpate.validation.states import Precision, Verdict
 
 _COLOUR = {
     Verdict.PASSED: "green",
@@ -23,6 +23,16 @@ _COLOUR = {
     Verdict.SKIPPED: "dim",
 }
 _GRAVEST_FIRST = (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.SKIPPED, Verdict.PASSED)
+# Of a check, in JUnit.
+_PROPERTIES = (
+    "value",
+    "limit",
+    "reference_error",
+    "scale",
+    "reason",
+    "is_vacuous",
+    "precision",
+)
 # Job summaries are cut off at 1 MiB; nobody reads more rows than this.
 _MOST_ROWS = 200
 
@@ -46,6 +56,7 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
                     "reference_error": _finite(check.reference_error),
                     "verdict": check.verdict,
                     "is_vacuous": check.is_vacuous,
+                    "precision": check.precision,
                     "reason": check.reason,
                     "message": check.message,
                 }
@@ -114,7 +125,7 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
                 name=for_xml(check_name(check)),
             )
             properties = ET.SubElement(test, "properties")
-            for name in ("value", "limit", "reference_error", "scale", "reason", "is_vacuous"):
+            for name in _PROPERTIES:
                 value = for_xml(str(getattr(check, name)))
                 ET.SubElement(properties, "property", name=name, value=value)
             if check.verdict is Verdict.FAILED:
@@ -189,11 +200,12 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
 
 
 def check_name(check: CheckResult) -> str:
-    """Short name of a check: metric, against what, which strain."""
+    """Short name of a check: metric, against what, which strain; the precision if not double."""
     if check.against in ("relation", "self-test"):
         return check.metric
     against = {"same_mesh": "same mesh", "truth": "truth", "candidate": "own"}[check.against]
-    return f"{check.metric} ({against}, {check.strain})"
+    tier = "" if check.precision is Precision.DOUBLE else f", {check.precision} precision"
+    return f"{check.metric} ({against}, {check.strain}{tier})"
 
 
 def _finite(value: float | None) -> float | None:

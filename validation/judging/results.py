@@ -9,7 +9,7 @@ from typing import Any
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
-from palpate.validation.states import State, Verdict
+from palpate.validation.states import Precision, State, Verdict
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class CheckResult:
         reason: Why this limit, from the case.
         message: One line that says what was found.
         is_vacuous: Whether an answer in which nothing moves passes it too.
+        precision: What the limit allows for: single where the case or the caller granted it.
     """
 
     metric: str
@@ -45,6 +46,7 @@ class CheckResult:
     reason: str
     message: str
     is_vacuous: bool = False
+    precision: Precision = Precision.DOUBLE
 
 
 @dataclass(frozen=True, eq=False)

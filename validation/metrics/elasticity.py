@@ -109,6 +109,30 @@ def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) 
     return sum_at_points(load.facets, np.repeat(thirds[:, None], 3, axis=1), mesh.num_points)
 
 
+def force_of_strain(problem: Problem, strain: Array) -> Points:
+    """Nodal forces V (C : E) grad N of a strain by cell, (num_cells, 3, 3) [N]; linear theory."""
+    mesh = problem.mesh
+    lmbda, mu = _lame(problem)
+    stress = 2.0 * mu[:, None, None] * strain
+    stress += (lmbda * np.trace(strain, axis1=1, axis2=2))[:, None, None] * np.eye(3)
+    volumes = signed_volumes(mesh.points, mesh.cells)[:, None, None]
+    by_corner = (volumes * stress @ shape_gradients(mesh).transpose(0, 2, 1)).transpose(0, 2, 1)
+    return sum_at_points(mesh.cells, by_corner, mesh.num_points)
+
+
+def diagonal_of_stiffness(problem: Problem) -> Points:
+    """Diagonal of the stiffness at rest [N/m], (num_points, 3).
+
+    Of corner a along i: V ((lmbda + mu) (grad_i N_a)^2 + mu |grad N_a|^2).
+    """
+    mesh = problem.mesh
+    lmbda, mu = (array[:, None, None] for array in _lame(problem))
+    squared = shape_gradients(mesh) ** 2
+    volumes = signed_volumes(mesh.points, mesh.cells)[:, None, None]
+    by_corner = volumes * ((lmbda + mu) * squared + mu * squared.sum(axis=2, keepdims=True))
+    return sum_at_points(mesh.cells, by_corner, mesh.num_points)
+
+
 def out_of_balance(problem: Problem, displacement: Points, strain: Strain) -> tuple[Points, float]:
     """What is left of external and internal forces where nothing is held, tools left out.
 

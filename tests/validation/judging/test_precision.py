@@ -1,0 +1,289 @@
+"""A correct answer in single precision passes where that is granted, a wrong one nowhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.explicit_body import Precision as Arithmetic
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
+from palpate.meshes.tet_mesh import signed_volumes
+from palpate.validation.case import load_case
+from palpate.validation.cli import main
+from palpate.validation.exchange.nodal_loads import (
+    cell_materials,
+    held_components,
+    lumped_mass,
+    nodal_force,
+)
+from palpate.validation.judging import judge, outputs
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.metrics import make_state
+from palpate.validation.metrics.elasticity import ElasticForces, shape_gradients
+from palpate.validation.references.replay import steps_per_output
+from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.stored import load_stored
+from palpate.validation.simulators import Fault
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate, result_candidate
+from palpate.validation.simulators.seeded import with_fault
+from palpate.validation.states import Precision, Trajectory, Verdict
+
+REMARK = "agrees to single precision"
+
+
+def answering(make):
+    """A candidate whose answer is made from the problem and the strain measure."""
+
+    def solve(problem, strain, _progress):
+        made = make(problem, strain)
+        motion = None
+        if made.ndim == 3:
+            times = np.linspace(0.0, problem.time.end_time, len(made))
+            motion, made = Trajectory(times, made), made[-1]
+        return make_state(
+            problem.mesh, made, label="it", simulator="it", strain=strain, trajectory=motion
+        )
+
+    return Candidate("it", solve)
+
+
+def kept(name, rounded):
+    """The reference's own displacement as a program in single precision would hand it over."""
+
+    def make(problem, strain):
+        state = load_stored(name, problem).states[SAME_MESH, strain]
+        motion = state.trajectory
+        values = state.displacement if motion is None else motion.displacements
+        return rounded(problem.mesh.points, values)
+
+    return answering(make)
+
+
+def as_displacements(_rest, values):
+    return values.astype(np.float32).astype(np.float64)
+
+
+def as_places(rest, values):
+    return (rest + values).astype(np.float32).astype(np.float64) - rest
+
+
+class SingleForces:
+    """External less internal force of linear tetrahedra, every number in 24 bits."""
+
+    def __init__(self, problem, strain):
+        mesh, single = problem.mesh, np.float32
+        E, nu = cell_materials(problem)[:, :2].astype(single).T[:, :, None, None]
+        self.lmbda, self.mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+        self.cells, self.strain = mesh.cells, strain
+        self.gradients = shape_gradients(mesh).astype(single)
+        self.volumes = signed_volumes(mesh.points, mesh.cells).astype(single)[:, None, None]
+        self.dead = sum(nodal_force(mesh, load) for load in problem.loads).astype(single)
+
+    def __call__(self, u):
+        one = np.eye(3, dtype=np.float32)
+        H = u.astype(np.float32)[self.cells].transpose(0, 2, 1) @ self.gradients
+        F = one + H
+        E = (H + H.transpose(0, 2, 1)) / np.float32(2)
+        if self.strain is Strain.GREEN:
+            E = (F.transpose(0, 2, 1) @ F - one) / np.float32(2)
+        S = self.lmbda * np.trace(E, axis1=1, axis2=2)[:, None, None] * one + 2 * self.mu * E
+        P = S if self.strain is Strain.LINEAR else F @ S
+        force = self.dead.copy()
+        corners = (self.volumes * P @ self.gradients.transpose(0, 2, 1)).transpose(0, 2, 1)
+        np.add.at(force, self.cells, -corners)
+        assert force.dtype == np.float32
+        return force
+
+
+def newton_in_single(problem, strain):
+    """Newton whose forces and displacement are in single precision; its directions may be any."""
+    forces, exact = SingleForces(problem, strain), ElasticForces(problem, strain)
+    free = np.flatnonzero(held_components(problem)[0].ravel() == 0)
+    u, shape = np.zeros(problem.mesh.points.size, dtype=np.float32), problem.mesh.points.shape
+    for _ in range(12):
+        K, h = np.empty((len(free), len(free))), 1e-5
+        for column, dof in enumerate(free):
+            d = np.zeros(u.size)
+            d[dof] = h
+            ahead, back = (exact((u + s * d).reshape(shape)).ravel() for s in (1.0, -1.0))
+            K[:, column] = (ahead - back)[free] / (2.0 * h)
+        step = np.linalg.solve(K, forces(u.reshape(shape)).ravel()[free].astype(np.float64))
+        u[free] += step.astype(np.float32)
+    return u.reshape(shape).astype(np.float64)
+
+
+def steps_in_single(problem, strain):
+    """Central differences of displacements, three levels of them in single precision."""
+    forces, span = SingleForces(problem, strain), problem.time
+    dt, half = np.float32(span.time_step), np.float32(0.5 * span.mass_damping * span.time_step)
+    mass = lumped_mass(problem).astype(np.float32)[:, None]
+    is_held, steps = held_components(problem)[0] == 1, steps_per_output(problem)
+    now = np.zeros(problem.mesh.points.shape, dtype=np.float32)
+    before = np.where(is_held, now, dt * dt / 2 * forces(now) / mass)
+    found = [now]
+    for step in range(steps * span.num_outputs):
+        ahead = (dt * dt * forces(now) / mass + 2 * now - (1 - half) * before) / (1 + half)
+        now, before = np.where(is_held, np.float32(0), ahead), now
+        if (step + 1) % steps == 0:
+            found.append(now)
+    return np.array(found, dtype=np.float64)
+
+
+def fastsim_in_single(problem, strain):
+    return simulate(problem, strain=strain, precision=Arithmetic.SINGLE).displacements
+
+
+ANSWERS = {
+    "places handed over, block": ("block", kept("block", as_places)),
+    "places handed over, beam": ("beam", kept("beam", as_places)),
+    "places handed over, cantilever": ("cantilever", kept("cantilever", as_places)),
+    "places handed over, motion": ("block-motion", kept("block-motion", as_places)),
+    "displacements handed over": ("beam", kept("beam", as_displacements)),
+    "Newton": ("confined", answering(newton_in_single)),
+    "own steps": ("block-motion", answering(steps_in_single)),
+    "fastsim's steps": ("block-motion", answering(fastsim_in_single)),
+    "fastsim's steps, waves": ("wave", answering(fastsim_in_single)),
+}
+
+
+@pytest.mark.parametrize("word", ANSWERS)
+def test_a_correct_answer_in_single_precision_passes_where_that_is_granted(word):
+    name, candidate = ANSWERS[word]
+    case = load_case(name)
+    strict = judge_case(case, candidate=candidate)
+    assert strict.verdict is Verdict.FAILED
+    failed = [check for check in strict.checks if check.verdict is Verdict.FAILED]
+    assert all(REMARK in check.message for check in failed)
+    granted = judge_case(case, candidate=candidate, precision=Precision.SINGLE)
+    assert granted.verdict is Verdict.PASSED, [c.message for c in granted.checks]
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("block", Fault.SOFTER),
+        ("block", Fault.SWAPPED_LAME),
+        ("block", Fault.DROPPED_LOAD),
+        ("beam", Fault.SOFTER),
+        ("beam", Fault.DROPPED_LOAD),
+        ("cantilever", Fault.SOFTER),
+        ("kidney", Fault.SOFTER),
+        ("kidney", Fault.SWAPPED_LAME),
+        ("press", Fault.SOFTER),
+        ("block-motion", Fault.SOFTER),
+        ("block-motion", Fault.SWAPPED_LAME),
+        ("block-motion", Fault.DROPPED_LOAD),
+        ("block-motion", Fault.WRONG_MASS),
+        ("block-motion", Fault.NO_DAMPING),
+        ("slide", Fault.SOFTER),
+        ("wave", Fault.SOFTER),
+    ],
+)
+def test_a_wrong_answer_fails_in_single_precision_too(name, fault):
+    result = judge_case(
+        load_case(name),
+        candidate=with_fault(fastsim_candidate(), fault),
+        precision=Precision.SINGLE,
+    )
+    assert result.verdict is Verdict.FAILED
+    failed = [check for check in result.checks if check.verdict is Verdict.FAILED]
+    assert any(check.precision is Precision.SINGLE for check in failed)
+    assert not any(REMARK in check.message for check in result.checks)
+
+
+def test_a_wrong_answer_has_no_such_remark():
+    result = judge_case(load_case("block"), candidate=with_fault(fastsim_candidate(), Fault.SOFTER))
+    assert result.verdict is Verdict.FAILED
+    assert not any(REMARK in check.message for check in result.checks)
+
+
+def test_what_a_simulator_says_of_itself_loosens_nothing(tmp_path):
+    problem = load_case("block").problem
+    state = load_stored("block", problem).states[SAME_MESH, Strain.GREEN]
+    np.savez(
+        tmp_path / "answer.npz",
+        displacement=as_places(problem.mesh.points, state.displacement),
+        about=json.dumps({"tool": "it", "precision": "single"}),
+    )
+    result = judge_case(load_case("block"), candidate=result_candidate(tmp_path / "answer.npz"))
+    assert result.verdict is Verdict.FAILED
+    assert {check.precision for check in result.checks} == {Precision.DOUBLE}
+    assert any(REMARK in check.message for check in result.checks)
+
+
+def test_a_case_may_grant_it_to_all_or_some_of_its_checks(write_case, monkeypatch):
+    def judged(*changes):
+        path = write_case(*changes)
+        case = load_case(str(path))
+        problem = case.problem
+        exact = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)
+        places = as_places(problem.mesh.points, exact.displacement)
+        reference = dataclasses.replace(exact, label=SAME_MESH)
+        references = ReferenceSet({(SAME_MESH, Strain.GREEN): reference}, {}, "made up")
+        monkeypatch.setattr(judge, "find_references", lambda *_a, **_o: references)
+        return judge_case(case, candidate=answering(lambda _p, _s: places))
+
+    assert judged().verdict is Verdict.FAILED
+    whole = judged(("schema = 1\n", 'schema = 1\nprecision = "single"\n'))
+    assert whole.verdict is Verdict.PASSED
+    assert [c.precision for c in whole.checks] == [Precision.SINGLE, Precision.DOUBLE]
+    one = judged(("limit = 1e-8\n", 'limit = 1e-8\nprecision = "single"\n'))
+    assert one.verdict is Verdict.PASSED
+    back = judged(
+        ("schema = 1\n", 'schema = 1\nprecision = "single"\n'),
+        ("limit = 1e-8\n", 'limit = 1e-8\nprecision = "double"\n'),
+    )
+    assert back.verdict is Verdict.FAILED
+    with pytest.raises(InputError, match="smallest_det_f"):
+        judged(("limit = 0.0\n", 'limit = 0.0\nprecision = "single"\n'))
+
+
+def test_the_precision_stands_in_every_output():
+    name, candidate = ANSWERS["places handed over, block"]
+    results = [judge_case(load_case(name), candidate=candidate, precision=Precision.SINGLE)]
+    document = json.loads(outputs.results_json(results, "x"))
+    told = {(c["against"], c["precision"]) for c in document["cases"][0]["checks"]}
+    assert told == {("same_mesh", "single"), ("truth", "single"), ("candidate", "double")}
+    truth = [c for c in document["cases"][0]["checks"] if c["against"] == "truth"]
+    # Limits that a user needs are far above what rounding does, and stay.
+    assert [c["limit"] for c in truth] == [0.35]
+    tests = ET.fromstring(outputs.junit_xml(results)).iter("testcase")
+    kinds = {
+        (prop.get("value"), "single precision" in str(test.get("name")))
+        for test in tests
+        for prop in test.iter("property")
+        if prop.get("name") == "precision"
+    }
+    assert kinds == {("single", True), ("double", False)}
+    console = Console(width=200, record=True, file=io.StringIO())
+    outputs.print_results(results, console)
+    table = console.export_text()
+    assert "displacement_l2 (same mesh, green, single precision)" in table
+    assert "Single precision is granted by the caller" in table
+    assert "strains rounded by 4 x 2^-24" in table
+    assert "single precision" in outputs.summary_markdown(results)
+
+
+def test_the_caller_grants_it_on_the_command_line(tmp_path, monkeypatch):
+    problem = load_case("block").problem
+    state = load_stored("block", problem).states[SAME_MESH, Strain.GREEN]
+    answer = tmp_path / "answer.npz"
+    np.savez(answer, displacement=as_places(problem.mesh.points, state.displacement))
+
+    def code(*more):
+        monkeypatch.setattr("sys.argv", ["palpate", "compare", "block", str(answer), *more])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        return caught.value.code
+
+    assert code() == 1
+    assert code("--precision", "single") == 0
+    assert code("--precision", "half") == 2

@@ -1,0 +1,183 @@
+"""What single precision does to an answer: how far from the reference a correct one may be.
+
+A program that keeps its numbers in 24 bits makes relative errors of u = 2^-24 = 6e-8.
+
+Statics. A strain E = (F^T F - I) / 2 comes from numbers of size 1, three products and two sums,
+each rounded: it is off by up to 4 u, however small it is. So are the stresses, and the nodal
+forces; the body answers the unbalanced rest with its own compliance,
+
+    K du = sum over cells of V (C : dE) grad N,    |dE_ij| <= 4 u at random,
+
+which is where the condition of the case comes in: a slender body, or cells much smaller than the
+body, answer with more. K is the stiffness at rest, solved by conjugate gradients. Places X + u + du
+are rounded once more, as an answer given in places would be. Each metric between the reference and
+such an answer is what rounding does to it.
+
+Motion. Each of n steps rounds the displacement by u |a|, as an acceleration of u |a| / dt^2 would.
+A motion of frequency w answers each with an oscillation of u |a| / (w dt); n of them with random
+signs add to sqrt(n) as much: relative to the displacement r = sqrt(n) u / (w dt). (Who keeps
+velocities rounds less. Who steps places X + a instead of displacements rounds |X| / |a| times more,
+and is not granted that.) Over time r itself is the error; of the last state that of a field du
+scaled to it.
+
+The limit is ten times that, since a solver stops somewhat above its rounding, and signs are not
+always random; and never above a tenth of the smallest mistake that every gate must see, a material
+2 % too soft, which is 2 % of a displacement.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cached_property
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.exchange.nodal_loads import held_components
+from palpate.validation.metrics.catalogue import CATALOGUE, measure
+from palpate.validation.metrics.elasticity import (
+    ElasticForces,
+    diagonal_of_stiffness,
+    force_of_strain,
+    out_of_balance,
+)
+from palpate.validation.metrics.pairs import make_state
+from palpate.validation.states import State
+
+UNIT_ROUNDING = 2.0**-24
+SAFETY = 10.0
+LARGEST = 2e-3
+_ROUNDINGS_OF_A_STRAIN = 4.0
+_SAMPLES = 3
+# Relative, in the energy norm: a limit needs two digits.
+_SOLVED_TO = 1e-4
+_MOST_ITERATIONS = 5_000
+
+
+class SinglePrecision:
+    """Limits of a problem for answers in single precision.
+
+    Args:
+        problem: Of the case.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+
+    def limit(self, metric: str, reference: State) -> float:
+        """The error that a correct answer in single precision may have.
+
+        Args:
+            metric: One that compares with a reference on the same mesh.
+            reference: That reference.
+
+        Returns:
+            Relative to the metric's scale, at most LARGEST.
+        """
+        relative = 0.0
+        if reference.trajectory is not None:
+            relative = rounding_of_motion(self._problem, reference)
+        if CATALOGUE[metric].needs_time:
+            found = SAFETY * relative
+        elif metric == "tool_force":
+            found = SAFETY * (relative or self._of_tools(reference))
+        else:
+            answers = self._answers(reference, relative)
+            found = max(measure(metric, self._problem, a, reference).value for a in answers)
+        return min(float(f"{found:.2g}"), LARGEST) if math.isfinite(found) else LARGEST
+
+    def explain(self, reference: State) -> str:
+        """Where the limits come from, for a check's reason."""
+        if reference.trajectory is None:
+            told = "strains rounded by 4 x 2^-24 at random, by the stiffness of the case"
+        else:
+            r = rounding_of_motion(self._problem, reference)
+            told = f"every step rounded by 2^-24, sqrt(n) 2^-24 / (w dt) = {r:.2g}"
+        return f"{told}; {SAFETY:g} times that, at most {LARGEST:g}"
+
+    @cached_property
+    def _fields(self) -> tuple[tuple[Points, Points], ...]:
+        """Displacements [m] by which the body answers rounded strains, and the forces [N]."""
+        problem, random = self._problem, np.random.default_rng(0)
+        free = 1.0 - held_components(problem)[0]
+        found = []
+        for _ in range(_SAMPLES):
+            strain = random.uniform(-1.0, 1.0, (problem.mesh.num_cells, 3, 3))
+            strain = 0.5 * (strain + strain.transpose(0, 2, 1))
+            force = force_of_strain(problem, _ROUNDINGS_OF_A_STRAIN * UNIT_ROUNDING * strain)
+            found.append((_answer(problem, force * free, free), force))
+        return tuple(found)
+
+    def _answers(self, reference: State, relative: float) -> list[State]:
+        """Answers as far off as SAFETY times rounding may lead."""
+        mesh, states = self._problem.mesh, []
+        for field, _ in self._fields:
+            size = SAFETY
+            if reference.trajectory is not None:
+                largest = float(np.abs(reference.trajectory.displacements).max())
+                size *= relative * largest / max(float(np.abs(field).max()), math.ulp(0.0))
+            places = (mesh.points + reference.displacement + size * field).astype(np.float32)
+            own = make_state(
+                mesh,
+                places - mesh.points,
+                label="",
+                simulator="",
+                strain=reference.strain,
+                tool_forces=reference.tool_forces,
+            )
+            states.append(dataclasses.replace(own, trajectory=reference.trajectory))
+        return states
+
+    def _of_tools(self, reference: State) -> float:
+        """Rounded forces at the points that a tool pushes, over the force on the tool."""
+        residual, scale = out_of_balance(self._problem, reference.displacement, reference.strain)
+        is_pushed = (np.abs(residual) > 1e-6 * scale).any(axis=1)
+        rounded = max(
+            float(np.linalg.norm(force[is_pushed], axis=1).sum()) for _, force in self._fields
+        )
+        forces = reference.tool_forces
+        felt = 0.0 if forces is None else float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
+        return rounded / felt if felt else math.inf
+
+
+def rounding_of_motion(problem: Problem, reference: State) -> float:
+    """R = sqrt(n) u / (w dt), with w the trajectory's own: its speed over its displacement [-].
+
+    w^2 is the mean square of the velocity over that of the displacement about its mean.
+    """
+    span, motion = problem.time, reference.trajectory
+    assert span is not None
+    assert motion is not None
+    if span.time_step is None:
+        return LARGEST
+    steps = span.end_time / span.time_step
+    about = motion.displacements - motion.displacements.mean(axis=0)
+    speed = np.diff(motion.displacements, axis=0) / np.diff(motion.times)[:, None, None]
+    spread = float((about**2).mean())
+    if spread == 0.0:
+        return 0.0
+    frequency = math.sqrt(float((speed**2).mean()) / spread)
+    return math.sqrt(steps) * UNIT_ROUNDING / (frequency * span.time_step)
+
+
+def _answer(problem: Problem, force: Points, free: Points) -> Points:
+    """The displacement [m] of a force [N] by the stiffness at rest, by conjugate gradients."""
+    stiffness = ElasticForces(problem, Strain.LINEAR)
+    diagonal = diagonal_of_stiffness(problem)
+    found, rest = np.zeros_like(force), force.copy()
+    scaled = rest / diagonal
+    along, size = scaled.copy(), float((rest * scaled).sum())
+    enough = _SOLVED_TO**2 * size
+    for _ in range(_MOST_ITERATIONS):
+        if size <= enough:
+            break
+        pushed = stiffness(along) * free
+        step = size / float((along * pushed).sum())
+        found += step * along
+        rest -= step * pushed
+        scaled = rest / diagonal
+        size, before = float((rest * scaled).sum()), size
+        along = scaled + size / before * along
+    return found
