@@ -14,6 +14,7 @@ from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_loads import cell_materials, held_components, nodal_force
+from palpate.validation.metrics.finite import largest
 
 Array = NDArray[np.float64]
 
@@ -144,7 +145,7 @@ def out_of_balance(problem: Problem, displacement: Points, strain: Strain) -> tu
     external = np.zeros_like(internal)
     for load in problem.loads:
         external += load_force(problem.mesh, load, displacement, strain)
-    scale = max(float(np.linalg.norm(f, axis=1).max()) for f in (internal, external))
+    scale = largest(np.linalg.norm(np.concatenate([internal, external]), axis=1))
     fixed, _ = held_components(problem)
     return (external - internal) * (1.0 - fixed), scale
 

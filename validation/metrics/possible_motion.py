@@ -24,12 +24,10 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.nodal_loads import (
-    facet_areas,
     held_components,
     lumped_mass,
-    nodal_force,
 )
-from palpate.validation.metrics.elasticity import internal_force
+from palpate.validation.metrics.elasticity import internal_force, load_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency
 from palpate.validation.states import State, Trajectory
@@ -141,7 +139,9 @@ def largest_acceleration(problem: Problem, strain: Strain, outputs: Trajectory) 
             force = -internal_force(problem, _moved_by(problem, item), strain)
             by_supports += varied * _over_mass(force, mass, is_free)
         else:
-            force = _force(problem, item)
+            force = load_force(problem.mesh, item, np.zeros_like(problem.mesh.points), strain)
+            if isinstance(item, Pressure) and strain is Strain.GREEN:
+                force *= _FOLLOWING
             by_loads += varied * _over_mass(force, mass, is_free)
         start += first * force
     by_loads += _over_mass(start, mass, is_free)
@@ -179,20 +179,6 @@ def _variation(item: Load | Support, end: float) -> tuple[float, float]:
     knots = [0.0, *(t for t in amplitude.times if 0.0 < t < end), end]
     factors = np.array([amplitude(t) for t in knots])
     return float(factors[0]), float(np.abs(np.diff(factors)).sum())
-
-
-def _force(problem: Problem, load: Load) -> Points:
-    """At its full size [N], (num_points, 3); of a pressure a bound for wherever it turns."""
-    if not isinstance(load, Pressure):
-        return nodal_force(problem.mesh, load)
-    points = problem.mesh.points
-    corners = points[load.facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
-    thirds = _FOLLOWING * abs(load.pressure) * facet_areas(points, load.facets) / 3.0
-    force = np.zeros_like(points)
-    np.add.at(force, load.facets, (-thirds[:, None] * normals)[:, None])
-    return force
 
 
 def _over_mass(force: Points, mass: Points, is_free: NDArray[np.bool_]) -> float:

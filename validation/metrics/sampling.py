@@ -12,10 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.nodal_loads import held_components, lumped_mass, nodal_force
-from palpate.validation.metrics.elasticity import internal_force
+from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
+from palpate.validation.metrics.elasticity import internal_force, load_force
 from palpate.validation.states import Trajectory
 
 # Two are the limit, where phase and amplitude cannot be told apart.
@@ -80,25 +79,13 @@ def content_frequency(problem: Problem, strain: Strain, motion: Trajectory) -> f
     stiff, inert = 0.0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(0, len(about), math.ceil(len(about) / _MOST_STATES)):
-            force = internal_force(problem, motion.displacements[k], strain)
-            force = force - _load_at(problem, motion, k)
+            displacement, time = motion.displacements[k], float(motion.times[k])
+            force = internal_force(problem, displacement, strain)
+            for load in problem.loads:
+                factor = 1.0 if load.amplitude is None else load.amplitude(time)
+                force = force - factor * load_force(mesh, load, displacement, strain)
             stiff += float((force * about[k])[free].sum())
             inert += float((mass * about[k] ** 2)[free].sum())
     if not (math.isfinite(stiff) and math.isfinite(inert)):
         return math.inf
     return math.sqrt(max(stiff / inert, 0.0)) / (2.0 * math.pi) if inert > 0.0 else 0.0
-
-
-def _load_at(problem: Problem, motion: Trajectory, k: int) -> np.ndarray:  # type: ignore[type-arg]
-    """Force of all loads on a state [N], (num_points, 3); pressure on the deformed area."""
-    mesh = problem.mesh
-    force = np.zeros_like(mesh.points)
-    for load in problem.loads:
-        factor = 1.0 if load.amplitude is None else load.amplitude(float(motion.times[k]))
-        if isinstance(load, Pressure):
-            moved = (mesh.points + motion.displacements[k])[load.facets]
-            normals = np.cross(moved[:, 1] - moved[:, 0], moved[:, 2] - moved[:, 0]) / 2.0
-            np.add.at(force, load.facets, -factor * load.pressure / 3.0 * normals[:, None])
-        else:
-            force += factor * nodal_force(mesh, load)
-    return force

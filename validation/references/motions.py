@@ -25,6 +25,7 @@ from palpate.validation.evidence.grid_convergence import (
     assess_grid_convergence,
 )
 from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
+from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
 from palpate.validation.references.motion_runs import Progress, solve_implicit, solve_twin
 from palpate.validation.references.sequences import as_data, bar_of
@@ -209,7 +210,7 @@ def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridCo
                 continue
             word = metric.removeprefix("oscillation_")
             values = [float(getattr(offset, word)) for offset in offsets]
-            noise = max(noise, float(getattr(uncertainty, word)))
+            noise = largest((noise, float(getattr(uncertainty, word))))
         else:
             last = _difference(metric, problem, runs[1], runs[0])
             values = [0.0, last, last + _difference(metric, problem, runs[2], runs[1])]

@@ -17,6 +17,7 @@ from numpy.linalg import norm
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.evidence.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.metrics import COMPARISONS
+from palpate.validation.metrics.finite import largest
 from palpate.validation.states import State
 
 # Of displacements in the interior; at clamped edges less, which a quarter of it allows for.
@@ -89,7 +90,7 @@ def widen(bar: float, truth: float, other: GridConvergence, metric: str) -> floa
         return math.inf
     if metric not in SIGNED or other.extrapolated is None:
         return bar
-    return max(bar, abs(truth - other.extrapolated) - other.error_bar)
+    return largest((bar, abs(truth - other.extrapolated) - other.error_bar))
 
 
 def as_data(found: Mapping[str, GridConvergence]) -> dict[str, dict[str, float | str | None]]:

@@ -17,6 +17,7 @@ from palpate.validation.evidence.grid_convergence import SAFETY_FACTOR as THREE_
 from palpate.validation.exchange.nodal_loads import held_components
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.elasticity import out_of_balance
+from palpate.validation.metrics.finite import largest
 from palpate.validation.references.replay import held_places, replay_motion, steps_per_output
 from palpate.validation.references.sequences import NOISE
 from palpate.validation.references.sets import (
@@ -181,12 +182,12 @@ def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:
 
 def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
     fixed, full = held_components(problem)
-    scale = max(float(np.abs(state.displacement).max()), float(np.abs(full).max()))
+    scale = largest(np.abs((state.displacement, full)).ravel())
     gap = float(np.abs((state.displacement - full) * fixed).max())
     if state.trajectory is not None:
         motion = state.trajectory
-        scale = max(scale, float(np.abs(motion.displacements).max()))
-        gap = max(
+        scale = largest((scale, float(np.abs(motion.displacements).max())))
+        gap = largest(
             float(np.abs((placed - held_places(problem, float(time))) * fixed).max())
             for time, placed in zip(motion.times, motion.displacements, strict=True)
         )

@@ -22,6 +22,7 @@ from palpate.validation.exchange.result_files import (
 )
 from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
+from palpate.validation.metrics.finite import largest
 from palpate.validation.quoting import visible
 from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
@@ -297,5 +298,5 @@ def on_own_mesh(state: State, mesh: TetMesh, own: OwnMesh) -> State:
         volume=mesh.volume + (there.volume - own.mesh.volume),
         surface_area=mesh.surface_area + (there.surface_area - own.mesh.surface_area),
         smallest_det_f=there.smallest_det_f,
-        max_displacement=max(state.max_displacement, there.max_displacement),
+        max_displacement=largest((state.max_displacement, there.max_displacement)),
     )
