@@ -1,0 +1,171 @@
+"""Mutation tests of the judge: a slip in its own sources must turn a test red.
+
+    python tests/mutants/run.py [--number 200] [--jobs 2] [--list]
+
+1. every test of the judge runs once, and which lines it runs is kept (coverage.py);
+2. mutants are drawn by a fixed seed (draw.py);
+3. each is put into a copy of the sources, and the tests that run its line are run there, the quick
+   ones first, until one fails;
+4. a mutant that no test notices is a survivor. It needs a test, or a reason in explained.toml why
+   nobody can notice it.
+
+Exit code 0 when no survivor is without a reason, 1 otherwise, 2 when the tests fail unmutated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from queue import Queue
+
+import coverage
+
+sys.path.insert(0, str(Path(__file__).parent))
+from draw import PACKAGES, ROOT, Mutant, all_mutants, draw
+
+HERE = Path(__file__).parent
+WORK = ROOT / "build" / "mutants"
+TESTS = [f"tests/validation/{name}" for name in (*PACKAGES, "evidence", "simulators", "case")]
+# Longer ones are not the place where a slip of one line should be noticed.
+LONGEST = 20.0
+TIME_LIMIT = 300.0
+_PYTEST = ["-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not browser"]
+Lines = dict[str, dict[int, set[str]]]
+
+
+def make_tree(folder: Path) -> Path:
+    """The rooms as `palpate` with a copy of validation that may be spoiled."""
+    view = folder / "palpate"
+    shutil.rmtree(folder, ignore_errors=True)
+    view.mkdir(parents=True)
+    for room in ("meshes", "reference", "fastsim"):
+        (view / room).symlink_to(ROOT / room)
+    shutil.copytree(
+        ROOT / "validation", view / "validation", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    (view / "__init__.py").write_text('"""palpate, mutated."""\n__version__ = "dev"\n')
+    return folder
+
+
+def environment(tree: Path) -> dict[str, str]:
+    """For Python to find that tree, and nothing else of palpate."""
+    asked = {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    return {**os.environ, **asked}
+
+
+def run_once(tree: Path) -> tuple[Lines, dict[str, float]]:
+    """The tests without a mutant: lines run by each, and seconds."""
+    data, seconds = WORK / "coverage", WORK / "seconds.json"
+    data.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "coverage", "run", f"--data-file={data}"]
+    command += [f"--include={tree}/palpate/validation/*", *_PYTEST, "-p", "watch", *TESTS]
+    asked = {**environment(tree), "PALPATE_SECONDS": str(seconds)}
+    asked["PYTHONPATH"] += os.pathsep + str(HERE)
+    done = subprocess.run(command, cwd=ROOT, env=asked, check=False)
+    if done.returncode != 0:
+        sys.exit(f"the tests fail without any mutant (pytest's exit code {done.returncode})")
+    found = coverage.CoverageData(basename=str(data))
+    found.read()
+    lines: Lines = {}
+    for file in found.measured_files():
+        name = str(Path(file).relative_to(tree / "palpate"))
+        by_line = found.contexts_by_lineno(file)
+        lines[name] = {number: set(contexts) for number, contexts in by_line.items()}
+    return lines, json.loads(seconds.read_text())
+
+
+def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[str]:
+    """Tests that run its line, the quick ones first; of a constant, those that run its file."""
+    by_line = lines.get(mutant.path, {})
+    found = by_line.get(mutant.line, set()) - {""}
+    if not found:
+        found = set().union(*by_line.values()) - {""}
+    quick = [name for name in found if seconds.get(name, 0.0) <= LONGEST]
+    return sorted(quick, key=lambda name: seconds.get(name, 0.0))
+
+
+def is_noticed(mutant: Mutant, tests: list[str], tree: Path) -> bool:
+    """Whether a test fails with the mutant in the tree."""
+    if not tests:
+        return False
+    target = tree / "palpate" / mutant.path
+    whole = target.read_text(encoding="utf-8")
+    target.write_text(mutant.source(), encoding="utf-8")
+    try:
+        done = subprocess.run(
+            [sys.executable, *_PYTEST, *tests],
+            cwd=ROOT, env=environment(tree), timeout=TIME_LIMIT, check=False,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return True
+    finally:
+        target.write_text(whole, encoding="utf-8")
+    return done.returncode != 0
+
+
+def explained() -> dict[str, str]:
+    """Why a survivor cannot be noticed, by its place."""
+    text = (HERE / "explained.toml").read_text(encoding="utf-8")
+    return {entry["mutant"]: entry["reason"] for entry in tomllib.loads(text).get("survivor", [])}
+
+
+@contextmanager
+def one_of(trees: Queue[Path]) -> Iterator[Path]:
+    """A tree that nobody else uses."""
+    tree = trees.get()
+    try:
+        yield tree
+    finally:
+        trees.put(tree)
+
+
+def main() -> int:
+    """Run them and say what survived."""
+    parser = argparse.ArgumentParser(description="Mutation tests of the judge.")
+    parser.add_argument("--number", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--list", action="store_true", help="print the draw and end")
+    parser.add_argument("--only", default="", help="mutants whose place holds this text")
+    given = parser.parse_args()
+    everything = list(all_mutants())
+    drawn = [m for m in draw(given.number, everything) if given.only in m.place]
+    print(f"{len(drawn)} mutants drawn of {len(everything)}", flush=True)
+    if given.list:
+        print("\n".join(m.place for m in drawn))
+        return 0
+    trees: Queue[Path] = Queue()
+    for k in range(given.jobs):
+        trees.put(make_tree(WORK / f"tree-{k}"))
+    with one_of(trees) as tree:
+        lines, seconds = run_once(tree)
+    known, outcomes = explained(), defaultdict(list)
+
+    def try_one(mutant: Mutant) -> None:
+        with one_of(trees) as tree:
+            noticed = is_noticed(mutant, tests_of(mutant, lines, seconds), tree)
+        word = "noticed" if noticed else "explained" if mutant.place in known else "SURVIVED"
+        outcomes[word].append(mutant.place)
+        print(f"{word:10}{mutant.place}", flush=True)
+
+    with ThreadPoolExecutor(given.jobs) as pool:
+        list(pool.map(try_one, drawn))
+    for place in sorted(set(known) & set(outcomes["noticed"])):
+        print(f"no longer needed in explained.toml: {place}")
+    counts = [f"{len(outcomes[word])} {word.lower()}" for word in ("noticed", "explained")]
+    print(f"{', '.join(counts)}, {len(outcomes['SURVIVED'])} survived without a reason")
+    return 1 if outcomes["SURVIVED"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
