@@ -14,7 +14,7 @@ import pytest
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.benchmarks.interpreters import interpreters
+from palpate.validation.benchmarks.interpreters import interpreter_with, interpreters
 from palpate.validation.simulators import adapters
 from palpate.validation.simulators.candidate import outside_candidate
 from palpate.validation.simulators.outside import OutsideSimulator
@@ -50,7 +50,7 @@ def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
         problem = dataclasses.replace(problem, loads=(lighter,))
     answer = solve_static(problem).displacement
     module = {adapter: module for adapter, module, _ in frontier._ADAPTERS}[name]
-    interpreter = frontier._interpreter(module)
+    interpreter = interpreter_with(module)
     if interpreter is None or (name == "calculix" and shutil.which("ccx") is None):
         pytest.skip(f"{name}: its tool is not installed in {interpreters()}")
     simulator = OutsideSimulator(f"{interpreter} {FOLDER / name}.py {{case}} {{result}}", 120.0)
