@@ -61,7 +61,7 @@ def may_be_alias(
     )
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def content_frequency(problem: Problem, strain: Strain, motion: Trajectory) -> float:
     """How fast the body has to swing to be in these states [Hz]: Rayleigh's quotient.
 
