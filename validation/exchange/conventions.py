@@ -39,9 +39,10 @@ ANSWER = (
     "`displacement` (num_times, num_points, 3) and `times` from 0 to the end, with a state at each "
     "of `time.output_times`; where there is none, cubics between your states are compared and what "
     "they may be off counts as an error bar. States between are welcome: they are looked at for "
-    "inverted cells and for places that the body cannot get to in time. Optional text in .npz: `length_unit` "
-    "(m, cm, mm), `case_key`, `about` (JSON: tool, version, law; with tools `tool_forces` [N], the "
-    "force on each, (num_tools, 3), in motion (num_tools, num_outputs + 1, 3) at the output times)."
+    "inverted cells and for places that the body cannot get to in time. Optional text in .npz: "
+    "`length_unit` (m, cm, mm), `case_key`, `about` (JSON: tool, version, law; with tools "
+    "`tool_forces` [N], the force on each, (num_tools, 3), in motion "
+    "(num_tools, num_outputs + 1, 3) at the output times)."
 )
 
 # Every array of rest.npz: files, shape, unit, meaning. K is the number of a load, from 0.
