@@ -87,7 +87,7 @@ class State:
             the two are is what the reading may be off.
         own: Where the candidate answered on a mesh of its own: that mesh, at the times of `sent`.
         tool_forces: Force on each tool [N]: (num_tools, 3) at the end of the path, or
-            (num_tools, num_outputs, 3), means from output to output.
+            (num_tools, num_outputs + 1, 3), means from output to output.
         versions: Of the libraries that solved it, by name.
         says: What an outside candidate says of itself: its words, never judged.
         remarks: What was done to the answer to compare it, a sentence each.

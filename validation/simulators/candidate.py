@@ -249,7 +249,7 @@ def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | Non
         raise ResultFileError(
             result.path,
             f"`tool_forces` holds {forces.dtype} of shape {forces.shape}; it needs numbers, "
-            "(num_tools, 3) or (num_tools, num_outputs, 3) [N]",
+            "(num_tools, 3) or (num_tools, num_outputs + 1, 3) [N]",
         )
     return forces.astype(np.float64)
 
