@@ -57,7 +57,7 @@ def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
     found = outside_candidate(simulator).solve(problem, Strain.GREEN, lambda _line: None)
     apart = np.abs(found.displacement - answer).max() / np.abs(answer).max()
     assert apart <= ALLOWED[name]
-    assert {"tool", "version", "law", "method", "seconds"} <= set(found.details)
+    assert {"tool", "version", "law", "method", "seconds"} <= set(found.says)
 
 
 def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None:
