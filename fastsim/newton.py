@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 
@@ -21,6 +22,32 @@ MULTIGRID_FROM_POINTS = 1500
 # A full step may raise the residual for a while: in bending, stretching is so much stiffer that a
 # search for a smaller residual costs twice the iterations; freed altogether, hard loads need more.
 LARGEST_GROWTH = 1e3
+
+
+# Out-of-balance force over that of a term, below which what pushes there is nearly settled.
+_CLOSE = 1e-2
+# Slope of the potential at a step's end over that at its start, and how often it is cut.
+_STEEP = 0.8
+_MOST_CUTS = 8
+
+
+class ResidualTerm(Protocol):
+    """What pushes a body besides its loads, as a term of the residual: its value and its tangent.
+
+    It may have kinks, where points come to be pushed or cease to be.
+    """
+
+    def force(self, displacement: Points) -> Points:
+        """On the body [N], shape (num_points, 3)."""
+
+    def add_tangent(self, body: Body, displacement: Points) -> bool:
+        """Add minus the force's derivative to the matrix; say whether other points are pushed."""
+
+    def settle(self, displacement: Points) -> None:
+        """Take note that the displacement is near an equilibrium."""
+
+    def rounding_error(self, body: Body) -> float:
+        """Norm of what rounding alone can leave of the force [N]."""
 
 
 class Iteration(StrEnum):
@@ -67,6 +94,7 @@ class Newton:
         iteration: Consistent tangent, or the secant matrix of eq. 10.
         is_guarded: Whether steps that invert a cell or blow up the residual are shortened; not
             for eq. 9-10 as printed.
+        term: What else pushes; None is nothing.
     """
 
     def __init__(
@@ -78,8 +106,12 @@ class Newton:
         iteration: Iteration = Iteration.NEWTON,
         *,
         is_guarded: bool = True,
+        term: ResidualTerm | None = None,
     ) -> None:
         self.problem = problem
+        self._term = term
+        self._term_norm = 0.0
+        self._is_close = False
         self.is_guarded = is_guarded
         self.iteration = iteration
         self.body = Body.of(problem, strain)
@@ -117,10 +149,13 @@ class Newton:
                 return outcome
             step = step + jump
             self.iterations += 1
-            accepted = self._line_search(displacement, step, factor, residual, bool(np.any(jump)))
+            moves_held = bool(np.any(jump))
+            accepted = self._line_search(displacement, step, factor, residual, moves_held)
             if accepted is None:
                 outcome.reason = "the line search found no smaller residual with det F > 0"
                 return outcome
+            if self._term is not None and not moves_held:
+                accepted = self._cut_before_kinks(displacement, step, factor, residual, accepted)
             displacement, residual, internal = accepted
             jump = np.where(free, 0.0, factor * self._held - displacement)
             norm = float(np.linalg.norm(residual[free]))
@@ -165,32 +200,45 @@ class Newton:
         """Has the residual [N] stopped falling, at what rounding alone can leave?"""
         if len(history) < 2 or history[-1] <= 0.5 * history[-2]:
             return False
-        return norm <= rounding_error(self.body.core.absolute_row_sums(), displacement)
+        if norm <= rounding_error(self.body.core.absolute_row_sums(), displacement):
+            return True
+        return self._term is not None and norm <= self._term.rounding_error(self.body)
 
     def _scale(self, internal: Points, factor: float) -> float:
         """Norm of what drives the problem: the load, and the reactions to moved supports."""
         scale = factor * float(np.linalg.norm(self._load))
         if np.any(self._held) or scale == 0.0:
             scale = max(scale, float(np.linalg.norm(internal[self._is_free == 0])))
-        return max(scale, float(np.finfo(float).tiny))
+        return max(scale, self._term_norm, float(np.finfo(float).tiny))
 
     def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
         internal = self.body.core.internal_force(displacement)
         load = external_force(self.problem, displacement) if self._follows else self._load
-        return factor * load - internal, internal
+        residual = factor * load - internal
+        if self._term is not None:
+            force = self._term.force(displacement)
+            residual = residual + force
+            self._term_norm = float(np.linalg.norm(force))
+            left = float(np.linalg.norm(residual[self._is_free != 0]))
+            self._is_close = left < _CLOSE * self._term_norm
+        return residual, internal
 
     def _assemble_tangent(self, displacement: Points, factor: float) -> None:
         if self.iteration is Iteration.SECANT:
             self.body.core.assemble_secant(displacement)
         else:
             self.body.core.assemble_tangent(displacement)
-        if not self._follows:
-            return
         displaced = self.problem.mesh.points + displacement
-        for load in self.problem.loads:
+        for load in self.problem.loads if self._follows else ():
             if isinstance(load, Pressure):
                 facets = np.ascontiguousarray(load.facets, dtype=np.int32)
                 self.body.core.add_pressure_tangent(displaced, facets, factor * load.pressure)
+        if self._term is not None:
+            if self._is_close:
+                self._term.settle(displacement)
+            # A multigrid of other points is of little use.
+            if self._term.add_tangent(self.body, displacement):
+                self._is_stale = True
 
     def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
         """Solve K x = b; early Newton steps need few digits, the last ones many."""
@@ -241,3 +289,34 @@ class Newton:
                 return trial, trial_residual, internal
             length *= 0.5
         return None
+
+    def _cut_before_kinks(
+        self,
+        displacement: Points,
+        step: Points,
+        factor: float,
+        residual: Points,
+        accepted: tuple[Points, Points, Points],
+    ) -> tuple[Points, Points, Points]:
+        """Go less far while the potential rises steeply again along the step.
+
+        Points that are pushed and not in turn would otherwise be so for ever.
+        """
+        free = self._is_free != 0
+        fall = float(np.sum((residual * step)[free]))
+        low, high = 0.0, 1.0
+        for _ in range(_MOST_CUTS):
+            trial, trial_residual, _ = accepted
+            rise = -float(np.sum((trial_residual * step)[free]))
+            if not (fall > 0.0 and abs(rise) > _STEEP * fall):
+                return accepted
+            reached = float(np.sum((trial - displacement) * step) / np.sum(step * step))
+            if rise > 0.0:
+                high = reached
+            elif reached >= high:
+                return accepted
+            else:
+                low = reached
+            middle = displacement + 0.5 * (low + high) * step
+            accepted = (middle, *self._residual(middle, factor))
+        return accepted

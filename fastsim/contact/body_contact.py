@@ -15,10 +15,14 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.fastsim import _core
-from palpate.fastsim.body import lame_parameters
 from palpate.fastsim.collision.detection import VertexCellDetector
-from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
-from palpate.fastsim.errors import UnstableStepError
+from palpate.fastsim.contact.contact_law import (
+    ContactForm,
+    ContactLaw,
+    critical_with_penalty,
+    explicit_stiffness,
+    layer_stiffness,
+)
 from palpate.fastsim.forces import lumped_areas
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
@@ -27,10 +31,7 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_modes import connected_parts
 from palpate.meshes.tet_mesh import TetMesh
 
-# Cells' layers as stiff as the default penalty, and what the step may shrink by: see contact_law.
-_LAYERS = 0.1
-_SHARE_OF_SQUARED_FREQUENCY = 0.5625
-_SHARE_OF_BOUND = 0.9
+# Largest omega^2 over k A / m: up to two vertices press on a cell at a time.
 _PRESSING = 4.0
 
 
@@ -67,27 +68,16 @@ class BodyContact:
             raise InputError("contact between bodies needs the penalty form")
         mesh = problem.mesh
         self._mesh = mesh
-        corners = mesh.points[mesh.boundary_facets]
         self._vertices = np.unique(mesh.boundary_facets).astype(np.int32)
         self._areas = lumped_areas(mesh, mesh.boundary_facets)[self._vertices]
         lightest = float((mass[self._vertices] / self._areas).min())
-        squared = (2.0 / critical_time_step) ** 2
-        if law.stiffness is not None:
-            self.stiffness = law.stiffness
-        else:
-            room = _SHARE_OF_SQUARED_FREQUENCY * squared
-            if time_step is not None:
-                room = _SHARE_OF_BOUND * (2.0 / time_step) ** 2 - squared
-                if room <= 0.0:
-                    raise UnstableStepError(
-                        time_step, float(np.sqrt(_SHARE_OF_BOUND)) * critical_time_step
-                    )
-            lmbda, mu = lame_parameters(problem.material)
-            edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-            layer = (lmbda + 2.0 * mu) / float(edges.mean())
-            self.stiffness = min(layer / _LAYERS, room * lightest / _PRESSING)
-        added = _PRESSING * self.stiffness / lightest
-        self.critical_time_step = float(2.0 / np.sqrt(squared + added))
+        layer = layer_stiffness(problem, mesh.boundary_facets)
+        self.stiffness = explicit_stiffness(
+            law, layer, lightest, critical_time_step, time_step, pressing=_PRESSING
+        )
+        self.critical_time_step = critical_with_penalty(
+            critical_time_step, _PRESSING * self.stiffness / lightest
+        )
 
     def attach(self, run: _core.ExplicitRun) -> None:
         """Give the contact to a run."""

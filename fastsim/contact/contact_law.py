@@ -30,7 +30,7 @@ import numpy as np
 from palpate.fastsim.body import lame_parameters
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.errors import UnstableStepError
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, PlaneShape, SphereShape, ToolShape
@@ -39,9 +39,9 @@ from palpate.meshes.tet_mesh import CELL_FACETS, signed_volumes
 # Layers of cells that are as stiff as the default penalty.
 _LAYERS = 0.1
 # Stiffness that shortens the critical step by a fifth: 1 / 0.8^2 - 1.
-_SHARE_OF_SQUARED_FREQUENCY = 0.5625
+_PART_OF_SQUARED_FREQUENCY = 0.5625
 # What of the bound a given time step leaves is used.
-_SHARE_OF_BOUND = 0.9
+_PART_OF_BOUND = 0.9
 
 
 class ContactForm(StrEnum):
@@ -74,28 +74,37 @@ class ContactLaw:
             raise InputError(f"contact stiffness = {self.stiffness:g} Pa/m: needs a value above 0")
 
 
-def layer_stiffness(problem: Problem, contact: ToolContact) -> float:
+def layer_stiffness(problem: Problem, facets: Indices) -> float:
     """(lambda + 2 mu) / h [Pa/m], h the mean edge of the contact facets: one layer of cells."""
     lmbda, mu = lame_parameters(problem.material)
-    return (lmbda + 2.0 * mu) / mean_edge(problem, contact)
+    return (lmbda + 2.0 * mu) / mean_edge(problem, facets)
 
 
-def mean_edge(problem: Problem, contact: ToolContact) -> float:
+def mean_edge(problem: Problem, facets: Indices) -> float:
     """Mean edge of the contact facets [m]."""
-    corners = problem.mesh.points[contact.facets]
+    corners = problem.mesh.points[facets]
     edges = corners - np.roll(corners, 1, axis=1)
     return float(np.linalg.norm(edges, axis=2).mean())
 
 
 def explicit_stiffness(
-    problem: Problem,
-    contact: ToolContact,
     law: ContactLaw,
-    mass: Points,
+    layer: float,
+    lightest: float,
     critical_time_step: float,
     time_step: float | None,
+    *,
+    pressing: float = 1.0,
 ) -> float:
     """Penalty stiffness k [Pa/m] for explicit steps (formula above).
+
+    Args:
+        law: A stiffness given in it goes before all else.
+        layer: Stiffness of a layer of cells [Pa/m].
+        lightest: Smallest mass per area of the vertices [kg/m2].
+        critical_time_step: Of the body alone [s].
+        time_step: Chosen step [s], or None.
+        pressing: How many vertices' stiffnesses add up in omega^2.
 
     Raises:
         UnstableStepError: The step leaves no room for any penalty.
@@ -103,25 +112,17 @@ def explicit_stiffness(
     if law.stiffness is not None:
         return law.stiffness
     squared = (2.0 / critical_time_step) ** 2
-    lightest = float((mass[contact.vertices] / contact.areas).min())
-    if time_step is None:
-        room = _SHARE_OF_SQUARED_FREQUENCY * squared
-    else:
-        room = _SHARE_OF_BOUND * (2.0 / time_step) ** 2 - squared
+    room = _PART_OF_SQUARED_FREQUENCY * squared
+    if time_step is not None:
+        room = _PART_OF_BOUND * (2.0 / time_step) ** 2 - squared
         if room <= 0.0:
-            raise UnstableStepError(time_step, np.sqrt(_SHARE_OF_BOUND) * critical_time_step)
-    return min(layer_stiffness(problem, contact) / _LAYERS, room * lightest)
+            raise UnstableStepError(time_step, float(np.sqrt(_PART_OF_BOUND)) * critical_time_step)
+    return min(layer / _LAYERS, room * lightest / pressing)
 
 
-def critical_with_contact(
-    critical_time_step: float, contacts: list[tuple[ToolContact, float]], mass: Points
-) -> float:
-    """Critical step [s] of a body whose vertices are pushed by penalties (contact, k)."""
-    squared = (2.0 / critical_time_step) ** 2
-    added = np.zeros(len(mass))
-    for contact, stiffness in contacts:
-        added[contact.vertices] += stiffness * contact.areas / mass[contact.vertices]
-    total = squared + float(added.max(initial=0.0))
+def critical_with_penalty(critical_time_step: float, added: float) -> float:
+    """Critical step [s] of a body to whose omega^2 a penalty adds so much [1/s2]."""
+    total = (2.0 / critical_time_step) ** 2 + added
     return float(2.0 / np.sqrt(total)) if total > 0.0 else float("inf")
 
 
@@ -141,14 +142,14 @@ def largest_speed(
         time_step: [s].
         stiffness: Of the penalty [Pa/m]; None for the constraint.
     """
-    lasting = time_step
+    duration = time_step
     if stiffness is not None and len(contact.vertices):
         lmbda, mu = lame_parameters(problem.material)
         rho = problem.material.density
         bounce = float(np.sqrt((mass[contact.vertices] / contact.areas).max() / stiffness))
-        lasting = max(time_step, bounce, rho * np.sqrt((lmbda + 2.0 * mu) / rho) / stiffness)
+        duration = max(time_step, bounce, rho * np.sqrt((lmbda + 2.0 * mu) / rho) / stiffness)
     way = min(half_thickness(contact.tool.shape), _smallest_height(problem))
-    return 0.25 * way / lasting
+    return 0.25 * way / duration
 
 
 def half_thickness(shape: ToolShape) -> float:

@@ -12,10 +12,11 @@ from palpate.fastsim import _core
 from palpate.fastsim.contact.contact_law import (
     ContactForm,
     ContactLaw,
-    critical_with_contact,
+    critical_with_penalty,
     explicit_stiffness,
     half_thickness,
     largest_speed,
+    layer_stiffness,
 )
 from palpate.fastsim.contact.tool_checks import (
     require_larger_than_gaps,
@@ -112,9 +113,20 @@ class ExplicitTools:
                 self.stiffnesses.append(None)
                 continue
             self.stiffnesses.append(
-                explicit_stiffness(problem, contact, chosen, mass, critical_time_step, time_step)
+                explicit_stiffness(
+                    chosen,
+                    layer_stiffness(problem, contact.facets),
+                    float((mass[contact.vertices] / contact.areas).min()),
+                    critical_time_step,
+                    time_step,
+                )
             )
-        self.critical_time_step = critical_with_contact(critical_time_step, self.penalties, mass)
+        added = np.zeros(len(mass))
+        for contact, k in self.penalties:
+            added[contact.vertices] += k * contact.areas / mass[contact.vertices]
+        self.critical_time_step = critical_with_penalty(
+            critical_time_step, float(added.max(initial=0.0))
+        )
         self._speeds: list[float] = []
         self._paths = [core_path(contact.tool.path) for contact in self.contacts]
 

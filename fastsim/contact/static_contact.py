@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw, layer_stiffness
-from palpate.fastsim.contact.contact_newton import ContactNewton
+from palpate.fastsim.contact.contact_term import ContactTerm
 from palpate.fastsim.contact.errors import ContactLostError
 from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
 from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
+from palpate.fastsim.newton import Newton
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -22,6 +24,8 @@ _STIFFNESS_IN_LAYERS = 100.0
 # Multipliers are settled when they change by no more than this.
 _SETTLED = 1e-9
 _MOST_UPDATES = 40
+# Relative residual of the prediction.
+_ROUGH = 1e-3
 # The end of the path that can be borne is found to this part of it.
 _SMALLEST_STEP = 1.0 / 1024.0
 
@@ -95,16 +99,15 @@ def solve_contact(
     law = law or ContactLaw()
     contacts = [ToolContact(problem, tool) for tool in problem.tools]
     stiffnesses = [
-        law.stiffness or _STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact)
+        law.stiffness or _STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
         for contact in contacts
     ]
     for number, contact in enumerate(contacts):
         require_larger_than_gaps(problem, contact, number)
         require_outside(problem, contact, number, np.zeros_like(problem.mesh.points))
-    newton = ContactNewton(
-        problem, strain, relative_tolerance, max_iterations, contacts, stiffnesses
-    )
-    path = _Path(problem, newton, law.form)
+    term = ContactTerm(contacts, stiffnesses)
+    newton = Newton(problem, strain, relative_tolerance, max_iterations, term=term)
+    path = _Path(problem, newton, term, law.form)
     wanted = _knots(problem) if times is None else np.asarray(times, dtype=np.float64)
     reason = path.load(wanted[0])
     for time in wanted[1:] if not reason else ():
@@ -122,8 +125,11 @@ def solve_contact(
 class _Path:
     """The state along the path, and what was found at its knots."""
 
-    def __init__(self, problem: Problem, newton: ContactNewton, form: ContactForm) -> None:
+    def __init__(
+        self, problem: Problem, newton: Newton, term: ContactTerm, form: ContactForm
+    ) -> None:
         self.newton = newton
+        self.term = term
         self.displacement = np.zeros_like(problem.mesh.points)
         self.time = 0.0
         self.rows: list[tuple[float, Points, list[Points], list[float], list[float], float]] = []
@@ -172,12 +178,12 @@ class _Path:
 
     def result(self, stiffnesses: list[float]) -> ContactResult:
         times, states, on_tools, areas, depths, dets = zip(*self.rows, strict=True)
-        feels = np.array(on_tools)
+        forces, moments = np.split(np.array(on_tools), 2, axis=2)
         return ContactResult(
             times=np.array(times),
             displacements=np.array(states),
-            forces=feels[:, :, :3],
-            moments=feels[:, :, 3:],
+            forces=forces,
+            moments=moments,
             areas=np.array(areas),
             penetrations=np.array(depths),
             smallest_det_f=np.array(dets),
@@ -189,14 +195,14 @@ class _Path:
 
     def _settle(self, time: float, factor: float) -> str:
         """Equilibrium with the tools where they are at a time; multipliers too."""
-        newton = self.newton
+        newton, term = self.newton, self.term
         # Updates make new arrays: the old ones stay as they are.
-        before = list(newton.multipliers), list(newton.poses)
-        poses = [poses_at(c.tool.path, np.array([time]))[0] for c in newton.contacts]
+        before = list(term.multipliers), list(term.poses)
+        poses = [poses_at(c.tool.path, np.array([time]))[0] for c in term.contacts]
         displacement = self.displacement
-        if newton.poses:
-            displacement = newton.predict(displacement, poses, factor)
-        newton.poses = poses
+        if term.poses:
+            displacement = self._predict(poses, factor)
+        term.poses = poses
         reason = "the multipliers did not settle"
         for _ in range(_MOST_UPDATES):
             outcome = newton.solve(displacement, factor)
@@ -204,29 +210,38 @@ class _Path:
                 reason = outcome.reason
                 break
             displacement, self.history = outcome.displacement, outcome.history
-            newton.settle(displacement)
+            term.settle(displacement)
             if self._form is ContactForm.PENALTY:
                 self.displacement = displacement
                 return ""
-            if newton.update_multipliers(displacement) <= _SETTLED:
+            if term.update_multipliers(displacement) <= _SETTLED:
                 self.displacement = displacement
                 return ""
-        newton.multipliers, newton.poses = before
-        newton.settle(self.displacement)
+        term.multipliers, term.poses = before
+        term.settle(self.displacement)
         return reason
 
+    def _predict(self, poses: list[NDArray[np.void]], factor: float) -> Points:
+        """About where the body is once the tools are at other poses."""
+        tolerance, self.newton.tolerance = self.newton.tolerance, _ROUGH
+        try:
+            with self.term.going_to(poses):
+                outcome = self.newton.solve(self.displacement, factor)
+        finally:
+            self.newton.tolerance = tolerance
+        return self.displacement if outcome.displacement is None else outcome.displacement
+
     def _keep(self) -> None:
-        newton, u = self.newton, self.displacement
-        feels, areas, depths = [], [], []
+        term, u = self.term, self.displacement
+        on_tools, areas, depths = [], [], []
         for contact, pose, (gaps, push) in zip(
-            newton.contacts, newton.poses, newton.pressed(u), strict=True
+            term.contacts, term.poses, term.pressed(u), strict=True
         ):
-            feels.append(on_tool(contact, u, push[:, None] * gaps.normals, pose))
+            on_tools.append(on_tool(contact, u, push[:, None] * gaps.normals, pose))
             areas.append(float(contact.areas[push > 0.0].sum()))
             depths.append(float(max(0.0, -gaps.distances.min(initial=0.0))))
-        self.rows.append(
-            (self.time, u.copy(), feels, areas, depths, newton.body.smallest_det_f(u)[0])
-        )
+        smallest = self.newton.body.smallest_det_f(u)[0]
+        self.rows.append((self.time, u.copy(), on_tools, areas, depths, smallest))
 
 
 def _knots(problem: Problem) -> Points:

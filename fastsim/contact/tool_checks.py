@@ -32,7 +32,7 @@ def require_outside(
             cell.
     """
     pose = poses_at(contact.tool.path, contact.tool.path.times[:1])[0]
-    allowed = ALLOWED_OVERLAP * mean_edge(problem, contact)
+    allowed = ALLOWED_OVERLAP * mean_edge(problem, contact.facets)
     depths = -contact.gaps(displacement, pose).distances
     if depths.size and depths.max() > allowed:
         worst = int(np.argmax(depths))
