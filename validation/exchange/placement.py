@@ -2,7 +2,7 @@
 
 In this order: `original_id` says which point is which; points that lie where the case's lie are
 matched by place; the same number of points without places is taken in order; another mesh is
-located and its field read at the case's points.
+kept beside what it says at the case's points.
 """
 
 from __future__ import annotations
@@ -13,20 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import MeshError
 from palpate.meshes.problem import Problem
-from palpate.meshes.quality import edge_lengths
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.point_location import locate
+from palpate.validation.exchange.own_mesh import own_answer, same_place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.simulators.answer import CandidateFailedError
 
-# Two places are the same within this part of the body's diagonal: what ASCII files with seven
-# digits (single precision) keep.
-SAME_PLACE = 1e-6
-# How far the case's points may lie outside of another mesh, in its mean edge lengths: chords
-# cut corners off a curved surface.
-OUTSIDE = 0.5
 # A body this many times as large as the case's is in another unit.
 _OTHER_UNIT = 2.0
 
@@ -123,7 +115,7 @@ def _require_same_size(result: ResultFile, rest: Points) -> None:
 def _by_place(result: ResultFile, rest: Points) -> Placed | None:
     """Same points, in the case's order, in another order, or moved along with the body."""
     assert result.points is not None
-    tolerance = SAME_PLACE * float(np.linalg.norm(np.ptp(rest, axis=0)))
+    tolerance = same_place(rest)
     if np.abs(result.points - rest).max() <= tolerance:
         return Placed(_displacement(result.values, rest, result))
     last = result.values[-1] if result.are_positions else rest + result.values[-1]
@@ -158,29 +150,13 @@ def _match_places(points: Points, rest: Points, tolerance: float) -> NDArray[np.
 
 def _on_other_mesh(result: ResultFile, problem: Problem) -> Placed:
     assert result.points is not None
-    rest = problem.mesh.points
-    if result.cells is None:
-        raise ResultFileError(
-            result.path, "its points are not the case's and it has no tetrahedra to read between"
-        )
-    try:
-        own = TetMesh(result.points, result.cells.astype(np.int32))
-    except MeshError as error:
-        raise ResultFileError(result.path, f"its mesh cannot be used ({error})") from error
-    location = locate(own.points, own.cells, rest)
-    edge = float(edge_lengths(own.points, own.cells).mean())
-    far = np.flatnonzero(location.distances > OUTSIDE * edge)
-    if far.size:
-        raise ResultFileError(
-            result.path,
-            f"{far.size} of the case's points lie outside its mesh, one by "
-            f"{location.distances.max():.3g} m; is it the same body, at rest?",
-        )
-    moved = _displacement(result.values, own.points, result)
-    read = np.stack([location.read(own.cells, state) for state in moved])
-    outside = int((location.distances > 1e-6 * edge).sum())
+    moved = _displacement(result.values, result.points, result)
+    own = own_answer(result, moved, problem.mesh)
+    read = np.stack([own.case_points.read(own.mesh.cells, state) for state in own.displacement])
+    distances = own.case_points.distances
+    outside = int((distances > same_place(problem.mesh.points)).sum())
     note = (
-        f"The result is on a mesh of its own with {own.num_cells} cells; read at the case's points"
-        f" ({outside} of them up to {location.distances.max():.2g} m outside of it)."
+        f"The result is on a mesh of its own with {own.mesh.num_cells} cells; judged there, and at "
+        f"the case's points ({outside} of them up to {distances.max():.2g} m outside of it)."
     )
-    return Placed(read, (note,), own, moved)
+    return Placed(read, (note, *own.notes), own.mesh, own.displacement)

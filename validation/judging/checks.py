@@ -9,7 +9,13 @@ from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import CATALOGUE, measure, most_inverted, smallest_det_f
+from palpate.validation.metrics import (
+    CATALOGUE,
+    OWN_MESH_REMEDY,
+    measure,
+    most_inverted,
+    smallest_det_f,
+)
 from palpate.validation.states import Precision, State, Verdict
 
 
@@ -99,6 +105,8 @@ def judge_check(
         shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
         message = f"{shown} {sign} {spec.limit:g}"
         message += f"; {difference.remark}" if difference.remark else ""
+        if verdict is Verdict.INCONCLUSIVE and candidate.own and difference.uncertainty > 0.0:
+            message += f"; {OWN_MESH_REMEDY}"
     return CheckResult(
         metric=spec.metric,
         against=spec.against,

@@ -2,6 +2,7 @@
 
 from palpate.validation.metrics.catalogue import CATALOGUE, MOVING_TRUTH_METRICS, Metric, measure
 from palpate.validation.metrics.fields import det_f, inverted_cells, most_inverted, smallest_det_f
+from palpate.validation.metrics.own_mesh import OWN_MESH_REMEDY
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
     SMALLEST_CHANGE,
@@ -19,6 +20,7 @@ __all__ = [
     "CATALOGUE",
     "COMPARISONS",
     "MOVING_TRUTH_METRICS",
+    "OWN_MESH_REMEDY",
     "SMALLEST_CHANGE",
     "Difference",
     "Metric",

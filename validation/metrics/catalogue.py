@@ -14,6 +14,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.metrics import fields, motion, pairs, surfaces
 from palpate.validation.metrics.finite import are_measurable
+from palpate.validation.metrics.own_mesh import on_own_mesh
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.states import State
 
@@ -214,7 +215,7 @@ MOVING_TRUTH_METRICS = (
 
 
 def measure(name: str, problem: Problem, candidate: State, reference: State) -> Difference:
-    """A metric between two states of a problem.
+    """A metric between two states of a problem; on its own mesh too where the candidate has one.
 
     Raises:
         InputError: No such metric, or one of the candidate alone.
@@ -226,6 +227,8 @@ def measure(name: str, problem: Problem, candidate: State, reference: State) -> 
         return Difference(math.inf, math.nan, metric.scale)
     with np.errstate(over="ignore", invalid="ignore"):
         found = metric.compare(problem, candidate, reference)
+        if candidate.own is not None:
+            found = on_own_mesh(name, found, problem, candidate, reference)
         other = candidate.other_reading
         if other is None or metric.reads_own_samples:
             return found

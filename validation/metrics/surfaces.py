@@ -7,17 +7,23 @@ on flat facets it misses it by less than half the sampling distance.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
+from palpate.validation.exchange.surface_search import nearest_on_surface
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.pairs import Difference, ratio
 from palpate.validation.states import State
 
 Array = NDArray[np.float64]
-_CHUNK = 256
+# Facets this many times as large as those they are compared with are torn.
+_TORN = 2.0
+# Facets that are sampled at least.
+_FEWEST = 64
 
 
 def surface_distances(
@@ -32,8 +38,9 @@ def surface_distances(
         (points, facets, other_points, other_facets),
         (other_points, other_facets, points, facets),
     )
-    for from_points, from_facets, to_points, to_facets in pairs:
-        corners = from_points[from_facets]
+    for pair in pairs:
+        from_points, from_facets, to_points, to_facets = pair
+        corners = from_points[from_facets[:: _stride(pair)]]
         samples = np.concatenate(
             [corners, 0.5 * (corners + corners[:, [1, 2, 0]]), corners.mean(axis=1)[:, None]],
             axis=1,
@@ -51,56 +58,25 @@ def surface_distances(
     return largest(farthest), sum(means) / 2.0
 
 
+def _stride(pair: tuple[Points, Indices, Points, Indices]) -> int:
+    """Every how many facets are sampled: all, but towards facets torn much larger than they are.
+
+    Each place is then near to very many of them, and a few tell that the surfaces are apart.
+    """
+    sizes = [
+        float(np.ptp(points[facets], axis=1).max(axis=1).mean())
+        for points, facets in (pair[:2], pair[2:])
+    ]
+    torn = (sizes[1] / (_TORN * sizes[0])) ** 2 if sizes[0] > 0.0 else 1.0
+    return int(min(max(torn, 1.0), max(len(pair[1]) / _FEWEST, 1.0)))
+
+
 def distances_to_surface(places: Points, points: Points, facets: Indices) -> Array:
     """Distance of each place to the nearest facet [m], (num_places,)."""
-    corners = points[facets]
-    centres = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
-    out = np.empty(len(places))
-    for start in range(0, len(places), _CHUNK):
-        rows = places[start : start + _CHUNK]
-        to_centre = np.sqrt(
-            np.maximum(
-                (rows**2).sum(1)[:, None] + (centres**2).sum(1) - 2.0 * rows @ centres.T, 0.0
-            )
-        )
-        # No facet is nearer than its centre less its radius, or farther than its centre.
-        rounding = 1e-7 * np.sqrt((rows**2).sum(1) + (centres**2).sum(1).max())
-        bound = to_centre.min(axis=1) + rounding
-        place, facet = np.nonzero(to_centre - radii <= (bound + rounding)[:, None])
-        distance = _to_triangles(rows[place], corners[facet])
-        best = np.full(len(rows), np.inf)
-        np.minimum.at(best, place, distance)
-        out[start : start + _CHUNK] = best
-    return out
+    return nearest_on_surface(places, points, facets).distances
 
 
-def _to_triangles(places: Array, corners: Array) -> Array:
-    """Distance of each place to its triangle, (n,)."""
-    a, b, c = (corners[:, k] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    squared = np.einsum("ij,ij->i", normal, normal)
-    squared = np.where(squared > 0.0, squared, 1.0)
-    w = places - a
-    v_b = np.einsum("ij,ij->i", np.cross(w, c - a), normal) / squared
-    v_c = np.einsum("ij,ij->i", np.cross(b - a, w), normal) / squared
-    inside = (v_b >= 0.0) & (v_c >= 0.0) & (v_b + v_c <= 1.0)
-    to_plane = np.abs(np.einsum("ij,ij->i", w, normal)) / np.sqrt(squared)
-    edges = [_to_segments(places, p, q) for p, q in ((a, b), (b, c), (c, a))]
-    on_edge = np.minimum(np.minimum(edges[0], edges[1]), edges[2])
-    distance: Array = np.where(inside, np.minimum(to_plane, on_edge), on_edge)
-    return distance
-
-
-def _to_segments(places: Array, start: Array, end: Array) -> Array:
-    along = end - start
-    squared = np.einsum("ij,ij->i", along, along)
-    share = np.einsum("ij,ij->i", places - start, along) / np.where(squared > 0.0, squared, 1.0)
-    nearest = start + np.clip(share, 0.0, 1.0)[:, None] * along
-    distance: Array = np.linalg.norm(places - nearest, axis=1)
-    return distance
-
-
+@lru_cache(maxsize=2)
 def _distances(problem: Problem, candidate: State, reference: State) -> tuple[float, float]:
     mesh = problem.mesh
     facets = mesh.boundary_facets

@@ -1,0 +1,67 @@
+"""No built-in case passes an answer that is right at its points and garbage between them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.refinement import refine_uniformly
+from palpate.validation.case import load_case
+from palpate.validation.exchange.point_location import locate_points
+from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.states import Verdict
+
+CASES = sorted(path.stem for path in Path(__file__).parents[3].glob("validation/cases/*.toml"))
+
+
+def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
+    """The reference on the case's mesh cut in eight, with garbage at the new inner points.
+
+    Args:
+        name: Of a built-in case.
+        folder: For the result.
+        garbage: In sizes of the body.
+    """
+    case = load_case(name)
+    references = find_references(case, live=False, progress=lambda _line: None)
+    right = references.states.get((SAME_MESH, case.strain)) or references.truth(case.strain)
+    assert right is not None
+    mesh = case.problem.mesh
+    own = refine_uniformly(mesh)
+    location = locate_points(mesh, own)
+    motion = right.trajectory
+    states = right.displacement[None] if motion is None else motion.displacements
+    arrays = {
+        "displacement": np.stack([location.read(mesh.cells, state) for state in states]),
+        "points": own.points,
+        "cells": own.cells,
+    }
+    if motion is not None:
+        arrays["times"] = motion.times
+    if right.tool_forces is not None:
+        told = json.dumps({"tool_forces": right.tool_forces.tolist()})
+        arrays["about"] = np.array(told)
+    inner = np.ones(own.num_points, dtype=bool)
+    inner[: mesh.num_points] = False
+    inner[np.unique(own.boundary_facets)] = False
+    assert inner.any()
+    shape = (int(inner.sum()), 3)
+    thrown = garbage * np.random.default_rng(0).uniform(-1.0, 1.0, shape)
+    arrays["displacement"][:, inner] += thrown * float(np.ptp(mesh.points, axis=0).max())
+    np.savez(folder / "r.npz", **arrays)
+    return judge_case(case, candidate=result_candidate(folder / "r.npz")).verdict
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_garbage_at_inner_points_of_the_own_mesh_fails(name: str, tmp_path: Path) -> None:
+    assert verdict_on_own_mesh(name, tmp_path, garbage=0.3) is Verdict.FAILED
+
+
+@pytest.mark.parametrize("name", ["block", "block-motion", "cantilever", "press", "slide"])
+def test_without_the_garbage_it_does_not(name: str, tmp_path: Path) -> None:
+    assert verdict_on_own_mesh(name, tmp_path, garbage=0.0) is not Verdict.FAILED

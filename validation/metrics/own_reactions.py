@@ -1,0 +1,100 @@
+"""Forces of the supports, from an answer on a mesh of the candidate's own.
+
+Which of its points the candidate held is not known exactly: those between held and free points of
+the case may be either. In equilibrium a free point is in balance and adds nothing, so that all of
+them are summed; in motion they are not, and their forces are the doubt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import BodyForce, Pressure
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.exchange.nodal_loads import facet_areas, nodal_force
+from palpate.validation.exchange.point_location import locate, locate_points
+from palpate.validation.metrics.elasticity import internal_force, support_reactions
+from palpate.validation.states import State
+
+# Shares of held points below this are rounding.
+_SHARE = 1e-6
+
+
+def own_reactions(
+    problem: Problem, own: Problem, displacement: Points, reference: State, strain: Strain
+) -> tuple[float, float]:
+    """Largest error of a support's total force, and what it may be off by [N].
+
+    Args:
+        problem: The case's.
+        own: The own mesh with the case's materials.
+        displacement: Of the answer on it [m].
+        reference: At the case's points.
+        strain: Of the answer.
+    """
+    mesh = own.mesh
+    spread = _spread(problem.mesh, mesh)
+    force = internal_force(own, displacement, strain)
+    # Loads near a support, and pressure, may be put in the wrong place.
+    loose = np.zeros(mesh.num_points)
+    for load in problem.loads:
+        if isinstance(load, BodyForce):
+            force -= nodal_force(mesh, load)
+            continue
+        dead = spread(nodal_force(problem.mesh, load))
+        force -= dead
+        loose += np.linalg.norm(dead, axis=1)
+        if isinstance(load, Pressure):
+            third = abs(load.pressure) * facet_areas(problem.mesh.points, load.facets) / 3.0
+            sizes = np.zeros((problem.mesh.num_points, 1))
+            np.add.at(sizes[:, 0], load.facets, third[:, None])
+            loose += spread(sizes)[:, 0]
+    size = np.linalg.norm(force, axis=1)
+    moving = np.zeros_like(size) if problem.time is None else size
+    shares = np.array([_held_share(problem, s.points, mesh) for s in problem.supports])
+    expected = support_reactions(problem, reference.displacement, reference.strain)
+    errors, doubts = [0.0], [0.0]
+    for number, support in enumerate(problem.supports):
+        touched = _with_neighbours(mesh, shares[number] > _SHARE)
+        between = touched & (shares[number] < 1.0 - _SHARE)
+        found = force[touched].sum(axis=0) * np.array(support.components)
+        doubts.append(float(loose[touched].sum() + moving[between].sum()))
+        # Between two supports a point's force may belong to either.
+        for other, rival in enumerate(problem.supports):
+            if other != number and np.any(np.array(support.components) & rival.components):
+                theirs = _with_neighbours(mesh, shares[other] > _SHARE)
+                doubts[-1] += float(size[between & theirs].sum())
+        errors.append(float(np.linalg.norm(found - expected[number])))
+    return float(np.max(errors)), float(np.max(doubts))
+
+
+def _held_share(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
+    """How far each own point is a held one: 1 at held places, 0 where no corner is held."""
+    is_held = np.zeros((problem.mesh.num_points, 1))
+    is_held[points] = 1.0
+    return locate_points(problem.mesh, own).read(problem.mesh.cells, is_held)[:, 0]
+
+
+def _with_neighbours(own: TetMesh, is_chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """A support may reach one cell farther on a coarser mesh: facets are held whole."""
+    reached = is_chosen.copy()
+    reached[own.cells[is_chosen[own.cells].any(axis=1)]] = True
+    return reached
+
+
+def _spread(case: TetMesh, own: TetMesh) -> Callable[[Points], Points]:
+    location = locate(own.points, own.cells, case.points)
+    corners = own.cells[location.cells]
+
+    def spread(forces: Points) -> Points:
+        """Forces at the case's points, moved to the corners of the own cells that hold them."""
+        moved = np.zeros((own.num_points, forces.shape[1]))
+        np.add.at(moved, corners, location.weights[:, :, None] * forces[:, None])
+        return moved
+
+    return spread
