@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from palpate.fastsim.grading.size_fields import SizeField
 
 MOST_CELLS = 2_000_000
+# Of a box around the body, which may be mostly empty.
+_MOST_CELLS_OF_BOX, _MOST_FACETS_OF_BOX = 10 * MOST_CELLS, MOST_CELLS
+# Regular tetrahedra of edge h fill 6 sqrt(2) to h^3, regular triangles 4 / sqrt(3) to h^2.
+_CELLS_PER_CUBE, _FACETS_PER_SQUARE = 8.49, 2.31
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +31,25 @@ class BuiltMesh:
 
     mesh: TetMesh
     origin: str
+
+
+def require_countable(extents: Sequence[float], edge_length: float) -> None:
+    """Refuse a size that asks for more cells or facets than anybody can hold, before any is made.
+
+    Args:
+        extents: Of a box around the body [m], three.
+        edge_length: [m], > 0.
+
+    Raises:
+        InputError: More than 20 million cells, or 2 million facets.
+    """
+    a, b, c = (max(x / edge_length, 1.0) for x in extents)
+    cells, facets = _CELLS_PER_CUBE * a * b * c, 2.0 * _FACETS_PER_SQUARE * (a * b + b * c + c * a)
+    if not (cells <= _MOST_CELLS_OF_BOX and facets <= _MOST_FACETS_OF_BOX):
+        raise InputError(
+            f"edge_length = {edge_length:g} m asks for some {cells:.0e} cells and {facets:.0e} "
+            f"facets in a box of {max(extents):g} m; take a larger one"
+        )
 
 
 def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
@@ -39,6 +62,8 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
         InputError: A surface that bounds no solid, no mesher that manages, or too many cells.
     """
     size = units.metres(spec.edge_length) if spec.edge_length is not None else None
+    if size is not None:
+        require_countable([float(x) for x in np.ptp(surface.points, axis=0)], size)
     told = []
     if spec.boundary_distance is not None:
         from palpate.fastsim.surface_remesher import remesh_surface

@@ -13,9 +13,12 @@ from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_s
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.surface_repair import repair_surface
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.filling import BuiltMesh, fill
+from palpate.validation.case.filling import BuiltMesh, fill, require_countable
 from palpate.validation.case.schema import CaseSpec, GeometrySpec
 from palpate.validation.case.units import Units
+
+# Larger than the kidney of Table I along each axis [m].
+_KIDNEY = (0.08, 0.07, 0.15)
 
 
 def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
@@ -78,6 +81,7 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
         return units.metres(cast(float, value))
 
     edge = metres(geometry.edge_length)
+    require_countable(_extents(geometry, units), edge)
     match geometry.shape:
         case "box":
             x, y, z = (units.metres(s) for s in geometry.size or (1.0, 1.0, 1.0))
@@ -97,6 +101,23 @@ def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
             return shape_sphere(metres(geometry.radius), edge_length=edge)
         case _:
             return shape_kidney(edge_length=edge)
+
+
+def _extents(geometry: GeometrySpec, units: Units) -> tuple[float, float, float]:
+    """Of a box around a built-in shape [m]."""
+    across = 2.0 * (geometry.radius or 0.0)
+    match geometry.shape:
+        case "box":
+            x, y, z = geometry.size or (1.0, 1.0, 1.0)
+        case "beam":
+            x, y, z = (side or 0.0 for side in (geometry.length, geometry.width, geometry.height))
+        case "cylinder":
+            x, y, z = across, across, geometry.height or 0.0
+        case "sphere":
+            x, y, z = across, across, across
+        case _:
+            return _KIDNEY
+    return units.metres(x), units.metres(y), units.metres(z)
 
 
 def inside_folder(folder: Path, name: str) -> Path:

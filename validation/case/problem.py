@@ -184,8 +184,10 @@ def _quaternion(pose: PoseSpec) -> list[float]:
     if pose.rotation is None:
         return [1.0, 0.0, 0.0, 0.0]
     half = 0.5 * math.radians(pose.rotation.angle_deg)
-    length = math.sqrt(sum(a * a for a in pose.rotation.axis))
-    return [math.cos(half), *(math.sin(half) * a / length for a in pose.rotation.axis)]
+    # In parts of its largest, so that no square is lost or without end.
+    largest = max(abs(a) for a in pose.rotation.axis)
+    axis = [a / largest for a in pose.rotation.axis]
+    return [math.cos(half), *(math.sin(half) * a / math.hypot(*axis) for a in axis)]
 
 
 def _area(mesh: TetMesh, facets: Indices) -> float:

@@ -160,3 +160,23 @@ def test_a_case_that_is_no_plain_text_is_an_input_error(tmp_path: Path) -> None:
     for name in ("loop", "deep", "keys", "bytes", "pipe", "folder", "missing"):
         with pytest.raises(CaseError):
             load_case(tmp_path / f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
+        'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 1e-3',
+        'shape = "box"\nsize = [1e308, 1.0, 1.0]\nedge_length = 1.0',
+        'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 1e-320',
+        'shape = "beam"\nlength = 1e9\nwidth = 1e9\nheight = 1e-9\nedge_length = 1.0',
+        'shape = "sphere"\nradius = 1.0\nedge_length = 1e-9',
+        'shape = "cylinder"\nradius = 1.0\nheight = 1e9\nedge_length = 0.01',
+        'shape = "kidney"\nedge_length = 1e-9',
+        'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5\n[mesh]\nedge_length = 1e-6',
+    ],
+)
+def test_a_size_that_asks_for_cells_without_end_is_refused(
+    write_case: Write, geometry: str
+) -> None:
+    with pytest.raises(InputError, match="asks for some"):
+        _ = load_case(write_case((BOX, geometry))).problem
