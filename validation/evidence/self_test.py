@@ -65,6 +65,7 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.WRONG_MASS, "wave"),
     (Fault.SOFTER, "wave"),
     (Fault.NO_DAMPING, "decay"),
+    (Fault.NO_DAMPING, "strip"),
     (Fault.REVERSED_LOAD, "csm3"),
     (Fault.DROPPED_TOOL, "press"),
     (Fault.DROPPED_TOOL, "slide"),
@@ -73,7 +74,13 @@ TRIALS: tuple[tuple[Fault, str], ...] = (
     (Fault.SOFTER, "slide"),
     (Fault.WRONG_MASS, "slide"),
 )
-REFERENCE_FAULTS = ("missing-reference", "stale-reference", "damaged-reference")
+REFERENCE_FAULTS = (
+    "missing-reference",
+    "stale-reference",
+    "damaged-reference",
+    "altered-reference",
+    "unhashed-reference",
+)
 _CASE_OF_REFERENCES = "block"
 # Two answers of one simulator are the same within this part of the largest displacement: each is
 # solved to 1e-10 of its forces, and a body that bends shows a hundred times that.
@@ -210,7 +217,7 @@ def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
 
 @contextmanager
 def _spoiled_references(word: str) -> Iterator[None]:
-    """Stored references that are missing, another case's, or cut off."""
+    """Stored references that are missing, another case's, cut off, halved, or of version 0.1."""
     own = references_folder()
     before = os.environ.get("PALPATE_REFERENCES")
     with scratch_folder("self-test") as folder:
@@ -220,6 +227,14 @@ def _spoiled_references(word: str) -> Iterator[None]:
         elif word == "damaged-reference":
             whole = (own / f"{_CASE_OF_REFERENCES}.npz").read_bytes()
             target.write_bytes(whole[: len(whole) // 2])
+        elif word in ("altered-reference", "unhashed-reference"):
+            with np.load(own / f"{_CASE_OF_REFERENCES}.npz") as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            if word == "altered-reference":
+                arrays["displacement_0"] = 0.5 * arrays["displacement_0"]
+            else:
+                del arrays["sha256"]
+            np.savez(target, **arrays)
         os.environ["PALPATE_REFERENCES"] = str(folder)
         try:
             yield

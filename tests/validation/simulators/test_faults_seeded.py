@@ -89,6 +89,23 @@ def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
     assert json.loads(out.read_text("utf-8"))["cases"][0]["verdict"] == "passed"
 
 
+def test_the_self_test_catches_every_spoiled_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    from palpate.validation.evidence import self_test
+
+    monkeypatch.setattr(self_test, "TRIALS", ((Fault.SOFTER, "block"),))
+    monkeypatch.setattr(self_test, "metric_table", lambda *_arguments: [])
+    told = {c.metric: c.message for c in self_test.run_self_test(lambda _line: None).checks}
+    for word, why in (
+        ("missing-reference", "no stored reference"),
+        ("stale-reference", "is stale"),
+        ("damaged-reference", "damaged"),
+        ("altered-reference", "was altered"),
+        ("unhashed-reference", "has no hash"),
+    ):
+        assert told[f"{word} on block"].startswith("exit 2: ")
+        assert why in told[f"{word} on block"]
+
+
 def test_a_gate_that_sees_nothing_fails_the_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
     from palpate.validation.evidence import self_test
 
