@@ -19,7 +19,7 @@ for file in fastsim/*.py fastsim/*.pyi fastsim/py.typed fastsim/*/; do
     case "$file" in fastsim/core/ | fastsim/__pycache__/) continue ;; esac
     ln -sfn "../../../../${file%/}" "$view/fastsim/$(basename "$file")"
 done
-printf '"""palpate under sanitizers."""\n__version__ = "dev"\n' >"$view/__init__.py"
+sed 's/${version}/dev/' validation/front_door.py.in >"$view/__init__.py"
 
 tag=$("$python" -c 'import sys; print(sys.implementation.cache_tag)')
 cmake -S fastsim/core -B "build/core-sanitize-$tag" -G Ninja -DPython_EXECUTABLE="$python" \

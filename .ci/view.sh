@@ -11,7 +11,7 @@ mkdir -p "$view"
 for room in meshes fastsim reference validation; do
     ln -sfn "../../../$room" "$view/$room"
 done
-printf '"""FEniCSx validation and reference pipeline for soft-tissue simulation."""\n__version__ = "dev"\n' >"$view/__init__.py"
+sed 's/${version}/dev/' validation/front_door.py.in >"$view/__init__.py"
 tag=$("$python" -c 'import sys; print(sys.implementation.cache_tag)')
 PATH="$(dirname "$("$python" -c 'import sys; print(sys.executable)')"):$PATH"
 cmake -S fastsim/core -B "build/core-$tag" -G Ninja -DPython_EXECUTABLE="$(command -v "$python")" \

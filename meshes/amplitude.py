@@ -23,6 +23,10 @@ class TabularAmplitude:
 
     Raises:
         InputError: Different lengths, times that do not increase, NaN or infinity.
+
+    >>> import palpate
+    >>> palpate.TabularAmplitude((0.0, 0.2), (0.0, 1.0))(0.05)
+    0.25
     """
 
     times: tuple[float, ...]

@@ -29,6 +29,10 @@ class Support:
             Without facets only the points are held, which for a solid is a point support.
         components: Which of x, y, z are held.
         displacement: Prescribed displacement [m], shape (3,); read where `components` is true.
+
+    >>> import palpate
+    >>> palpate.Support([0, 1, 2], [[0, 1, 2]], components=(False, False, True)).displacement
+    (0.0, 0.0, 0.0)
     """
 
     points: Indices
@@ -45,6 +49,10 @@ class Traction:
     Args:
         facets: Loaded boundary facets, shape (m, 3).
         traction: Force per rest area [Pa], shape (3,).
+
+    >>> import palpate
+    >>> palpate.Traction([[0, 1, 2]], (0.0, 0.0, -200.0)).traction
+    (0.0, 0.0, -200.0)
     """
 
     facets: Indices
@@ -59,6 +67,10 @@ class Pressure:
     Args:
         facets: Loaded boundary facets, shape (m, 3), counter-clockwise seen from outside.
         pressure: Pressure [Pa]; > 0 pushes inwards.
+
+    >>> import palpate
+    >>> palpate.Pressure([[0, 1, 2]], 1500.0).pressure
+    1500.0
     """
 
     facets: Indices
@@ -73,6 +85,10 @@ class PointForce:
     Args:
         points: Loaded points, shape (n,).
         forces: Force on each [N], shape (n, 3).
+
+    >>> import palpate
+    >>> palpate.PointForce([7], [[0.0, 0.0, -0.2]]).points
+    [7]
     """
 
     points: Indices
@@ -86,6 +102,11 @@ class BodyForce:
 
     Args:
         force_density: Force per rest volume [N/m3], shape (3,).
+
+    >>> import palpate
+    >>> weight = palpate.BodyForce((0.0, 0.0, -9.81 * 1000.0))
+    >>> weight.force_density[2]
+    -9810.0
     """
 
     force_density: tuple[float, float, float]

@@ -15,7 +15,15 @@ def _first(items: Sequence[object], limit: int = 5) -> str:
 
 
 class InputError(ValueError):
-    """The input cannot be used; the message names the thing, the value and the remedy."""
+    """The input cannot be used; the message names the thing, the value and the remedy.
+
+    >>> import palpate
+    >>> try:
+    ...     palpate.Material(youngs_modulus=10e3, poissons_ratio=0.5)
+    ... except palpate.InputError as error:
+    ...     print(str(error)[:20])
+    poissons_ratio = 0.5
+    """
 
 
 class FileFormatError(InputError):

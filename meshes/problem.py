@@ -16,7 +16,12 @@ from palpate.meshes.tet_mesh import TetMesh
 
 
 class Strain(StrEnum):
-    """Strain measure: engineering strain (eq. 3-4) or Green strain (eq. 6-7)."""
+    """Strain measure: engineering strain (eq. 3-4) or Green strain (eq. 6-7).
+
+    >>> import palpate
+    >>> palpate.Strain("green") is palpate.Strain.GREEN
+    True
+    """
 
     LINEAR = "linear"
     GREEN = "green"
@@ -36,6 +41,10 @@ class Material:
 
     Note:
         Linear tetrahedra lock as Poisson's ratio nears 0.5.
+
+    >>> import palpate
+    >>> palpate.Material(youngs_modulus=10e3, poissons_ratio=0.4).density
+    1000.0
     """
 
     youngs_modulus: float
@@ -64,6 +73,10 @@ class TimeSpan:
         time_step: [s], > 0; None lets the simulator choose a stable one.
         mass_damping: lambda in D = lambda M (eq. 11) [1/s], >= 0.
         num_outputs: Number of stored states after the initial one, evenly spaced, >= 1.
+
+    >>> import palpate
+    >>> palpate.TimeSpan(end_time=0.5, mass_damping=4.0).num_outputs
+    50
     """
 
     end_time: float
@@ -86,7 +99,13 @@ class TimeSpan:
 
 @dataclass(frozen=True, eq=False)
 class Inclusion:
-    """Cells of another material than the rest of the body; cells shape (n,), each once."""
+    """Cells of another material than the rest of the body; cells shape (n,), each once.
+
+    >>> import palpate
+    >>> tumour = palpate.Inclusion([0, 1], palpate.Material(60e3, 0.45))
+    >>> tumour.material.youngs_modulus
+    60000.0
+    """
 
     cells: Indices
     material: Material
@@ -94,7 +113,24 @@ class Inclusion:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Mesh, material, supports, loads and tools, all in SI units and plain arrays."""
+    """Mesh, material, supports, loads and tools, all in SI units and plain arrays.
+
+    >>> import numpy as np
+    >>> import palpate
+    >>> from palpate.meshes.shapes import shape_box
+    >>> mesh = palpate.mesh(shape_box((0.06, 0.02, 0.02), edge_length=0.01))
+    >>> x = mesh.points[mesh.boundary_facets][:, :, 0]
+    >>> held = mesh.boundary_facets[(x < 1e-9).all(axis=1)]
+    >>> pulled = mesh.boundary_facets[(x > 0.06 - 1e-9).all(axis=1)]
+    >>> problem = palpate.Problem(
+    ...     mesh,
+    ...     palpate.Material(10e3, 0.4),
+    ...     supports=(palpate.Support(np.unique(held), held),),
+    ...     loads=(palpate.Traction(pulled, (500.0, 0.0, 0.0)),),
+    ... )
+    >>> round(palpate.solve(problem).max_displacement * 1e3)  # mm
+    3
+    """
 
     mesh: TetMesh
     material: Material

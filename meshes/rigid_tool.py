@@ -28,7 +28,12 @@ class ToolError(InputError):
 
 @dataclass(frozen=True)
 class SphereShape:
-    """A ball about the tool's origin; radius [m] > 0."""
+    """A ball about the tool's origin; radius [m] > 0.
+
+    >>> import palpate
+    >>> palpate.SphereShape(radius=0.005).radius
+    0.005
+    """
 
     radius: float
 
@@ -43,6 +48,10 @@ class CapsuleShape:
     Args:
         radius: [m], > 0.
         half_length: From the origin to the centre of either end [m], > 0.
+
+    >>> import palpate
+    >>> palpate.CapsuleShape(radius=0.003, half_length=0.02).half_length
+    0.02
     """
 
     radius: float
@@ -55,7 +64,12 @@ class CapsuleShape:
 
 @dataclass(frozen=True)
 class BoxShape:
-    """A box along the tool's axes with its centre at the origin; half widths [m], each > 0."""
+    """A box along the tool's axes with its centre at the origin; half widths [m], each > 0.
+
+    >>> import palpate
+    >>> palpate.BoxShape((0.01, 0.01, 0.002)).half_widths
+    (0.01, 0.01, 0.002)
+    """
 
     half_widths: tuple[float, float, float]
 
@@ -66,12 +80,23 @@ class BoxShape:
 
 @dataclass(frozen=True)
 class PlaneShape:
-    """The half space z <= 0 of the tool's frame; its outward normal is +z."""
+    """The half space z <= 0 of the tool's frame; its outward normal is +z.
+
+    >>> import palpate
+    >>> palpate.PlaneShape()
+    PlaneShape()
+    """
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceShape:
-    """Inside of a closed surface given in the tool's frame (see `surface_checks`)."""
+    """Inside of a closed surface given in the tool's frame (see `surface_checks`).
+
+    >>> import palpate
+    >>> from palpate.meshes.shapes import shape_sphere
+    >>> palpate.SurfaceShape(shape_sphere(0.01, edge_length=0.005)).surface.num_facets > 0
+    True
+    """
 
     surface: TriSurface
 
@@ -94,6 +119,11 @@ class ToolPath:
 
     Raises:
         ToolError: Wrong shapes, NaN or infinity, times that do not increase, no unit quaternion.
+
+    >>> import palpate
+    >>> path = palpate.ToolPath([0.0, 1.0], [[0.0, 0.0, 0.03], [0.0, 0.0, 0.01]])
+    >>> path.pose_at(0.5)[0].round(6).tolist()
+    [0.0, 0.0, 0.02]
     """
 
     times: Points
@@ -157,6 +187,11 @@ class ForceDrive:
         force: Magnitude along it [N], times the amplitude.
         amplitude: Factor over time [-].
         mass: Of the tool [kg], > 0; does not matter in statics.
+
+    >>> import palpate
+    >>> from_the_start = palpate.TabularAmplitude((0.0,), (1.0,))
+    >>> palpate.ForceDrive((0.0, 0.0, -1.0), 0.5, from_the_start, mass=0.02).force
+    0.5
     """
 
     direction: tuple[float, float, float]
@@ -195,6 +230,11 @@ class RigidTool:
 
     Raises:
         ToolError: A negative friction coefficient, or a drive with more than one pose.
+
+    >>> import palpate
+    >>> down = palpate.ToolPath([0.0, 1.0], [[0.0, 0.0, 0.03], [0.0, 0.0, 0.01]])
+    >>> palpate.RigidTool(palpate.SphereShape(0.005), down).friction_coefficient
+    0.0
     """
 
     shape: ToolShape

@@ -41,6 +41,12 @@ class TetMesh:
         IndexRangeError: An index is outside the points.
         InvertedCellError: A cell is inverted or flat.
         MeshError: No cells, or points that no cell uses.
+
+    >>> import palpate
+    >>> corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    >>> one = palpate.TetMesh(corner, [[0, 1, 2, 3]])
+    >>> one.num_cells, len(one.boundary_facets), round(6.0 * one.volume, 12)
+    (1, 4, 1.0)
     """
 
     points: Points

@@ -20,6 +20,12 @@ class TriSurface:
 
     Raises:
         ShapeError, NonFiniteError, IndexRangeError: The arrays cannot be used.
+
+    >>> import palpate
+    >>> corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    >>> facets = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    >>> round(6.0 * palpate.TriSurface(corner, facets).volume, 12)
+    1.0
     """
 
     points: Points

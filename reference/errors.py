@@ -15,11 +15,21 @@ from palpate.meshes.arrays import Points
 
 
 class ReferenceFailedError(RuntimeError):
-    """The reference gave no answer: nothing can be judged against it."""
+    """The reference gave no answer: nothing can be judged against it.
+
+    >>> import palpate
+    >>> issubclass(palpate.ReferenceFailedError, palpate.InputError)
+    False
+    """
 
 
 class ReferenceUnavailableError(ReferenceFailedError):
-    """FEniCSx cannot be imported here."""
+    """FEniCSx cannot be imported here.
+
+    >>> import palpate
+    >>> issubclass(palpate.ReferenceUnavailableError, palpate.ReferenceFailedError)
+    True
+    """
 
 
 class ReferenceNotConvergedError(ReferenceFailedError):

@@ -19,7 +19,12 @@ REFERENCE = "reference"
 
 
 class Verdict(StrEnum):
-    """Outcome of a check or a case; only a check can be skipped, with a reason."""
+    """Outcome of a check or a case; only a check can be skipped, with a reason.
+
+    >>> import palpate
+    >>> palpate.Verdict("passed")
+    <Verdict.PASSED: 'passed'>
+    """
 
     PASSED = "passed"
     FAILED = "failed"
@@ -44,7 +49,13 @@ def gravest(verdicts: Sequence[Verdict]) -> Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Displacement over time: times [s], (num_times,); displacements [m], (num_times, n, 3)."""
+    """Displacement over time: times [s], (num_times,); displacements [m], (num_times, n, 3).
+
+    >>> import palpate
+    >>> motion = palpate.solve(palpate.load_case("block-motion").problem).trajectory
+    >>> len(motion.times), float(motion.times[-1])
+    (51, 0.5)
+    """
 
     times: Points
     displacements: NDArray[np.float64]
@@ -91,6 +102,11 @@ class State:
         versions: Of the libraries that solved it, by name.
         says: What an outside candidate says of itself: its words, never judged.
         remarks: What was done to the answer to compare it, a sentence each.
+
+    >>> import palpate
+    >>> state = palpate.solve(palpate.load_case("block").problem)
+    >>> state.label, state.smallest_det_f > 0.0
+    ('fastsim', True)
     """
 
     label: str

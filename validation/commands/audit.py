@@ -46,9 +46,7 @@ def audit(
     """Measure a result against the equations it should satisfy, without solving them."""
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
-    from palpate.reference.child import run_task
-    from palpate.reference.result import Audit
-    from palpate.reference.tasks import AuditTask
+    from palpate.validation.auditing import audit_result
     from palpate.validation.case import load_case
     from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.answer import CandidateFailedError
@@ -61,15 +59,14 @@ def audit(
     loaded = load_case(case)
     require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
     used, progress = strain or loaded.strain, progress_lines()
-    if loaded.problem.time is not None:
-        raise InputError(f"{loaded.name} is dynamic: what moves is not in equilibrium")
     try:
-        state = result_candidate(result).solve(loaded.problem, used, progress)
+        audited = audit_result(
+            loaded, result_candidate(result), strain=used, degree=degree, progress=progress
+        )
     except CandidateFailedError as error:
         print(for_terminal(f"palpate: {error}"), file=sys.stderr)
         raise typer.Exit(1) from error
-    found = run_task(AuditTask(state.displacement, used, degree), loaded.problem, progress=progress)
-    assert isinstance(found, Audit)
+    found, state = audited.audit, audited.state
     wrong = failures(found, limit)
     # Of a mesh of its own the audit sees the case's points only.
     if not wrong and not state.smallest_det_f > 0.0:

@@ -19,14 +19,11 @@ def export(
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
 ) -> None:
     """Write a case as a folder that other simulators can read: case.json, rest.vtu, rest.npz."""
-    from palpate.validation.case import load_case
-    from palpate.validation.exchange.case_folder import write_case_folder
-    from palpate.validation.output_files import input_files, require_case_folder
+    from palpate.validation import api
 
-    loaded = load_case(case)
-    require_case_folder(output, inputs=input_files([loaded]))
+    loaded = api.load_case(case)
     used = strain or loaded.strain
-    write_case_folder(output, loaded.problem, used, name=loaded.name, title=loaded.title)
+    api.export(loaded, output, strain=used)
     print(f"{output}: {loaded.problem.mesh.num_points} points, {used} strain; see case.json")
 
 

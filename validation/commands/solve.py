@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -13,13 +12,8 @@ from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import OneCase
 from palpate.validation.quoting import for_terminal
-
-
-class Simulator(StrEnum):
-    """Who solves."""
-
-    FASTSIM = "fastsim"
-    REFERENCE = "reference"
+from palpate.validation.solving import Simulator
+from palpate.validation.solving import solve as solve_problem
 
 
 def solve(
@@ -35,20 +29,17 @@ def solve(
     from palpate.validation.case import load_case
     from palpate.validation.exchange.written_result import require_written_kind, write_solution
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.references.one_solve import solve_reference
     from palpate.validation.simulators import CandidateFailedError
-    from palpate.validation.simulators.candidate import fastsim_candidate
 
     require_written_kind(output)
     loaded = load_case(case)
     require_outputs({"--output": output}, inputs=input_files([loaded]))
-    problem, used, progress = loaded.problem, strain or loaded.strain, progress_lines()
-    if simulator is Simulator.FASTSIM:
-        try:
-            state = fastsim_candidate().solve(problem, used, progress)
-        except CandidateFailedError as error:
-            print(for_terminal(f"palpate: {error}"), file=sys.stderr)
-            raise typer.Exit(1) from error
-    else:
-        state = solve_reference(problem, used, degree, progress)
+    problem, used = loaded.problem, strain or loaded.strain
+    try:
+        state = solve_problem(
+            problem, with_=simulator, strain=used, degree=degree, progress=progress_lines()
+        )
+    except CandidateFailedError as error:
+        print(for_terminal(f"palpate: {error}"), file=sys.stderr)
+        raise typer.Exit(1) from error
     print(write_solution(output, problem, state))

@@ -15,7 +15,18 @@ Progress = Callable[[str], None]
 
 
 class CandidateFailedError(RuntimeError):
-    """The candidate gave no usable answer; the message says why."""
+    """The candidate gave no usable answer; the message says why.
+
+    >>> import dataclasses
+    >>> import palpate
+    >>> problem = palpate.load_case("block").problem
+    >>> jelly = palpate.Material(youngs_modulus=1.0, poissons_ratio=0.4)
+    >>> try:
+    ...     palpate.solve(dataclasses.replace(problem, material=jelly))
+    ... except palpate.CandidateFailedError as error:
+    ...     print(str(error)[:8])
+    fastsim:
+    """
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,175 @@
+"""The front door: quick to open, typed, each name with an example that runs, without FEniCSx."""
+
+from __future__ import annotations
+
+import dataclasses
+import doctest
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.meshes.arrays import Points
+
+ROOT = Path(__file__).parents[2]
+NEEDS_FENICSX = {"audit"}
+HEAVY = ("dolfinx", "matplotlib", "pydantic", "meshio", "rich", "typer", "pyvista")
+
+
+def python(text: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(  # type: ignore[call-overload,no-any-return]
+        [sys.executable, "-c", text], capture_output=True, text=True, check=False, **options
+    )
+
+
+def examples_of(name: str) -> doctest.DocTest:
+    """The examples in a name's own docstring, not in those of its methods."""
+    thing = getattr(palpate, name)
+    text = inspect.cleandoc(thing.__doc__ or "")
+    return doctest.DocTestParser().get_doctest(text, {}, name, None, None)
+
+
+def failures_of(test: doctest.DocTest) -> str:
+    said: list[str] = []
+    doctest.DocTestRunner(verbose=False).run(test, out=said.append)
+    return "".join(said)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.dolfinx) if name in NEEDS_FENICSX else name
+        for name in palpate.api.__all__
+    ],
+)
+def test_every_name_has_an_example_that_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    test = examples_of(name)
+    assert any("palpate" in example.source for example in test.examples[1:]), name
+    assert failures_of(test) == ""
+
+
+def test_a_wrong_example_is_seen() -> None:
+    test = doctest.DocTestParser().get_doctest(">>> 1 + 1\n3\n", {}, "wrong", None, None)
+    assert "Got" in failures_of(test)
+
+
+def test_the_door_is_opened_without_loading_what_is_slow() -> None:
+    told = python(
+        "import sys, palpate\n"
+        "assert not [m for m in sys.modules if m.startswith('palpate.')], 'rooms were loaded'\n"
+        "palpate.Problem, palpate.Material, palpate.solve, palpate.judge\n"
+        f"print([m for m in {HEAVY} if m in sys.modules])"
+    )
+    assert told.stdout.strip() == "[]", told.stdout + told.stderr
+
+
+def test_a_problem_of_plain_data_is_solved_and_judged_where_dolfinx_cannot_be_imported() -> None:
+    told = python(
+        "import sys\n"
+        "for name in ('dolfinx', 'dolfinx_solver', 'ufl', 'petsc4py'):\n"
+        "    sys.modules[name] = None\n"
+        "import palpate\n"
+        "case = palpate.load_case('block')\n"
+        "print(palpate.judge(case).verdict)\n"
+        "print(palpate.simulate(case.problem, time=palpate.TimeSpan(0.01)).trajectory.times[-1])\n"
+        "try:\n"
+        "    palpate.solve(case.problem, with_='reference')\n"
+        "except palpate.ReferenceUnavailableError as error:\n"
+        "    print('FEniCSx' in str(error))\n"
+    )
+    assert told.stdout.split() == ["passed", "0.01", "True"], told.stdout + told.stderr
+
+
+def test_the_names_can_be_listed_and_starred_and_others_are_refused() -> None:
+    assert set(palpate.api.__all__) <= set(dir(palpate))
+    starred: dict[str, object] = {}
+    exec("from palpate import *", starred)
+    assert starred["solve"] is palpate.api.solve
+    with pytest.raises(AttributeError, match="no attribute 'slove'"):
+        _ = palpate.slove  # type: ignore[attr-defined]
+
+
+def test_the_template_is_written_once_and_read_by_all_who_build() -> None:
+    template = "validation/front_door.py.in"
+    for reader in ("pyproject.toml", ".ci/view.sh", ".ci/sanitize.sh"):
+        text = (ROOT / reader).read_text("utf-8")
+        assert text.count(template) == 1, reader
+        assert "FEniCSx validation and reference pipeline" not in text.replace(
+            'description = "FEniCSx validation and reference pipeline', ""
+        ), reader
+
+
+@pytest.mark.dolfinx
+def test_the_door_and_the_command_line_solve_a_motion_by_the_reference_alike(
+    tmp_path: Path,
+) -> None:
+    written = tmp_path / "u.npz"
+    command = [sys.executable, "-m", "palpate.validation.cli", "solve", "block-motion"]
+    subprocess.run([*command, "--with", "reference", "-o", str(written)], check=True)
+    state = palpate.solve(palpate.load_case("block-motion").problem, with_="reference")
+    assert state.trajectory is not None
+    with np.load(written) as stored:
+        np.testing.assert_array_equal(stored["displacement"], state.trajectory.displacements)
+
+
+def test_a_word_that_is_not_known_is_told_with_those_that_are() -> None:
+    problem = palpate.load_case("block").problem
+    with pytest.raises(palpate.InputError, match="with_ = 'fenics': use one of fastsim, reference"):
+        palpate.solve(problem, with_="fenics")  # type: ignore[arg-type]
+    with pytest.raises(palpate.InputError, match="strain = 'big': use one of linear, green"):
+        palpate.solve(problem, strain="big")  # type: ignore[arg-type]
+    with pytest.raises(palpate.InputError, match="no time span"):
+        palpate.simulate(problem)
+    with pytest.raises(palpate.InputError, match="edge_length = -1 m"):
+        palpate.mesh(problem.mesh.surface(), edge_length=-1.0)
+
+
+def test_a_function_is_judged_as_any_simulator() -> None:
+    def softer(problem: palpate.Problem) -> Points:
+        young = problem.material.youngs_modulus
+        soft = dataclasses.replace(problem.material, youngs_modulus=young / 1.02)
+        return palpate.solve(dataclasses.replace(problem, material=soft)).displacement
+
+    def crashes(_problem: palpate.Problem) -> Points:
+        raise ZeroDivisionError("no pivot")
+
+    def right(problem: palpate.Problem) -> Points:
+        return palpate.solve(problem).displacement
+
+    assert palpate.judge("block", right).verdict is palpate.Verdict.PASSED
+    assert palpate.judge("block", softer).verdict is palpate.Verdict.FAILED
+    failed = palpate.judge("block", crashes)
+    assert failed.verdict is palpate.Verdict.FAILED
+    assert "no pivot" in failed.checks[0].message
+
+
+def test_a_function_of_the_wrong_shape_is_refused_and_nan_has_failed() -> None:
+    with pytest.raises(palpate.InputError, match=r"displacement has shape \(3,\); this case needs"):
+        palpate.judge("block", lambda _problem: np.zeros(3))
+    spoiled = palpate.judge("block", lambda problem: np.nan * problem.mesh.points)
+    assert spoiled.verdict is palpate.Verdict.FAILED
+
+
+def test_a_state_of_the_reference_is_compared_under_a_name_of_its_own() -> None:
+    answer = palpate.solve(palpate.load_case("block").problem)
+    named = dataclasses.replace(answer, label="reference P1", simulator="reference")
+    judged = palpate.compare("block", named)
+    assert judged.candidate == "reference P1 (candidate)"
+    assert judged.verdict is palpate.Verdict.PASSED
+
+
+def test_a_motion_with_a_tool_in_memory_is_compared_with_its_forces() -> None:
+    case = palpate.load_case("slide")
+    state = palpate.solve(case.problem)
+    assert state.tool_forces is not None
+    assert palpate.compare(case, state).verdict is palpate.Verdict.PASSED
+    doubled = dataclasses.replace(state, tool_forces=2.0 * state.tool_forces)
+    failed = {c.metric for c in palpate.compare(case, doubled).checks if c.verdict == "failed"}
+    assert failed == {"tool_force"}

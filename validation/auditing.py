@@ -1,0 +1,47 @@
+"""A result held against the equations it should satisfy, without solving them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
+from palpate.validation.case import Case
+from palpate.validation.simulators.answer import Progress
+from palpate.validation.simulators.candidate import Candidate
+from palpate.validation.states import State
+
+if TYPE_CHECKING:
+    from palpate.reference.result import Audit
+
+
+@dataclass(frozen=True, eq=False)
+class Audited:
+    """What was audited, and what was found."""
+
+    state: State
+    audit: Audit
+
+
+def audit_result(
+    case: Case, candidate: Candidate, *, strain: Strain, degree: int, progress: Progress
+) -> Audited:
+    """Audit a candidate's answer.
+
+    Raises:
+        InputError: A case that moves, or a result that cannot be read.
+        CandidateFailedError: The result holds NaN, or a body of quite another size.
+        ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
+    """
+    from palpate.reference.child import run_task
+    from palpate.reference.result import Audit
+    from palpate.reference.tasks import AuditTask
+
+    if case.problem.time is not None:
+        raise InputError(f"{case.name} is dynamic: what moves is not in equilibrium")
+    state = candidate.solve(case.problem, strain, progress)
+    task = AuditTask(state.displacement, strain, degree)
+    found = run_task(task, case.problem, progress=progress)
+    assert isinstance(found, Audit)
+    return Audited(state, found)

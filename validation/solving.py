@@ -1,0 +1,132 @@
+"""Who solves, and one way to ask: statics or motion, with tools or not."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Literal, TypeAlias, TypeVar
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.validation.states import State
+
+
+class Simulator(StrEnum):
+    """Who solves: fastsim, or the reference, which needs FEniCSx.
+
+    >>> import palpate
+    >>> palpate.Simulator("reference")
+    <Simulator.REFERENCE: 'reference'>
+    """
+
+    FASTSIM = "fastsim"
+    REFERENCE = "reference"
+
+
+Progress: TypeAlias = Callable[[str], None]
+StrainName: TypeAlias = Strain | Literal["linear", "green"]
+SimulatorName: TypeAlias = Simulator | Literal["fastsim", "reference"]
+_Choice = TypeVar("_Choice", Simulator, Strain)
+
+
+def in_silence(_line: str) -> None:
+    """Progress that nobody reads."""
+
+
+def solve(
+    problem: Problem,
+    *,
+    with_: SimulatorName = Simulator.FASTSIM,
+    strain: StrainName = Strain.GREEN,
+    degree: int = 1,
+    progress: Progress = in_silence,
+) -> State:
+    """Solve a problem, whatever it asks for: statics or motion, with tools or without.
+
+    Args:
+        problem: A motion from rest where it has a time span, equilibrium otherwise.
+        with_: fastsim, or the reference (UFL on FEniCSx, which it needs).
+        strain: Engineering strain, or Green strain (Saint-Venant-Kirchhoff).
+        degree: Of the reference's elements, 1 or 2.
+        progress: Called with one line now and then.
+
+    Returns:
+        Displacement [m], (num_points, 3), with volume, area, smallest det F and, of a motion, the
+        `trajectory`.
+
+    Raises:
+        InputError: A word that is not known, or a problem that this one cannot be asked.
+        CandidateFailedError: fastsim found no answer; the message says why.
+        ReferenceFailedError, ReferenceUnavailableError: The reference found none, or is not here.
+
+    >>> import palpate
+    >>> problem = palpate.load_case("block").problem
+    >>> green = palpate.solve(problem)
+    >>> linear = palpate.solve(problem, strain="linear")
+    >>> green.displacement.shape == problem.mesh.points.shape
+    True
+    >>> bool(linear.max_displacement > green.max_displacement)
+    True
+    """
+    if degree not in (1, 2):
+        raise InputError(f"degree = {degree}: use 1 or 2")
+    simulator = known_word(Simulator, with_, "with_")
+    used = known_word(Strain, strain, "strain")
+    # Both bring pydantic and meshio along, which `import palpate` and --help do without.
+    if simulator is Simulator.REFERENCE:
+        from palpate.validation.references.one_solve import solve_reference
+
+        return solve_reference(problem, used, degree, progress)
+    from palpate.validation.simulators.candidate import fastsim_candidate
+
+    return fastsim_candidate().solve(problem, used, progress)
+
+
+def simulate(
+    problem: Problem,
+    *,
+    time: TimeSpan | None = None,
+    with_: SimulatorName = Simulator.FASTSIM,
+    strain: StrainName = Strain.GREEN,
+    degree: int = 1,
+    progress: Progress = in_silence,
+) -> State:
+    """Solve a motion from rest, over the problem's time span or another.
+
+    Args:
+        problem: See `solve`.
+        time: Taken instead of the problem's own.
+        with_: See `solve`; the other arguments and errors as well.
+        strain: Likewise.
+        degree: Likewise.
+        progress: Likewise.
+
+    Returns:
+        The last state; its `trajectory` has all of them, its `tool_forces` what tools felt.
+
+    Raises:
+        InputError: There is no time span.
+
+    >>> import palpate
+    >>> problem = palpate.load_case("block").problem
+    >>> moved = palpate.simulate(problem, time=palpate.TimeSpan(end_time=0.1, num_outputs=10))
+    >>> moved.trajectory.displacements.shape == (11, problem.mesh.num_points, 3)
+    True
+    """
+    moving = problem if time is None else dataclasses.replace(problem, time=time)
+    if moving.time is None:
+        raise InputError("the problem has no time span; give time = palpate.TimeSpan(end_time=...)")
+    return solve(moving, with_=with_, strain=strain, degree=degree, progress=progress)
+
+
+def known_word(kind: type[_Choice], word: str, option: str) -> _Choice:
+    """One of a closed choice, by its word.
+
+    Raises:
+        InputError: Another word.
+    """
+    try:
+        return kind(word)
+    except ValueError:
+        raise InputError(f"{option} = {word!r}: use one of {', '.join(kind)}") from None
