@@ -165,30 +165,30 @@ def test_every_metric_goes_red_alone_on_each_kind_of_case() -> None:
     assert sum("x" in line for line in lines) >= len(rows)
 
 
-@pytest.mark.parametrize("name", [n for n in builtin_cases() if load_case(n).problem.time is None])
+@pytest.mark.parametrize("name", builtin_cases())
 def test_garbage_between_the_points_of_a_built_in_case_does_not_pass(name: str) -> None:
     case = load_case(name)
     mesh, finer = case.problem.mesh, refine_problem(case.problem).mesh
+    where = locate(mesh.points, mesh.cells, finer.points)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         """The right answer at the case's points, linear between them, on the mesh cut in eight."""
         right = fastsim_candidate().solve(problem, strain, progress)
-        where = locate(mesh.points, mesh.cells, finer.points)
-        values = where.read(mesh.cells, right.displacement)[None]
-        return state_of_result(
-            ResultFile(
-                Path("answer"), values, False, points=finer.points, cells=finer.cells.astype(int),
-                about={} if right.tool_forces is None else {"tool_forces": right.tool_forces},
-            ),
-            problem, "mine", strain,
-        )  # fmt: skip
+        motion = right.trajectory
+        states = right.displacement[None] if motion is None else motion.displacements
+        result = ResultFile(
+            Path("answer"),
+            np.array([where.read(mesh.cells, state) for state in states]),
+            are_positions=False,
+            times=None if motion is None else motion.times,
+            points=finer.points,
+            cells=finer.cells.astype(int),
+            about={} if right.tool_forces is None else {"tool_forces": right.tool_forces},
+        )
+        return state_of_result(result, problem, "mine", strain)
 
     spoiled = judge_case(case, candidate=with_fault(Candidate("mine", solve), Fault.INNER_NODES))
     assert spoiled.verdict == "failed"
-    own = [
-        check for check in spoiled.checks if check.metric in ("inverted_cells", "smallest_det_f")
-    ]
-    assert [check.verdict for check in own] == ["failed"] * len(own) != []
 
 
 def test_a_fault_of_what_is_not_there_is_refused(problem: Problem) -> None:
