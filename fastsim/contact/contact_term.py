@@ -17,8 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
+from palpate.fastsim.contact.box_faces import BoxFaces
+from palpate.fastsim.contact.contact_law import half_thickness, mean_edge
 from palpate.fastsim.contact.tool_contact import Gaps, ToolContact
 from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import BoxShape
+
+# By which face of a box a vertex over its edge came in is told by steps of this part of an edge.
+_SHORT_OVER_EDGES = 0.05
+# A normal that turns by more than 60 degrees is believed of steps of this part of the way to the
+# tool's middle.
+_TURNED = 0.5
+_SHORT_THROUGH = 0.25
 
 
 class ContactTerm:
@@ -42,6 +53,10 @@ class ContactTerm:
         self._weights = [
             k * contact.areas for k, contact in zip(stiffnesses, contacts, strict=True)
         ]
+        shapes = [contact.tool.shape for contact in contacts]
+        self._faces = [BoxFaces(s.half_widths) if isinstance(s, BoxShape) else None for s in shapes]
+        # Normals in the tools' frames at the last equilibrium that was kept.
+        self._seen: list[Points] = []
         self._active: list[NDArray[np.bool_]] = []
         self._next_poses: list[NDArray[np.void]] = []
 
@@ -52,6 +67,9 @@ class ContactTerm:
             self.contacts, self.poses, self.multipliers, self._weights, strict=True
         ):
             gaps = contact.gaps(displacement, pose)
+            faces = self._faces[len(out)]
+            if faces is not None:
+                gaps = faces.from_faces(gaps, contact.places(displacement), pose)
             if self._next_poses:
                 gaps = _ahead(gaps, contact.places(displacement), pose, self._next_poses[len(out)])
             out.append((gaps, np.maximum(0.0, multiplier - weight * gaps.distances)))
@@ -91,6 +109,60 @@ class ContactTerm:
         """Remember what pushes at an equilibrium, or near one."""
         self.settled = [push for _, push in self.pressed(displacement)]
 
+    def keep(self, displacement: Points, poses: list[NDArray[np.void]]) -> None:
+        """Note where an equilibrium has the vertices beside the tools."""
+        self._seen = [
+            _in_tool(contact.gaps(displacement, pose), pose)
+            for contact, pose in zip(self.contacts, poses, strict=True)
+        ]
+        for contact, pose, faces in zip(self.contacts, poses, self._faces, strict=True):
+            if faces is not None:
+                faces.keep(contact.places(displacement), pose)
+
+    def go_back(self) -> None:
+        """Begin anew from the last equilibrium that was kept, as to the boxes."""
+        for faces in self._faces:
+            if faces is not None:
+                faces.go_back()
+
+    def why_too_far(
+        self, problem: Problem, displacement: Points, before: list[NDArray[np.void]]
+    ) -> str:
+        """Why the tools' way from other poses is too long to tell the sides vertices came by."""
+        for contact, pose, old, faces, seen, (gaps, push) in zip(
+            self.contacts, self.poses, before, self._faces, self._seen,
+            self.pressed(displacement), strict=True,
+        ):  # fmt: skip
+            way, is_pressed = float(np.linalg.norm(pose["position"] - old["position"])), push > 0.0
+            if faces is not None:
+                is_long = way > _SHORT_OVER_EDGES * mean_edge(problem, contact.facets)
+                if is_long and faces.came_over_edge(is_pressed):
+                    return "a vertex came into a box over an edge in a long step"
+                continue
+            cosines = np.sum(_in_tool(gaps, pose) * seen, axis=1)
+            has_turned = bool((is_pressed & (cosines < _TURNED)).any())
+            if has_turned and way > _SHORT_THROUGH * half_thickness(contact.tool.shape):
+                return "a vertex went through the tool, or far round it, in a long step"
+        return ""
+
+    def move_round_edges(self, displacement: Points) -> tuple[int, bool]:
+        """Let vertices that are pressed beyond the edge of a box's face go round it.
+
+        Returns:
+            How many, and whether one of them went round another edge before.
+        """
+        count, is_again = 0, False
+        pressed = self.pressed(displacement)
+        for number, (contact, pose, faces) in enumerate(
+            zip(self.contacts, self.poses, self._faces, strict=True)
+        ):
+            if faces is not None:
+                push = pressed[number][1]
+                moves, again = faces.move_round(contact.places(displacement), pose, push > 0.0)
+                self.multipliers[number] = np.where(moves, 0.0, self.multipliers[number])
+                count, is_again = count + int(moves.sum()), is_again or again
+        return count, is_again
+
     def rounding_error(self, body: Body) -> float:
         """Norm of what rounding of places in space leaves of k A g [N]."""
         touching = [w[a] for w, a in zip(self._weights, self._active, strict=True)]
@@ -118,6 +190,11 @@ class ContactTerm:
             yield
         finally:
             self._next_poses, self.poses = [], poses
+
+
+def _in_tool(gaps: Gaps, pose: NDArray[np.void]) -> Points:
+    normals: Points = gaps.normals @ pose["rotation"]
+    return normals
 
 
 def _ahead(gaps: Gaps, places: Points, pose: NDArray[np.void], next_pose: NDArray[np.void]) -> Gaps:

@@ -136,11 +136,13 @@ class _Path:
         self.history: list[float] = []
         self._problem = problem
         self._form = form
+        self._shortest_step = np.inf
 
     def load(self, time: float) -> str:
         """Raise the loads at the first pose; return why not, if so."""
         self.time = float(time)
         factor, step = 0.0, 1.0
+        self.term.keep(self.displacement, self._poses(self.time))
         while factor < 1.0:
             target = min(1.0, factor + step)
             reason = self._settle(self.time, target)
@@ -156,6 +158,7 @@ class _Path:
     def press(self, end: float, span: float) -> str:
         """Move the tools on to a time; return why not, if so."""
         step = end - self.time
+        self._shortest_step = 2.0 * _SMALLEST_STEP * span
         while self.time < end:
             target = end if self.time + 1.001 * step >= end else self.time + step
             reason = self._settle(target, 1.0)
@@ -198,7 +201,7 @@ class _Path:
         newton, term = self.newton, self.term
         # Updates make new arrays: the old ones stay as they are.
         before = list(term.multipliers), list(term.poses)
-        poses = [poses_at(c.tool.path, np.array([time]))[0] for c in term.contacts]
+        poses = self._poses(time)
         displacement = self.displacement
         if term.poses:
             displacement = self._predict(poses, factor)
@@ -211,13 +214,23 @@ class _Path:
                 break
             displacement, self.history = outcome.displacement, outcome.history
             term.settle(displacement)
-            if self._form is ContactForm.PENALTY:
+            slid, is_again = term.move_round_edges(displacement)
+            if is_again:
+                reason = "a vertex slides to and fro over an edge of a box"
+                break
+            if slid:
+                continue
+            is_penalty = self._form is ContactForm.PENALTY
+            if is_penalty or term.update_multipliers(displacement) <= _SETTLED:
+                too_far = term.why_too_far(self._problem, displacement, before[1] or poses)
+                if too_far and abs(time - self.time) > self._shortest_step:
+                    reason = too_far
+                    break
                 self.displacement = displacement
-                return ""
-            if term.update_multipliers(displacement) <= _SETTLED:
-                self.displacement = displacement
+                term.keep(displacement, poses)
                 return ""
         term.multipliers, term.poses = before
+        term.go_back()
         term.settle(self.displacement)
         return reason
 
@@ -230,6 +243,9 @@ class _Path:
         finally:
             self.newton.tolerance = tolerance
         return self.displacement if outcome.displacement is None else outcome.displacement
+
+    def _poses(self, time: float) -> list[NDArray[np.void]]:
+        return [poses_at(c.tool.path, np.array([time]))[0] for c in self.term.contacts]
 
     def _keep(self) -> None:
         term, u = self.term, self.displacement

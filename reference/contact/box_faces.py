@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices, Points
 
 Mask = NDArray[np.bool_]
-# Of the smallest half width: nearer than this a place is still at the face, or edge, it touches.
+# Of the smallest half width.
 _TOUCHING = 1e-6
 
 
@@ -37,7 +37,7 @@ def entered_faces(
     sides = _signs(local)[rows, axes]
     if came_from is None:
         return axes, sides
-    slack = _TOUCHING * half_widths.min()
+    slack = touching_distance(half_widths)
     beyond, before = np.abs(came_from) - half_widths, _signs(came_from)
     way = np.abs(came_from) - before * local
     # A place that is still outside by an axis has crossed no plane of it.
@@ -59,7 +59,7 @@ def seen_at(local: Points, half_widths: Points, came_from: Points | None) -> Poi
         came_from: As for `entered_faces`.
     """
     axes, sides = entered_faces(local, half_widths, came_from)
-    touching = (np.abs(local) - half_widths).max(axis=1) <= _TOUCHING * half_widths.min()
+    touching = (np.abs(local) - half_widths).max(axis=1) <= touching_distance(half_widths)
     return np.where(touching[:, None], _in_front_of(axes, sides, local, half_widths), local)
 
 
@@ -105,34 +105,36 @@ class HeldFaces:
         normals[np.arange(len(local)), axes] = sides
         return is_held, (normals * local).sum(axis=1) - self._half_widths[axes], normals
 
-    def let_go(self, local: Points, pressed: Mask) -> tuple[int, bool]:
+    def let_go(self, local: Points, pressed: Mask) -> tuple[Mask, bool]:
         """Let go of the pressed nodes that have slid off the face they are held against.
 
         Returns:
-            How many, and whether one of them had slid off another already.
+            Which, shape (n,), and whether one of them had slid off another already.
         """
+        assert self.came_from is not None
         is_held, axes, _ = self._held()
         beyond = np.abs(local) - self._half_widths
         beyond[np.arange(len(axes)), axes] = -np.inf
-        off = is_held & pressed & (beyond.max(axis=1) > self._slack)
+        off = is_held & pressed & (beyond.max(axis=1) > touching_distance(self._half_widths))
         round_it = np.argmax(beyond, axis=1)
         sides = _signs(local)[np.arange(len(axes)), round_it]
         moved = _in_front_of(round_it, sides, local, self._half_widths)
         self.came_from = np.where(off[:, None], moved, self.came_from)
         again = bool((off & self._has_slid).any())
         self._has_slid = self._has_slid | off
-        return int(off.sum()), again
+        return off, again
 
     def _held(self) -> tuple[Mask, Indices, Points]:
         assert self.came_from is not None
         beyond = np.abs(self.came_from) - self._half_widths
         axes = np.argmax(beyond, axis=1)
-        count = (beyond > self._slack).sum(axis=1)
+        count = (beyond > touching_distance(self._half_widths)).sum(axis=1)
         return count == 1, axes, _signs(self.came_from)[np.arange(len(axes)), axes]
 
-    @property
-    def _slack(self) -> float:
-        return _TOUCHING * float(self._half_widths.min())
+
+def touching_distance(half_widths: Points) -> float:
+    """Nearer than this a place is still at the face, or the edge, that it touches [m]."""
+    return _TOUCHING * float(half_widths.min())
 
 
 def _signs(values: Points) -> Points:

@@ -114,8 +114,9 @@ class ToolContact:
         if self._faces is None:
             return 0, False
         pressed = self._tractions(self._distance(displacement)) > 0.0
-        count, again = self._faces.let_go(self._local(displacement), pressed)
-        return round(fenicsx.total(float(count))), fenicsx.total(float(again)) > 0.0
+        off, again = self._faces.let_go(self._local(displacement), pressed)
+        self.pressure = np.where(off, 0.0, self.pressure)
+        return fenicsx.total(int(off.sum())), fenicsx.total(int(again)) > 0
 
     def _local(self, displacement: Points) -> Points:
         local: Points = (self.points.places(displacement) - self.position) @ self.rotation

@@ -21,7 +21,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolShape,
 )
-from palpate.reference.contact.box_faces import entered_faces
+from palpate.reference.contact.box_faces import entered_faces, touching_distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,9 @@ def _box(local: Points, half_widths: Points, came_from: Points | None) -> Distan
     depth = face_sides * local[rows, axes] - half_widths[axes]
     face = np.zeros_like(local)
     face[rows, axes] = face_sides
-    inside = ~(beyond > 0.0).any(axis=1)
+    # What was put onto a side has to stay there, roundings or not.
+    slack = 0.0 if came_from is None else touching_distance(half_widths)
+    inside = ~(beyond > slack).any(axis=1)
     return Distance(
         np.where(inside, depth, outside.gap),
         np.where(inside[:, None], face, outside.normal),

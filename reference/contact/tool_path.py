@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.rigid_tool import BoxShape
+from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape
 from palpate.reference.contact.tool_contact import ToolContact, ToolState
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.load_stepping import LoadPath, follow
@@ -21,8 +22,10 @@ _OVER_NEWTON = 10.0
 _CARRIED_ON_THE_WAY = 0.1
 _MOST_UZAWA_STEPS = 30
 _FEW_ITERATIONS = 12
-# The way of a node into a box is taken as straight: nearly so in short steps.
+# The way of a node into a box is taken as straight: nearly so in short steps, parts of a facet.
 _REACH_OF_BOXES = 0.05
+# In long ones a node would go through a round tool, or far round it: parts of its radius.
+_REACH_OF_ROUND = 0.25
 
 Report = Callable[[int, float, float], None]
 
@@ -153,7 +156,7 @@ def follow_tools(
             first,
             name=f"tools from {before:g} to {knot:g},",
             few_iterations=_FEW_ITERATIONS,
-            largest_step=first if _has_edges(contacts) else 1.0,
+            largest_step=_largest_step(contacts, before, knot),
             progress=progress,
         )
         u, reason, residual = path.displacement, path.reason, path.relative_residual
@@ -190,16 +193,30 @@ def _vector(row: Points) -> Vector:
 
 
 def _first_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
-    """Move no tool's origin further than about a facet at first; a box a twentieth of one."""
+    """Move no tool's origin further than about a facet at first, nor than its longest step."""
     step = 1.0
-    reach = _REACH_OF_BOXES if _has_edges(contacts) else 1.0
     for contact in contacts:
-        path = contact.tool.path
-        moved = float(np.linalg.norm(path.pose_at(end)[0] - path.pose_at(begin)[0]))
-        if moved > reach * contact.points.facet_size:
-            step = min(step, reach * contact.points.facet_size / moved)
+        moved = _way(contact, begin, end)
+        if moved > contact.points.facet_size:
+            step = min(step, contact.points.facet_size / moved)
+    return min(step, _largest_step(contacts, begin, end))
+
+
+def _largest_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
+    """By which side a node came to a tool is told by short steps only."""
+    step = 1.0
+    for contact in contacts:
+        moved, reach = _way(contact, begin, end), math.inf
+        match contact.tool.shape:
+            case BoxShape():
+                reach = _REACH_OF_BOXES * contact.points.facet_size
+            case SphereShape(radius) | CapsuleShape(radius):
+                reach = _REACH_OF_ROUND * radius
+        if moved > reach:
+            step = min(step, reach / moved)
     return step
 
 
-def _has_edges(contacts: Sequence[ToolContact]) -> bool:
-    return any(isinstance(contact.tool.shape, BoxShape) for contact in contacts)
+def _way(contact: ToolContact, begin: float, end: float) -> float:
+    path = contact.tool.path
+    return float(np.linalg.norm(path.pose_at(end)[0] - path.pose_at(begin)[0]))

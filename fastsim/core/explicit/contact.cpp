@@ -15,7 +15,7 @@ void RigidTools<Real>::add(const TouchSettings &settings, const PointRecords &re
     for (std::size_t k = 0; k < vertices.size(); ++k) {
         const double *place = &points[3 * static_cast<std::size_t>(vertices[k])];
         tool.vertices.push_back(
-            {records.first_entry(vertices[k]), {place[0], place[1], place[2]}, stiffnesses[k]});
+            {records.first_entry(vertices[k]), {place[0], place[1], place[2]}, stiffnesses[k], {}});
     }
     std::ranges::sort(tool.vertices, {}, &TouchVertex::entry);
     _tools.push_back(std::move(tool));
@@ -27,6 +27,8 @@ template <typename Real> void RigidTools<Real>::reset() {
     for (Tool &tool : _tools) {
         tool.offset = tool.increment = 0.0;
         tool.impulse = {};
+        for (TouchVertex &vertex : tool.vertices)
+            vertex.way = {};
     }
 }
 
@@ -43,7 +45,7 @@ RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<co
     touched.clear();
     bool is_known = true;
     for (std::size_t t = 0; t < _tools.size(); ++t) {
-        const Tool &tool = _tools[t];
+        Tool &tool = _tools[t];
         const auto begin = std::ranges::lower_bound(tool.vertices, 4 * portion.first_owned, {},
                                                     &TouchVertex::entry);
         const auto end = std::ranges::lower_bound(begin, tool.vertices.end(),

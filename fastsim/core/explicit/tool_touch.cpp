@@ -34,12 +34,20 @@ Mover mover_of(const Motion<Real> &motion, std::size_t entry, const Point &place
     return mover;
 }
 
+/// Gap of a place in space; see `gap_on_way`.
+Gap gap_at(const ToolShape &shape, const Pose &pose, const Point &place, const WayIn &way) {
+    Gap found = gap_on_way(shape, pose.to_tool(place), way);
+    found.normal = pose.turned_out(found.normal);
+    return found;
+}
+
 // A vertex with held components leaves the tool along another line than its normal.
 constexpr int most_corrections = 6;
 
-Point constraint_force(const TouchSettings &tool, const Pose &next, const Mover &mover, Gap &gap) {
+Point constraint_force(const TouchSettings &tool, const Pose &next, const Mover &mover,
+                       const WayIn &way, Gap &gap) {
     Point force{};
-    gap = gap_at(tool.shape, next, mover.after(force));
+    gap = gap_at(tool.shape, next, mover.after(force), way);
     Gap last = gap;
     for (int k = 0; k < most_corrections && last.distance < 0.0; ++k) {
         double give = 0.0;
@@ -52,7 +60,7 @@ Point constraint_force(const TouchSettings &tool, const Pose &next, const Mover 
             mover.mobility[0] == mover.mobility[1] && mover.mobility[1] == mover.mobility[2];
         if (is_free)
             break;
-        last = gap_at(tool.shape, next, mover.after(force));
+        last = gap_at(tool.shape, next, mover.after(force), way);
     }
     return force;
 }
@@ -77,12 +85,12 @@ Point friction_force(const TouchSettings &tool, const Pose &now, const Pose &nex
 } // namespace
 
 template <typename Real>
-Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices, const Pose &now,
+Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const Pose &now,
                const Pose &next, Motion<Real> &motion, Push<Real> &push, std::size_t thread) {
     Reaction reaction{};
     Real fastest(0);
     const Box box = posed_box(box_of(tool.shape), now, tool.reach);
-    for (const TouchVertex &vertex : vertices) {
+    for (TouchVertex &vertex : vertices) {
         Point place{};
         bool is_near = true;
         for (std::size_t j = 0; j < 3; ++j) {
@@ -92,11 +100,13 @@ Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices,
         }
         if (!is_near)
             continue;
+        const WayIn way = vertex.way;
+        vertex.way = way_from(tool.shape, now.to_tool(place), way);
         Point force{};
         Gap gap{};
         if (tool.is_constraint) {
             const Mover mover = mover_of(motion, vertex.entry, place);
-            force = constraint_force(tool, next, mover, gap);
+            force = constraint_force(tool, next, mover, vertex.way, gap);
             reaction.gap = std::min(reaction.gap, gap.distance);
             if (!(gap.distance < 0.0))
                 continue;
@@ -104,7 +114,7 @@ Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices,
                 force =
                     along(force, friction_force(tool, now, next, mover, force, gap.normal), 1.0);
         } else {
-            gap = gap_at(tool.shape, now, place);
+            gap = gap_at(tool.shape, now, place, way);
             reaction.gap = std::min(reaction.gap, gap.distance);
             if (!(gap.distance < 0.0))
                 continue;
@@ -132,9 +142,9 @@ Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices,
     return reaction;
 }
 
-template Reaction touch(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
-                        const Pose &, Motion<float> &, Push<float> &, std::size_t);
-template Reaction touch(const TouchSettings &, std::span<const TouchVertex>, const Pose &,
-                        const Pose &, Motion<double> &, Push<double> &, std::size_t);
+template Reaction touch(const TouchSettings &, std::span<TouchVertex>, const Pose &, const Pose &,
+                        Motion<float> &, Push<float> &, std::size_t);
+template Reaction touch(const TouchSettings &, std::span<TouchVertex>, const Pose &, const Pose &,
+                        Motion<double> &, Push<double> &, std::size_t);
 
 } // namespace fastsim

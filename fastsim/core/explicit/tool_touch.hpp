@@ -11,6 +11,7 @@
 // Vertices are first held against the tool's box. Forces on the tool are minus the sums of those
 // on the vertices, to the last bit.
 
+#include "contact/box_faces.hpp"
 #include "contact/tool_shape.hpp"
 #include "explicit/motion.hpp"
 
@@ -35,6 +36,7 @@ struct TouchVertex {
     std::size_t entry; // of its record
     Point rest;
     double stiffness; // k A [N/m]
+    WayIn way{};      // where it was beside the tool when last seen near it
 };
 
 /// On the tool, about its origin; `gap` is the smallest met (with the constraint, where vertices
@@ -46,9 +48,10 @@ struct Reaction {
 };
 
 /// Takes the forces of a tool on some vertices off the body's, and adds them to the push; the
-/// records of touched ones are added to those of the thread.
+/// records of touched ones are added to those of the thread. Of vertices near the tool it notes
+/// where they are beside it.
 template <typename Real>
-Reaction touch(const TouchSettings &tool, std::span<const TouchVertex> vertices, const Pose &now,
+Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const Pose &now,
                const Pose &next, Motion<Real> &motion, Push<Real> &push, std::size_t thread);
 
 } // namespace fastsim
