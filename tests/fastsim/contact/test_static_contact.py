@@ -269,3 +269,22 @@ def test_what_statics_do_not_know_is_told(slab: TetMesh) -> None:
         solve_contact(standing(slab, replace(SPHERE, path=down([0.5, 0.5, 0.8], [0.0, 0.1]))))
     with pytest.raises(InputError, match="above 0"):
         ContactLaw(stiffness=-1.0)
+
+
+def test_nothing_goes_through_a_round_tool_however_far_its_knots_are_apart(
+    make_box: MakeBox,
+) -> None:
+    """In one leap the vertices under it would come out on top, and pull it down."""
+    mesh = make_box((9, 7, 5), (0.06, 0.045, 0.04))
+    lying = np.array([0.5**0.5, 0.0, 0.5**0.5, 0.0])
+    found = []
+    for knots in (2, 21):
+        path = ToolPath(
+            np.linspace(0.0, 1.0, knots),
+            np.linspace([0.031, 0.0232, 0.048], [0.031, 0.0232, 0.042], knots),
+            np.tile(lying, (knots, 1)),
+        )
+        found.append(solve_contact(standing(mesh, RigidTool(CapsuleShape(0.006, 0.02), path))))
+    once, often = found
+    assert once.forces[-1, 0, 2] > 0.0
+    assert np.abs(once.displacements[-1] - often.displacements[-1]).max() < 1e-9
