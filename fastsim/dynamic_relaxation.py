@@ -35,7 +35,7 @@ WINDOW = 50
 # The load is raised over so many steps at first, and over four times as many at each new start.
 _FIRST_RAMP = 500
 _MOST_STARTS = 5
-# omega_max is 2 by the choice of masses: above this share of it nothing is left to be damped.
+# omega_max is 2 by the choice of masses: above this part of it nothing is left to be damped.
 _LARGEST_FREQUENCY = 0.5
 # Green strain stiffens under stretch; masses are larger than the bound asks by this factor, and
 # by its next power at each new start.

@@ -18,6 +18,16 @@ class SeveralMaterialsError(InputError):
         )
 
 
+class CrowdedPointError(InputError):
+    """A point with more neighbours than the stiffness matrix counts; `.point`."""
+
+    def __init__(self, point: int) -> None:
+        self.point = point
+        super().__init__(
+            f"point {point} has more than 65535 neighbours; mesh the body there in smaller cells"
+        )
+
+
 class FastsimError(RuntimeError):
     """Base of what goes wrong while simulating; the input itself was usable."""
 

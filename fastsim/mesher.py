@@ -30,8 +30,8 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
 # Other lattices to try in the rare case that the boundary does not come back at all: another
-# jitter and points nearer to the surface, then another size. (Shift of the seed, clearance, share
-# of size.)
+# jitter and points nearer to the surface, then another size. (Shift of the seed, clearance, factor
+# on the size.)
 _ATTEMPTS = (
     (0, 0.80, 1.0),
     (1, 0.70, 1.0),
@@ -165,7 +165,7 @@ def mesh_surface(
         A mesh whose first points are the surface's and whose boundary facets are the
         surface's; every cell is positive by the exact predicate, and the volume is the
         surface's. Only where a point had to be left on a facet is that facet cut at it: seen on
-        Chazelle's polyhedra with hundreds of facets in common planes, and told by
+        Chazelle's polyhedra with hundreds of facets in common planes, and said by
         `mesh_surface_with_report`.
 
     Raises:
@@ -230,14 +230,14 @@ def mesh_surface_with_report(
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
     failure: MeshingError | None = None
     second_best: tuple[TetMesh, MeshingReport] | None = None
-    for attempt, (shift, clearance, share) in enumerate(_ATTEMPTS, start=1):
+    for attempt, (shift, clearance, factor) in enumerate(_ATTEMPTS, start=1):
         if progress:
             progress(f"meshing {len(facets)} facets, edge length {size:.3g} m, try {attempt}")
         made = _core.mesh_surface(
             points,
             facets,
             kind,
-            share * size,
+            factor * size,
             jitter,
             clearance,
             seed + shift,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.errors import InputError, NonFiniteError
+from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
 
 
@@ -89,10 +89,7 @@ class VertexCellDetector:
             NonFiniteError: A point of the cells or a boundary vertex is NaN or infinite.
         """
         here, there = self._arrays(points, intruder_points)
-        try:
-            pairs, weights = self._core.find(there, here)
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs, weights = self._core.find(there, here)
         return Overlaps(pairs[:, 0], pairs[:, 1], weights)
 
     def find_by_brute_force(
@@ -127,11 +124,3 @@ def shaped_as(rest: Points, points: Points) -> Points:
     if array.shape != rest.shape:
         raise InputError(f"points need shape {rest.shape}, got {array.shape}")
     return array
-
-
-def not_finite(*tables: Points) -> NonFiniteError:
-    """The error that names the first table's points that are NaN or infinite."""
-    for table in tables:
-        if (bad := np.flatnonzero(~np.isfinite(table).all(axis=1))).size:
-            return NonFiniteError(bad.tolist())
-    return NonFiniteError([])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.collision.detection import at_least_one, not_finite, shaped_as
+from palpate.fastsim.collision.detection import at_least_one, shaped_as
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
@@ -124,10 +124,7 @@ class VertexFacetDetector(_SurfaceDetector):
             NonFiniteError: A point is NaN or infinite.
         """
         here, there = self._arrays(distance, points, intruder_points)
-        try:
-            pairs, weights, squared = self._core.find(there, here, distance)
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs, weights, squared = self._core.find(there, here, distance)
         return VerticesNearFacets(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
 
     def find_candidates(
@@ -142,10 +139,7 @@ class VertexFacetDetector(_SurfaceDetector):
             Vertex and facet of each pair, by facet, then by vertex, shape (n, 2).
         """
         here, there = self._arrays(distance, points, intruder_points)
-        try:
-            pairs: Indices = self._core.find_candidates(there, here, distance)
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs: Indices = self._core.find_candidates(there, here, distance)
         return pairs
 
     def find_by_brute_force(
@@ -158,18 +152,15 @@ class VertexFacetDetector(_SurfaceDetector):
     ) -> VerticesNearFacets:
         """Every vertex against every facet: the oracle of `find`, and of `find_candidates`."""
         here, there = self._arrays(distance, points, intruder_points)
-        try:
-            pairs, weights, squared = _core.find_vertices_near_facets_brute_force(
-                there,
-                self._vertices,
-                here,
-                self._surface.facets,
-                distance,
-                self._is_same,
-                only_candidates,
-            )
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs, weights, squared = _core.find_vertices_near_facets_brute_force(
+            there,
+            self._vertices,
+            here,
+            self._surface.facets,
+            distance,
+            self._is_same,
+            only_candidates,
+        )
         return VerticesNearFacets(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
 
 
@@ -209,10 +200,7 @@ class EdgeEdgeDetector(_SurfaceDetector):
             NonFiniteError: A point is NaN or infinite.
         """
         here, there = self._arrays(distance, points, intruder_points)
-        try:
-            pairs, parameters, squared = self._core.find(there, here, distance)
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs, parameters, squared = self._core.find(there, here, distance)
         return EdgesNearEdges(pairs[:, 0], pairs[:, 1], parameters, np.sqrt(squared))
 
     def find_candidates(
@@ -224,10 +212,7 @@ class EdgeEdgeDetector(_SurfaceDetector):
             First and second edge of each pair, by second edge, then by first, shape (n, 2).
         """
         here, there = self._arrays(distance, points, intruder_points)
-        try:
-            pairs: Indices = self._core.find_candidates(there, here, distance)
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs: Indices = self._core.find_candidates(there, here, distance)
         return pairs
 
     def find_by_brute_force(
@@ -240,18 +225,15 @@ class EdgeEdgeDetector(_SurfaceDetector):
     ) -> EdgesNearEdges:
         """Every edge against every edge: the oracle of `find`, and of `find_candidates`."""
         here, there = self._arrays(distance, points, intruder_points)
-        try:
-            pairs, parameters, squared = _core.find_edges_near_edges_brute_force(
-                there,
-                self.intruder_edges,
-                here,
-                self.edges,
-                distance,
-                self._is_same,
-                only_candidates,
-            )
-        except ValueError:
-            raise not_finite(here, there) from None
+        pairs, parameters, squared = _core.find_edges_near_edges_brute_force(
+            there,
+            self.intruder_edges,
+            here,
+            self.edges,
+            distance,
+            self._is_same,
+            only_candidates,
+        )
         return EdgesNearEdges(pairs[:, 0], pairs[:, 1], parameters, np.sqrt(squared))
 
 

@@ -1,5 +1,5 @@
 // Bindings of collision detection: no logic, no defaults. Python has checked the shapes; a point
-// that is not finite is refused by the core (ValueError here).
+// that is not finite is refused by the core.
 #include "bind_arrays.hpp"
 #include "collision/edges_near_edges.hpp"
 #include "collision/vertices_in_cells.hpp"

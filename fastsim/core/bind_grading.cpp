@@ -36,13 +36,6 @@ void bind_grading(nb::module_ &module) {
                 self.refine({marked.data(), marked.shape(0)});
             },
             nb::arg("marked").noconvert())
-        .def(
-            "coarsen",
-            [](BisectedMesh &self, Marks marked) {
-                nb::gil_scoped_release release;
-                return self.coarsen({marked.data(), marked.shape(0)});
-            },
-            nb::arg("marked").noconvert())
         .def("leaves",
              [](const BisectedMesh &self) {
                  BisectedMesh::Leaves leaves;

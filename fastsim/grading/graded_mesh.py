@@ -1,7 +1,7 @@
-"""A mesh that is refined and coarsened locally, with everything that hangs on it carried along.
+"""A mesh that is refined locally, with everything that hangs on it carried along.
 
-Bisection of marked tetrahedra (Arnold, Mukherjee, Pouly 2000): no point ever hangs, the
-descendants of a cell have at most 72 shapes, and coarsening undoes refinement.
+Bisection of marked tetrahedra (Arnold, Mukherjee, Pouly 2000): no point ever hangs, and the
+descendants of a cell have at most 72 shapes.
 """
 
 from __future__ import annotations
@@ -77,19 +77,6 @@ class GradedMesh:
         self._core.refine(self._checked(marked))
         self._refresh()
         return 0 if project is None else self._project(old, project)
-
-    def coarsen(self, marked: ArrayLike) -> int:
-        """Undo the last bisections where every cell around the new point is marked.
-
-        Args:
-            marked: Which cells of `mesh`, shape (num_cells,) of bool.
-
-        Returns:
-            Points removed; 0 where nothing could be undone.
-        """
-        removed = self._core.coarsen(self._checked(marked))
-        self._refresh()
-        return int(removed)
 
     def carry_points(self, rows: ArrayLike) -> Indices:
         """Points of a set on the given mesh, with the new ones between them.

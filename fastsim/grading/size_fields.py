@@ -128,24 +128,6 @@ def refine_to_size(
     raise TooManyCellsError(len(graded.cells), max_cells)
 
 
-def coarsen_to_size(graded: GradedMesh, size: SizeField) -> int:
-    """Undo bisections where the parents' edges, too, are short enough.
-
-    A cell's parent has twice its volume: edges longer by the cube root of 2.
-
-    Returns:
-        Points removed.
-    """
-    removed = 0
-    for _ in range(_MOST_ROUNDS):
-        edges = mean_edges(graded.points, graded.cells)
-        now = graded.coarsen(2.0 ** (1.0 / 3.0) * edges < _checked_sizes(size, graded))
-        removed += now
-        if now == 0:
-            break
-    return removed
-
-
 def mean_edges(points: Points, cells: NDArray[np.int32]) -> NDArray[np.float64]:
     """Mean length of each cell's six edges [m], shape (num_cells,)."""
     corners = points[cells]

@@ -7,6 +7,7 @@ import pytest
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
+from palpate.fastsim.errors import CrowdedPointError
 from palpate.fastsim.forces import external_force
 from palpate.meshes.boundary_conditions import (
     BodyForce,
@@ -199,3 +200,17 @@ def test_the_core_takes_no_other_type_silently(ragged_box: TetMesh, kind: type) 
     cells = ragged_box.cells.astype(np.int64)
     with pytest.raises(TypeError):
         _core.ElasticBody(ragged_box.points, cells, 1.0, 1.0, _core.StrainMeasure.green)
+
+
+def test_a_point_with_too_many_neighbours_is_named() -> None:
+    """Cells around an axis, like the segments of an orange; neighbours are counted in 16 bits."""
+    count = 65_536
+    angle = 2.0 * np.pi * np.arange(count) / count
+    ring = np.stack([np.cos(angle), np.sin(angle), 0.5 + 0.0 * angle], axis=1)
+    points = np.vstack([np.zeros(3), [[0.0, 0.0, 1.0]], ring])
+    k = np.arange(count)
+    cells = np.stack([0 * k, 2 + k, 2 + (k + 1) % count, 0 * k + 1], axis=1)
+    body = Body(TetMesh(points, cells), TISSUE)
+    with pytest.raises(CrowdedPointError, match="point 0 ") as caught:
+        body.core.assemble_tangent(np.zeros_like(points))
+    assert caught.value.point == 0

@@ -91,7 +91,7 @@ EdgesNearEdges::find_candidates(std::span<const Position> first_points,
             hash(one, first_points,
                  std::max(voxel_per_block * _second.mean_size()[k], one.size) + reach);
             const auto blocks = _second.blocks(k);
-            _workers.share_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
+            _workers.hand_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
                 look_into(blocks[b], one, second_points, reach, _searches[worker]);
             });
         }

@@ -1,15 +1,28 @@
 #include "collision/extent.hpp"
 
+#include "errors.hpp"
+
 #include <cmath>
+#include <ranges>
+#include <utility>
 
 namespace fastsim {
 
 namespace {
 
-[[noreturn]] void refuse() { throw std::invalid_argument("a point is not finite"); }
+// What comparisons with NaN pass over is still in the sum of 0 x.
+double checksum(const Position &p) { return 0.0 * p[0] + 0.0 * p[1] + 0.0 * p[2]; }
 
-// What comparisons with NaN pass over is still in the sum.
-bool is_finite(double checksum) { return std::isfinite(checksum); }
+/// Names the points that are not finite, if any.
+template <typename Numbers>
+void require_finite(std::span<const Position> points, const Numbers &chosen) {
+    std::vector<std::int32_t> guilty;
+    for (const std::int32_t v : chosen)
+        if (!std::isfinite(checksum(points[static_cast<std::size_t>(v)])))
+            guilty.push_back(v);
+    if (!guilty.empty())
+        throw NonFiniteError(std::move(guilty));
+}
 
 } // namespace
 
@@ -35,12 +48,11 @@ Extent extent_of_all(std::span<const Position> points) {
     if (points.size() == 1)
         box = {points[0], points[0]};
     box.add(points.back());
-    const Position &last = points.back();
+    double total = checksum(points.back());
     for (const double s : sum)
-        if (!is_finite(s))
-            refuse();
-    if (!is_finite(0.0 * last[0] + 0.0 * last[1] + 0.0 * last[2]))
-        refuse();
+        total += s;
+    if (!std::isfinite(total))
+        require_finite(points, std::views::iota(0, static_cast<std::int32_t>(points.size())));
     return box;
 }
 
@@ -53,8 +65,8 @@ Extent extent_of_some(std::span<const Position> points, std::span<const std::int
         for (std::size_t i = 0; i < 3; ++i)
             sum[i] += 0.0 * p[i];
     }
-    if (!is_finite(sum[0] + sum[1] + sum[2]))
-        refuse();
+    if (!std::isfinite(sum[0] + sum[1] + sum[2]))
+        require_finite(points, chosen);
     return box;
 }
 

@@ -1,6 +1,6 @@
 #pragma once
 // Distances between a point and a facet, and between two edges: one function for each, which the
-// hashed search and its brute-force twin share.
+// hashed search and the brute-force one share.
 
 #include "collision/extent.hpp"
 

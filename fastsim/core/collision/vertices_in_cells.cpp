@@ -73,7 +73,7 @@ std::span<const VertexInCell> VerticesInCells::find(std::span<const Position> ve
                    [&](Index v) -> const Position & { return vertex_points[at(v)]; });
         _work.hashed += _active.size();
         const auto blocks = _cells.blocks(k);
-        _workers.share_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
+        _workers.hand_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
             look_into(blocks[b], near, cell_points, _searches[worker]);
         });
     }

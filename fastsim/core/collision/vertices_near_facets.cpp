@@ -49,7 +49,7 @@ VerticesNearFacets::find_candidates(std::span<const Position> vertex_points,
         _hash.fill(_active, near, voxel_per_block * _facets.mean_size()[k] + reach,
                    [&](Index v) -> const Position & { return vertex_points[at(v)]; });
         const auto blocks = _facets.blocks(k);
-        _workers.share_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
+        _workers.hand_out(blocks.size(), [&](std::size_t worker, std::size_t b) {
             look_into(blocks[b], near, facet_points, reach, _searches[worker]);
         });
     }

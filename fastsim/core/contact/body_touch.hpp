@@ -1,11 +1,11 @@
 #pragma once
 // Bodies that touch each other, or themselves: boundary vertices found inside cells are pushed out.
 //
-// How deep a place is inside is told in the rest state (Hirota, Fisher, State, Lee and Fuchs 2001,
-// "An implicit finite element method for elastic solids in contact": material depth): with weights
-// w_a in the cell where vertex v is, the depth d is the distance of X = sum w_a X_a from the body's
-// own surface at rest. Its gradient there is n, in space g = F^-T n, and the energy k A d^2 / 2
-// gives
+// How deep a place is inside is measured in the rest state (Hirota, Fisher, State, Lee and Fuchs
+// 2001, "An implicit finite element method for elastic solids in contact": material depth): with
+// weights w_a in the cell where vertex v is, the depth d is the distance of X = sum w_a X_a from
+// the body's own surface at rest. Its gradient there is n, in space g = F^-T n, and the energy k A
+// d^2 / 2 gives
 //   f_v = -k A d g,   f_a = w_a k A d g at the cell's corners,
 // whose sum and moment vanish.
 

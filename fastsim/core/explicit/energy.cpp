@@ -61,7 +61,8 @@ template <typename Real> EnergyRecord EnergyBalance<Real>::total() const {
 }
 
 template <typename Real>
-void GrowthWatch<Real>::reset(std::size_t num_threads, const Motion<Real> &motion, double energy) {
+void EnergyMonitor<Real>::reset(std::size_t num_threads, const Motion<Real> &motion,
+                                double energy) {
     _sums.assign(num_threads, {});
     _displacement = _counted = motion.displacement;
     _increment = motion.increment;
@@ -69,17 +70,17 @@ void GrowthWatch<Real>::reset(std::size_t num_threads, const Motion<Real> &motio
     _total_mass = std::accumulate(motion.mass.begin(), motion.mass.end(), 0.0);
 }
 
-template <typename Real> void GrowthWatch<Real>::give(std::size_t thread, double work) {
+template <typename Real> void EnergyMonitor<Real>::give(std::size_t thread, double work) {
     _sums[thread].given += std::abs(work);
 }
 
-template <typename Real> void GrowthWatch<Real>::give_later(double work) {
+template <typename Real> void EnergyMonitor<Real>::give_later(double work) {
     _sums[0].later += std::abs(work);
 }
 
 template <typename Real>
-void GrowthWatch<Real>::count_dead_loads(std::size_t thread, const Portion &portion,
-                                         const Motion<Real> &motion) {
+void EnergyMonitor<Real>::count_dead_loads(std::size_t thread, const Portion &portion,
+                                           const Motion<Real> &motion) {
     double work = 0.0;
     for (std::size_t i = 4 * portion.first_owned; i < 4 * portion.last_owned; ++i) {
         if (motion.is_free[i] != 0)
@@ -92,8 +93,8 @@ void GrowthWatch<Real>::count_dead_loads(std::size_t thread, const Portion &port
 }
 
 template <typename Real>
-void GrowthWatch<Real>::look(std::size_t thread, const Portion &portion,
-                             const Motion<Real> &motion) {
+void EnergyMonitor<Real>::look(std::size_t thread, const Portion &portion,
+                               const Motion<Real> &motion) {
     count_dead_loads(thread, portion, motion);
     Sums &sums = _sums[thread];
     double squared = 0.0;
@@ -119,7 +120,7 @@ void GrowthWatch<Real>::look(std::size_t thread, const Portion &portion,
     sums.kinetic = 0.5 * squared / (dt * dt);
 }
 
-template <typename Real> bool GrowthWatch<Real>::is_growing(const Motion<Real> &motion) const {
+template <typename Real> bool EnergyMonitor<Real>::is_growing(const Motion<Real> &motion) const {
     double kinetic = 0.0, given = _energy_at_start, furthest = 0.0;
     for (const Sums &sums : _sums) {
         kinetic += sums.kinetic;
@@ -133,7 +134,7 @@ template <typename Real> bool GrowthWatch<Real>::is_growing(const Motion<Real> &
 }
 
 template <typename Real>
-void GrowthWatch<Real>::keep(const Portion &portion, const Motion<Real> &motion) {
+void EnergyMonitor<Real>::keep(const Portion &portion, const Motion<Real> &motion) {
     const auto copy = [&](const AlignedVector<Real> &from, AlignedVector<Real> &to) {
         std::copy(from.begin() + static_cast<std::ptrdiff_t>(4 * portion.first_owned),
                   from.begin() + static_cast<std::ptrdiff_t>(4 * portion.last_owned),
@@ -143,12 +144,12 @@ void GrowthWatch<Real>::keep(const Portion &portion, const Motion<Real> &motion)
     copy(motion.increment, _increment);
 }
 
-template <typename Real> void GrowthWatch<Real>::restore(Motion<Real> &motion) const {
+template <typename Real> void EnergyMonitor<Real>::restore(Motion<Real> &motion) const {
     motion.displacement = _displacement;
     motion.increment = _increment;
 }
 
-template <typename Real> std::size_t GrowthWatch<Real>::fastest_record() const {
+template <typename Real> std::size_t EnergyMonitor<Real>::fastest_record() const {
     const Sums *worst = &_sums[0];
     for (const Sums &sums : _sums)
         if (!std::isnan(worst->fastest) && !(sums.fastest <= worst->fastest))
@@ -158,7 +159,7 @@ template <typename Real> std::size_t GrowthWatch<Real>::fastest_record() const {
 
 template class EnergyBalance<float>;
 template class EnergyBalance<double>;
-template class GrowthWatch<float>;
-template class GrowthWatch<double>;
+template class EnergyMonitor<float>;
+template class EnergyMonitor<double>;
 
 } // namespace fastsim

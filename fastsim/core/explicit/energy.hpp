@@ -1,5 +1,5 @@
 #pragma once
-// Energy of an explicit run: the sums for its balance, and the watch over its growth.
+// Energy of an explicit run: the sums for its balance, and the monitor of its growth.
 
 #include "explicit/loads.hpp"
 
@@ -37,7 +37,7 @@ template <typename Real> class EnergyBalance {
 
 /// Holds the kinetic energy against what loads and supports have given, now and then, and keeps
 /// the state of the last look at which it was in order.
-template <typename Real> class GrowthWatch {
+template <typename Real> class EnergyMonitor {
   public:
     /// `energy` is what the state holds already [J].
     void reset(std::size_t num_threads, const Motion<Real> &motion, double energy);

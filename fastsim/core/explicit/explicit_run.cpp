@@ -54,7 +54,7 @@ template <typename Real> class Run final : public ExplicitRun {
             std::fill(push->force.begin(), push->force.end(), Real(0));
         _tools.reset();
         _balance.reset(_team.size());
-        _watch.reset(_team.size(), _motion, energy);
+        _monitor.reset(_team.size(), _motion, energy);
         _steps_since_good = 0;
         _last_factors.clear();
     }
@@ -226,9 +226,9 @@ template <typename Real> class Run final : public ExplicitRun {
                         smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
         // Not into what was given: the other threads may still be reading that.
         if (thread == 0 && !_pressure.is_empty())
-            _watch.give_later(_pressure.add(factors, _motion, _pushes.pressure));
+            _monitor.give_later(_pressure.add(factors, _motion, _pushes.pressure));
         if (thread == 0 && !_self_contact.is_empty())
-            _watch.give_later(_self_contact.add(_records, _motion, _pushes.body));
+            _monitor.give_later(_self_contact.add(_records, _motion, _pushes.body));
         _team.wait();
         if (const StopReason reason = _at_forces.result(step); reason != StopReason::none)
             return reason;
@@ -237,16 +237,16 @@ template <typename Real> class Run final : public ExplicitRun {
                                                     : plan.factors_at(step - 1),
                                           factors);
         if (change.is_jump)
-            _watch.count_dead_loads(thread, portion, _motion);
+            _monitor.count_dead_loads(thread, portion, _motion);
         if (change.is_new)
             _loads.combine(portion, factors, _motion);
         const auto next = plan.factors_at(step + 1);
-        _watch.give(thread, _supports.pull(thread, factors, next, _motion, _pushes));
+        _monitor.give(thread, _supports.pull(thread, factors, next, _motion, _pushes));
         if (_tools.size() > 0) {
             const auto touched = _tools.touch(thread, portion, plan.tools_at(step),
                                               plan.tools_at(step + 1), _motion, _pushes.tools);
             _parts[thread].is_known = touched.is_known;
-            _watch.give(thread, touched.given);
+            _monitor.give(thread, touched.given);
         }
         return StopReason::none;
     }
@@ -269,7 +269,7 @@ template <typename Real> class Run final : public ExplicitRun {
                      : !_parts[thread].is_known ? StopReason::deep_in_tool
                                                 : StopReason::none);
         if (looks)
-            _watch.look(thread, portion, _motion);
+            _monitor.look(thread, portion, _motion);
         _team.wait();
         if (thread == 0) {
             _tools.sum_reactions();
@@ -279,10 +279,10 @@ template <typename Real> class Run final : public ExplicitRun {
         }
         if (const StopReason reason = _at_end.result(step); reason != StopReason::none)
             return reason;
-        if (looks && _watch.is_growing(_motion))
+        if (looks && _monitor.is_growing(_motion))
             return StopReason::energy_growth;
         if (looks) {
-            _watch.keep(portion, _motion);
+            _monitor.keep(portion, _motion);
             if (thread == 0)
                 _steps_since_good = 0;
         }
@@ -303,13 +303,13 @@ template <typename Real> class Run final : public ExplicitRun {
     }
 
     /// Leaves the last good state: one step back from an inverted cell, else that of the last look
-    /// of the watch.
+    /// of the monitor.
     void go_back(ExplicitOutcome &outcome) {
         if (outcome.reason != StopReason::inverted_cell) {
             for (std::size_t t = 0; t < _team.size(); ++t)
-                _watch.look(t, _portions[t], _motion);
-            outcome.point = static_cast<std::int64_t>(_records.point_of[_watch.fastest_record()]);
-            _watch.restore(_motion);
+                _monitor.look(t, _portions[t], _motion);
+            outcome.point = static_cast<std::int64_t>(_records.point_of[_monitor.fastest_record()]);
+            _monitor.restore(_motion);
             outcome.steps_done -= _steps_since_good;
         } else if (_motion.has_begun) {
             for (std::size_t i = 0; i < 4 * _records.size(); ++i)
@@ -337,7 +337,7 @@ template <typename Real> class Run final : public ExplicitRun {
     RigidTools<Real> _tools;
     SelfContact<Real> _self_contact;
     EnergyBalance<Real> _balance;
-    GrowthWatch<Real> _watch;
+    EnergyMonitor<Real> _monitor;
     std::int64_t _steps_since_good = 0;
     std::vector<double> _last_factors; // that the external forces are made of; empty: other ones
     // Whether a look has left its forces for the next step, and what for.

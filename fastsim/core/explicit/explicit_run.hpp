@@ -66,7 +66,7 @@ class ExplicitRun {
                                              const ExplicitSettings &settings);
     virtual ~ExplicitRun() = default;
 
-    /// Starts the sums afresh. `energy` is what the state holds already [J], for the watch.
+    /// Starts the sums afresh. `energy` is what the state holds already [J], for the monitor.
     virtual void set_state(std::span<const double> displacement, std::span<const double> increment,
                            double energy) = 0;
     virtual void get_state(std::span<double> displacement, std::span<double> increment) const = 0;

@@ -106,21 +106,18 @@ void BisectedMesh::bisect(Index number) {
             child.facet_tag = {-1, of_c, own, of_d};
             child.marked[0] = 1;
             child.marked[1] = of_new;
-            child.newest = 2;
             break;
         case 1:
             child.corner = {keep, d, middle, c};
             child.facet_tag = {-1, of_d, own, of_c};
             child.marked[0] = 1;
             child.marked[1] = of_new;
-            child.newest = 2;
             break;
         default:
             child.corner = {c, d, keep, middle};
             child.facet_tag = {of_c, of_d, -1, own};
             child.marked[0] = 0;
             child.marked[1] = 0;
-            child.newest = 3;
             break;
         }
         _nodes.push_back(child);

@@ -27,10 +27,6 @@ class BisectedMesh {
     // Bisects the marked cells (in the order of `cells()`), and others until no point hangs.
     void refine(std::span<const std::uint8_t> marked);
 
-    // Undoes bisections all of whose cells around the new point are marked; one level.
-    // Returns the number of points removed.
-    std::size_t coarsen(std::span<const std::uint8_t> marked);
-
     // The mesh as it is: cells in the order of the given ones, each with its descendants.
     struct Leaves {
         std::vector<Cell> cells;
@@ -55,7 +51,6 @@ class BisectedMesh {
         Index child = -1; // the first of two; -1 for a leaf
         std::uint16_t generation = 0;
         std::uint8_t marked[2]{0, 0};
-        std::uint8_t newest = 0;  // corner that the parent's bisection made
         bool is_flagged = false;  // second planar generation
         bool is_mirrored = false; // corners in this order are a negative cell
     };
@@ -65,7 +60,6 @@ class BisectedMesh {
     Node marked_root(const Cell &cell, const Cell &tags) const;
     void bisect(Index node);
     [[nodiscard]] bool has_cut_edge(const Cell &corner) const;
-    void drop_unused();
     std::vector<Index> leaf_numbers() const;
 
     std::vector<Point> _points;

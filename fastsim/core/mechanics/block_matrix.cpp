@@ -1,9 +1,10 @@
 #include "mechanics/block_matrix.hpp"
 
+#include "errors.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 
 namespace fastsim {
 
@@ -51,7 +52,7 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
         matrix.row_start[i + 1] = matrix.columns.size();
         if (matrix.row_start[i + 1] - matrix.row_start[i] >
             std::numeric_limits<std::uint16_t>::max())
-            throw std::length_error("a point has more than 65535 neighbours");
+            throw CrowdedPointError(static_cast<Index>(i));
     }
     matrix.columns.shrink_to_fit();
     std::vector<Index>().swap(listed);

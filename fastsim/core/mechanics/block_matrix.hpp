@@ -21,7 +21,7 @@ struct BlockMatrix {
     std::size_t num_rows() const { return num_points; }
 };
 
-/// The pattern of a mesh; blocks are zero. Throws std::length_error if a point has more than
+/// The pattern of a mesh; blocks are zero. Throws CrowdedPointError if a point has more than
 /// 65 535 neighbours.
 BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells);
 

@@ -1,8 +1,8 @@
 #pragma once
-// Conjugate gradients for K x = b on the free components (Shewchuk 1994, section B3),
-// preconditioned by multigrid where one is given, by the inverse diagonal blocks otherwise.
-// Stops at a direction of negative curvature, which
-// a tangent stiffness has beyond a limit point.
+// Conjugate gradients for K x = b on the free components: eq. 5, and the steps of eq. 9-10
+// (Shewchuk 1994, section B3), preconditioned by multigrid where one is given, by the inverse
+// diagonal blocks otherwise. Stops at a direction of negative curvature, which a tangent stiffness
+// has beyond a limit point.
 
 #include "mechanics/block_matrix.hpp"
 #include "mechanics/multigrid.hpp"

@@ -13,7 +13,7 @@ constexpr double quality_at_wanted_altitude = 0.5;
 /// of that: small cells set the critical time step.
 double cell_quality(const TetComplex &complex, const Cell &cell);
 
-/// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a share of
+/// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a part of
 /// the mean edge.
 double find_wanted_altitude(const TetComplex &complex);
 

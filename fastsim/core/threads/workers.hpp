@@ -37,7 +37,7 @@ class Workers {
     }
 
     // The same, with the numbers below `size` handed out in turn: task(worker, number).
-    template <typename Task> void share_out(std::size_t size, Task &&task) {
+    template <typename Task> void hand_out(std::size_t size, Task &&task) {
         // Runs of numbers: few enough to be cheap, enough for all to have their part.
         constexpr std::size_t run_length = 16;
         std::atomic<std::size_t> next{0};

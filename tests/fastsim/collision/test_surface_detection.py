@@ -193,12 +193,14 @@ def test_refusals(make: Callable[..., Detector]) -> None:
         for find in (detector.find, detector.find_candidates, detector.find_by_brute_force):
             bad = np.array(BALL.points)
             bad[4, 0] = value
-            with pytest.raises(NonFiniteError):
+            with pytest.raises(NonFiniteError) as caught:
                 find(0.1, BOX.points, bad)
+            assert caught.value.points == [4]
             bad = np.array(BOX.points)
             bad[-1, 0] = value
-            with pytest.raises(NonFiniteError):
+            with pytest.raises(NonFiniteError) as caught:
                 find(0.1, bad, BALL.points)
+            assert caught.value.points == [len(bad) - 1]
 
 
 @pytest.mark.parametrize("make", [VertexFacetDetector, EdgeEdgeDetector])

@@ -36,21 +36,12 @@ def require_conforming(graded: GradedMesh, given: TetMesh) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_random_marks_conform_and_are_undone_exactly(seed: int, rounds: int) -> None:
+def test_random_marks_conform(seed: int, rounds: int) -> None:
     rng = np.random.default_rng(seed)
     graded = GradedMesh(BALL)
     for _ in range(rounds):
         graded.refine(rng.random(len(graded.cells)) < rng.choice([0.01, 0.1, 0.6]))
         require_conforming(graded, BALL)
-    if rng.random() < 0.5:
-        graded.coarsen(rng.random(len(graded.cells)) < 0.9)
-        require_conforming(graded, BALL)
-        graded.refine(rng.random(len(graded.cells)) < 0.1)
-        require_conforming(graded, BALL)
-    while graded.coarsen(np.ones(len(graded.cells), dtype=bool)):
-        require_conforming(graded, BALL)
-    assert np.array_equal(graded.points, BALL.points)
-    assert np.array_equal(graded.cells, BALL.cells)
 
 
 def test_the_same_marks_give_the_same_mesh() -> None:
@@ -186,8 +177,6 @@ def test_refusals() -> None:
     for bad in (np.ones(3, dtype=bool), np.ones(len(graded.cells)), [0, 1]):
         with pytest.raises(InputError, match="marks"):
             graded.refine(bad)
-        with pytest.raises(InputError, match="marks"):
-            graded.coarsen(bad)
     interior = next(
         row
         for row in BOX.cells[:, CELL_FACETS].reshape(-1, 3).tolist()
