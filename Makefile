@@ -8,7 +8,7 @@ PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test gate lint sanitize fuzz view clean
+.PHONY: help setup report test gate lint sanitize mutants fuzz view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -35,6 +35,11 @@ lint: setup ## format, style and type checks
 
 sanitize: setup ## the tests of fastsim under address and undefined-behaviour sanitizers
 	@bash .ci/sanitize.sh $(VENV)/bin/python
+
+mutants: setup ## slips in the judge's own sources, 200 by a fixed seed: each must turn a test red
+	@$(VENV)/bin/python -m pip install -q --disable-pip-version-check -c $(VENV)/constraints.txt --group mutants
+	@bash .ci/view.sh $(VENV)/bin/python
+	@$(VENV)/bin/python tests/mutants/run.py $(MUTANTS)
 
 fuzz: setup ## mutated surfaces against the mesher, under sanitizers: FUZZ_SECONDS=60
 	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} bash .ci/sanitize.sh $(VENV)/bin/python

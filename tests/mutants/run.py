@@ -160,8 +160,10 @@ def main() -> int:
 
     with ThreadPoolExecutor(given.jobs) as pool:
         list(pool.map(try_one, drawn))
-    for place in sorted(set(known) & set(outcomes["noticed"])):
-        print(f"no longer needed in explained.toml: {place}")
+    tried = {place for places in outcomes.values() for place in places}
+    for place in sorted(set(known) - set(outcomes["explained"])):
+        if place in tried or not given.only:
+            print(f"no longer needed in explained.toml: {place}")
     counts = [f"{len(outcomes[word])} {word.lower()}" for word in ("noticed", "explained")]
     print(f"{', '.join(counts)}, {len(outcomes['SURVIVED'])} survived without a reason")
     return 1 if outcomes["SURVIVED"] else 0
