@@ -7,6 +7,10 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Flags = NDArray[np.uint8]
+
 __version__: str
 
 class StrainMeasure(Enum):
@@ -20,150 +24,83 @@ class SolveStatus(Enum):
 
 class ElasticBody:
     def __init__(
-        self,
-        points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        lmbda: float,
-        mu: float,
-        strain: StrainMeasure,
+        self, points: Floats, cells: Ints, lmbda: float, mu: float, strain: StrainMeasure
     ) -> None: ...
-    def shape_gradients(self) -> NDArray[np.float64]: ...
-    def displacement_gradients(
-        self, displacement: NDArray[np.float64]
-    ) -> NDArray[np.float64]: ...
-    def internal_force(self, displacement: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def strain_energy(self, displacement: NDArray[np.float64]) -> float: ...
-    def det_f(self, displacement: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def assemble_tangent(self, displacement: NDArray[np.float64]) -> None: ...
-    def assemble_secant(self, displacement: NDArray[np.float64]) -> None: ...
+    def shape_gradients(self) -> Floats: ...
+    def displacement_gradients(self, displacement: Floats) -> Floats: ...
+    def internal_force(self, displacement: Floats) -> Floats: ...
+    def strain_energy(self, displacement: Floats) -> float: ...
+    def det_f(self, displacement: Floats) -> Floats: ...
+    def assemble_tangent(self, displacement: Floats) -> None: ...
+    def assemble_secant(self, displacement: Floats) -> None: ...
     def add_pressure_tangent(
-        self,
-        displaced_points: NDArray[np.float64],
-        facets: NDArray[np.int32],
-        pressure: float,
+        self, displaced_points: Floats, facets: Ints, pressure: float
     ) -> None: ...
-    def add_diagonal_blocks(
-        self, points: NDArray[np.int32], blocks: NDArray[np.float64]
-    ) -> None: ...
-    def absolute_row_sums(self) -> NDArray[np.float64]: ...
-    def multiply(self, x: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def build_multigrid(self, is_free: NDArray[np.uint8]) -> int: ...
-    def apply_multigrid(self, b: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def add_diagonal_blocks(self, points: Ints, blocks: Floats) -> None: ...
+    def absolute_row_sums(self) -> Floats: ...
+    def multiply(self, x: Floats) -> Floats: ...
+    def build_multigrid(self, is_free: Flags) -> int: ...
+    def apply_multigrid(self, b: Floats) -> Floats: ...
     def solve(
-        self,
-        b: NDArray[np.float64],
-        is_free: NDArray[np.uint8],
-        absolute_tolerance: float,
-        max_iterations: int,
-        uses_multigrid: bool,
-    ) -> tuple[NDArray[np.float64], SolveStatus, int]: ...
+        self, b: Floats, is_free: Flags, absolute_tolerance: float, max_iterations: int,
+        uses_multigrid: bool
+    ) -> tuple[Floats, SolveStatus, int]: ...
 
 class BisectedMesh:
-    def __init__(
-        self,
-        points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        facet_tags: NDArray[np.int32],
-    ) -> None: ...
-    def refine(self, marked: NDArray[np.uint8]) -> None: ...
-    def leaves(
-        self,
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]: ...
-    def points(self) -> NDArray[np.float64]: ...
-    def point_parents(self) -> NDArray[np.int32]: ...
+    def __init__(self, points: Floats, cells: Ints, facet_tags: Ints) -> None: ...
+    def refine(self, marked: Flags) -> None: ...
+    def leaves(self) -> tuple[Ints, Ints, Ints, Ints]: ...
+    def points(self) -> Floats: ...
+    def point_parents(self) -> Ints: ...
     def move_point(self, point: int, place: list[float]) -> None: ...
 
 class VerticesInCells:
     def __init__(
-        self,
-        cell_points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        vertices: NDArray[np.int32],
-        is_same_body: bool,
-        num_threads: int,
-        at_most: InstructionSet,
+        self, cell_points: Floats, cells: Ints, vertices: Ints, is_same_body: bool,
+        num_threads: int, at_most: InstructionSet
     ) -> None: ...
-    def find(
-        self, vertex_points: NDArray[np.float64], cell_points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int32], NDArray[np.float64]]: ...
+    def find(self, vertex_points: Floats, cell_points: Floats) -> tuple[Ints, Floats]: ...
     def work(self) -> tuple[int, int, int]: ...
     def voxel_sizes(self) -> list[float]: ...
 
 def find_vertices_in_cells_brute_force(
-    vertex_points: NDArray[np.float64],
-    vertices: NDArray[np.int32],
-    cell_points: NDArray[np.float64],
-    cells: NDArray[np.int32],
-    is_same_body: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.float64]]: ...
+    vertex_points: Floats, vertices: Ints, cell_points: Floats, cells: Ints, is_same_body: bool
+) -> tuple[Ints, Floats]: ...
 
 class VerticesNearFacets:
     def __init__(
-        self,
-        facet_points: NDArray[np.float64],
-        facets: NDArray[np.int32],
-        vertices: NDArray[np.int32],
-        is_same_body: bool,
-        num_threads: int,
-        at_most: InstructionSet,
+        self, facet_points: Floats, facets: Ints, vertices: Ints, is_same_body: bool,
+        num_threads: int, at_most: InstructionSet
     ) -> None: ...
     def find(
-        self,
-        vertex_points: NDArray[np.float64],
-        facet_points: NDArray[np.float64],
-        distance: float,
-    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+        self, vertex_points: Floats, facet_points: Floats, distance: float
+    ) -> tuple[Ints, Floats, Floats]: ...
     def find_candidates(
-        self,
-        vertex_points: NDArray[np.float64],
-        facet_points: NDArray[np.float64],
-        distance: float,
-    ) -> NDArray[np.int32]: ...
+        self, vertex_points: Floats, facet_points: Floats, distance: float
+    ) -> Ints: ...
     def voxel_sizes(self) -> list[float]: ...
 
 def find_vertices_near_facets_brute_force(
-    vertex_points: NDArray[np.float64],
-    vertices: NDArray[np.int32],
-    facet_points: NDArray[np.float64],
-    facets: NDArray[np.int32],
-    distance: float,
-    is_same_body: bool,
-    only_candidates: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+    vertex_points: Floats, vertices: Ints, facet_points: Floats, facets: Ints, distance: float,
+    is_same_body: bool, only_candidates: bool
+) -> tuple[Ints, Floats, Floats]: ...
 
 class EdgesNearEdges:
     def __init__(
-        self,
-        first_points: NDArray[np.float64],
-        first: NDArray[np.int32],
-        second_points: NDArray[np.float64],
-        second: NDArray[np.int32],
-        is_same_body: bool,
-        num_threads: int,
-        at_most: InstructionSet,
+        self, first_points: Floats, first: Ints, second_points: Floats, second: Ints,
+        is_same_body: bool, num_threads: int, at_most: InstructionSet
     ) -> None: ...
     def find(
-        self,
-        first_points: NDArray[np.float64],
-        second_points: NDArray[np.float64],
-        distance: float,
-    ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+        self, first_points: Floats, second_points: Floats, distance: float
+    ) -> tuple[Ints, Floats, Floats]: ...
     def find_candidates(
-        self,
-        first_points: NDArray[np.float64],
-        second_points: NDArray[np.float64],
-        distance: float,
-    ) -> NDArray[np.int32]: ...
+        self, first_points: Floats, second_points: Floats, distance: float
+    ) -> Ints: ...
 
 def find_edges_near_edges_brute_force(
-    first_points: NDArray[np.float64],
-    first: NDArray[np.int32],
-    second_points: NDArray[np.float64],
-    second: NDArray[np.int32],
-    distance: float,
-    is_same_body: bool,
-    only_candidates: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]: ...
+    first_points: Floats, first: Ints, second_points: Floats, second: Ints, distance: float,
+    is_same_body: bool, only_candidates: bool
+) -> tuple[Ints, Floats, Floats]: ...
 
 class CellName:
     @property
@@ -181,16 +118,14 @@ class CellName:
 
 class SymbolicCube:
     def __init__(self) -> None: ...
-    def refine(self, marked: NDArray[np.uint8]) -> bool: ...
+    def refine(self, marked: Flags) -> bool: ...
     def cells(self) -> list[CellName]: ...
     def num_cells(self) -> int: ...
-    def corners(self) -> NDArray[np.int32]: ...
+    def corners(self) -> Ints: ...
 
 class SurfaceDistance:
-    def __init__(self, points: NDArray[np.float64], facets: NDArray[np.int32]) -> None: ...
-    def closest(
-        self, places: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]: ...
+    def __init__(self, points: Floats, facets: Ints) -> None: ...
+    def closest(self, places: Floats) -> tuple[Floats, Floats, Ints]: ...
 
 class Lattice(Enum):
     cubic = 0
@@ -200,38 +135,25 @@ def orient3d(a: list[float], b: list[float], c: list[float], d: list[float]) -> 
 def in_sphere(
     a: list[float], b: list[float], c: list[float], d: list[float], e: list[float]
 ) -> int: ...
-def delaunay(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], list[int], bool]: ...
-def find_delaunay_fault(
-    points: NDArray[np.float64], cells: NDArray[np.int32]
-) -> tuple[int, int, int]: ...
+def delaunay(points: Floats) -> tuple[Ints, list[int], bool]: ...
 def rate_star(
-    points: NDArray[np.float64],
-    facets: NDArray[np.int32],
-    place: list[float],
-    altitude: float,
+    points: Floats, facets: Ints, place: list[float], altitude: float
 ) -> tuple[list[float], float]: ...
-def find_self_intersections(
-    points: NDArray[np.float64], facets: NDArray[np.int32], most: int
-) -> NDArray[np.int32]: ...
+def find_self_intersections(points: Floats, facets: Ints, most: int) -> Ints: ...
 class SizeGrid:
     @overload
     def __init__(self, edge_length: float) -> None: ...
     @overload
     def __init__(
-        self,
-        low: Sequence[float],
-        edge: float,
-        count: Sequence[int],
-        leaves: NDArray[np.int32],
-        sizes: NDArray[np.float64],
+        self, low: Sequence[float], edge: float, count: Sequence[int], leaves: Ints, sizes: Floats
     ) -> None: ...
-    def at(self, places: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def at(self, places: Floats) -> Floats: ...
 
 class RemeshedSurface:
     @property
-    def points(self) -> NDArray[np.float64]: ...
+    def points(self) -> Floats: ...
     @property
-    def facets(self) -> NDArray[np.int32]: ...
+    def facets(self) -> Ints: ...
     distance: float
     splits: int
     collapses: int
@@ -239,18 +161,14 @@ class RemeshedSurface:
     moves: int
 
 def remesh_surface(
-    points: NDArray[np.float64],
-    facets: NDArray[np.int32],
-    sizes: SizeGrid,
-    distance: float,
-    passes: int,
+    points: Floats, facets: Ints, sizes: SizeGrid, distance: float, passes: int
 ) -> RemeshedSurface: ...
 
 class SurfaceMesh:
     @property
-    def points(self) -> NDArray[np.float64]: ...
+    def points(self) -> Floats: ...
     @property
-    def cells(self) -> NDArray[np.int32]: ...
+    def cells(self) -> Ints: ...
     missing_edges: list[list[int]]
     missing_facets: list[int]
     equal_points: list[int]
@@ -263,16 +181,8 @@ class SurfaceMesh:
     boundary_steiner_points: int
 
 def mesh_surface(
-    points: NDArray[np.float64],
-    facets: NDArray[np.int32],
-    lattice: Lattice,
-    edge_length: float,
-    jitter: float,
-    clearance: float,
-    seed: int,
-    sliver_target: float,
-    sliver_passes: int,
-    sizes: SizeGrid,
+    points: Floats, facets: Ints, lattice: Lattice, edge_length: float, jitter: float,
+    clearance: float, seed: int, sliver_target: float, sliver_passes: int, sizes: SizeGrid
 ) -> SurfaceMesh: ...
 
 class InstructionSet(Enum):
@@ -299,108 +209,51 @@ class ToolShape:
     @staticmethod
     def half_space() -> ToolShape: ...
     @staticmethod
-    def surface(points: NDArray[np.float64], facets: NDArray[np.int32]) -> ToolShape: ...
-    def gaps(
-        self, places: NDArray[np.float64], pose: NDArray[np.float64]
-    ) -> tuple[
-        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-    ]: ...
+    def surface(points: Floats, facets: Ints) -> ToolShape: ...
+    def gaps(self, places: Floats, pose: Floats) -> tuple[Floats, Floats, Floats, Floats]: ...
 
 class ToolPath:
-    def __init__(
-        self,
-        times: NDArray[np.float64],
-        positions: NDArray[np.float64],
-        rotations: NDArray[np.float64],
-    ) -> None: ...
+    def __init__(self, times: Floats, positions: Floats, rotations: Floats) -> None: ...
     def rotation_at(self, time: float) -> list[float]: ...
-    def poses_at(self, times: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def poses_at(self, times: Floats) -> Floats: ...
 
 class CentralDifference:
     def __init__(self, time_step: float, mass_damping: float) -> None: ...
     time_step: float
     mass_damping: float
-    def next_increments(
-        self,
-        increment: NDArray[np.float64],
-        mass: NDArray[np.float64],
-        force: NDArray[np.float64],
-    ) -> NDArray[np.float64]: ...
+    def next_increments(self, increment: Floats, mass: Floats, force: Floats) -> Floats: ...
 
 class ExplicitRun:
     @staticmethod
     def make(
-        points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        lumped_mass: NDArray[np.float64],
-        is_free: NDArray[np.uint8],
-        *,
-        lmbda: float,
-        mu: float,
-        strain: StrainMeasure,
-        time_step: float,
-        mass_damping: float,
-        displacement_limit: float,
-        num_threads: int,
-        at_most: InstructionSet,
-        is_single: bool,
-        tracks_energy: bool,
+        points: Floats, cells: Ints, lumped_mass: Floats, is_free: Flags, *, lmbda: float,
+        mu: float, strain: StrainMeasure, time_step: float, mass_damping: float,
+        displacement_limit: float, num_threads: int, at_most: InstructionSet, is_single: bool,
+        tracks_energy: bool
     ) -> ExplicitRun: ...
     @property
     def instruction_set(self) -> str: ...
-    def set_state(
-        self,
-        displacement: NDArray[np.float64],
-        increment: NDArray[np.float64],
-        energy: float,
-    ) -> None: ...
-    def get_state(
-        self, displacement: NDArray[np.float64], increment: NDArray[np.float64]
-    ) -> None: ...
-    def set_dead_load(self, history: int, forces: NDArray[np.float64]) -> None: ...
+    def set_state(self, displacement: Floats, increment: Floats, energy: float) -> None: ...
+    def get_state(self, displacement: Floats, increment: Floats) -> None: ...
+    def set_dead_load(self, history: int, forces: Floats) -> None: ...
     def set_pressure(
-        self,
-        points: NDArray[np.float64],
-        facets: NDArray[np.int32],
-        pressures: NDArray[np.float64],
-        histories: NDArray[np.int32],
+        self, points: Floats, facets: Ints, pressures: Floats, histories: Ints
     ) -> None: ...
-    def set_moving_supports(
-        self, values: NDArray[np.float64], histories: NDArray[np.int32]
-    ) -> None: ...
+    def set_moving_supports(self, values: Floats, histories: Ints) -> None: ...
     def set_mass_damping(self, mass_damping: float) -> None: ...
     def add_tool(
-        self,
-        shape: ToolShape,
-        *,
-        is_constraint: bool,
-        friction: float,
-        reach: float,
-        deepest: float,
-        direction: tuple[float, float, float],
-        mass: float,
-        points: NDArray[np.float64],
-        vertices: NDArray[np.int32],
-        stiffnesses: NDArray[np.float64],
+        self, shape: ToolShape, *, is_constraint: bool, friction: float, reach: float,
+        deepest: float, direction: tuple[float, float, float], mass: float, points: Floats,
+        vertices: Ints, stiffnesses: Floats
     ) -> None: ...
     def set_self_contact(
-        self,
-        points: NDArray[np.float64],
-        cells: NDArray[np.int32],
-        vertices: NDArray[np.int32],
-        facets: NDArray[np.int32],
-        parts: NDArray[np.int32],
-        stiffnesses: NDArray[np.float64],
-        at_most: InstructionSet,
+        self, points: Floats, cells: Ints, vertices: Ints, facets: Ints, parts: Ints,
+        stiffnesses: Floats, at_most: InstructionSet
     ) -> None: ...
-    def advance(
-        self, factors: NDArray[np.float64], tools: NDArray[np.float64]
-    ) -> tuple[int, StopReason, int]: ...
-    def look(
-        self, factors: NDArray[np.float64], tools: NDArray[np.float64]
-    ) -> tuple[int, StopReason, int]: ...
+    def advance(self, factors: Floats, tools: Floats) -> tuple[int, StopReason, int]: ...
+    def look(self, factors: Floats, tools: Floats) -> tuple[int, StopReason, int]: ...
     def energies(self) -> tuple[float, float, float]: ...
-    def take_tool_records(self) -> NDArray[np.float64]: ...
-    def get_contact_force(self, force: NDArray[np.float64]) -> None: ...
+    def take_tool_records(self) -> Floats: ...
+    def get_contact_force(self, force: Floats) -> None: ...
     def self_overlap(self) -> tuple[int, float]: ...
-    def internal_force(self, force: NDArray[np.float64]) -> None: ...
+    def internal_force(self, force: Floats) -> None: ...

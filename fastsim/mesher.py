@@ -8,7 +8,7 @@ mesher, which puts them together. The surface is kept as it is given.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -22,7 +22,7 @@ from palpate.fastsim.surface_arrays import (
     require_no_self_intersection,
 )
 from palpate.fastsim.surface_remesher import RemeshReport, remesh_surface
-from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
+from palpate.meshes.arrays import Indices, Points, checked_points
 from palpate.meshes.errors import InputError, InvertedCellError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.surface_checks import require_closed
@@ -200,22 +200,13 @@ def mesh_surface_with_report(
     progress: Callable[[str], None] | None = None,
 ) -> tuple[TetMesh, MeshingReport]:
     """Do as `mesh_surface` does, and say what was done."""
+    remesh = None
     if boundary is Boundary.FREE:
         if boundary_distance is None:
             raise InputError("a free boundary needs boundary_distance: how far it may move [m]")
         surface, remesh = remesh_surface(
             surface, distance=boundary_distance, edge_length=edge_length, size_field=size_field
         )
-        mesh, report = mesh_surface_with_report(
-            surface,
-            edge_length=edge_length,
-            size_field=size_field,
-            lattice=lattice,
-            improve=improve,
-            seed=seed,
-            progress=progress,
-        )
-        return mesh, replace(report, remesh=remesh)
     require_closed(surface)
     used, facets = compact_facets(surface)
     points = np.ascontiguousarray(surface.points[used])
@@ -265,6 +256,7 @@ def mesh_surface_with_report(
             made.steiner_points,
             made.boundary_steiner_points,
             attempt,
+            remesh,
         )
         if made.boundary_steiner_points == 0:
             _require_boundary(facets, mesh)
@@ -299,30 +291,7 @@ def delaunay(points: Points) -> tuple[Indices, list[int]]:
     return cells, duplicates
 
 
-def check_delaunay(points: Points, cells: Indices) -> tuple[int, int, int] | None:
-    """Prove that cells are Delaunay: exact orientation, in-sphere test across every facet, hull.
-
-    Facets of two cells are judged by the in-sphere test; those of one must be a closed surface
-    that is convex at every edge, so that nothing of the hull is missing.
-
-    Args:
-        points: [m], shape (num_points, 3).
-        cells: Shape (num_cells, 4).
-
-    Returns:
-        None when they are, else the first fault: the cell, its facet (-1 when the cell is not
-        positive) and the point that lies inside its circumsphere or beyond the hull (-1 when the
-        facet has more than two cells, or the hull is open).
-    """
-    points = np.array(checked_points(points))
-    cells = np.array(checked_indices(cells, 4, len(points), "cells"))
-    cell, facet, point = _core.find_delaunay_fault(points, cells)
-    return None if cell < 0 else (cell, facet, point)
-
-
-def _require_boundary(
-    facets: np.ndarray[tuple[int, ...], np.dtype[np.int32]], mesh: TetMesh
-) -> None:
+def _require_boundary(facets: Indices, mesh: TetMesh) -> None:
     """The mesh's own boundary is the surface, facet by facet."""
     wanted = {tuple(row) for row in np.sort(facets, axis=1).tolist()}
     found = {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()}

@@ -8,6 +8,7 @@ same sets that testing every pair gives.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,13 +63,69 @@ class EdgesNearEdges:
         return len(self.first)
 
 
-class _SurfaceDetector:
-    """Two surfaces, or one against itself, and the points they have now."""
+Pairs = TypeVar("Pairs", VerticesNearFacets, EdgesNearEdges)
+
+
+class _SurfaceDetector(Generic[Pairs]):
+    """Two surfaces, or one against itself, and what is found where they are now."""
+
+    _kind: type[Pairs]
+    _core: _core.VerticesNearFacets | _core.EdgesNearEdges
 
     def __init__(self, surface: TriSurface, intruder: TriSurface | None) -> None:
         self._surface = surface
         self._intruder = surface if intruder is None else intruder
         self._is_same = intruder is None
+
+    def find(self, distance: float, points: Points, intruder_points: Points | None = None) -> Pairs:
+        """Find all pairs no further apart than a distance.
+
+        Args:
+            distance: [m], >= 0.
+            points: Of the surface looked at, where it is now [m], shape (num_points, 3).
+            intruder_points: Of the other surface [m]; None for the same one.
+
+        Raises:
+            InputError: Wrong shape, or a negative or infinite distance.
+            NonFiniteError: A point is NaN or infinite.
+        """
+        here, there = self._arrays(distance, points, intruder_points)
+        return self._as_pairs(*self._core.find(there, here, distance))
+
+    def find_candidates(
+        self, distance: float, points: Points, intruder_points: Points | None = None
+    ) -> Indices:
+        """The broad phase alone: pairs whose boxes meet, one grown by the distance.
+
+        Boxes are grown by 64 roundings of the largest coordinate more, so that nothing that
+        `find` finds is missed.
+
+        Returns:
+            Intruding and other element of each pair, by the other, then by the intruding one,
+            shape (n, 2).
+        """
+        here, there = self._arrays(distance, points, intruder_points)
+        return self._core.find_candidates(there, here, distance)
+
+    def find_by_brute_force(
+        self,
+        distance: float,
+        points: Points,
+        intruder_points: Points | None = None,
+        *,
+        only_candidates: bool = False,
+    ) -> Pairs:
+        """Every element against every other: the oracle of `find`, and of `find_candidates`."""
+        here, there = self._arrays(distance, points, intruder_points)
+        return self._as_pairs(*self._test_all(here, there, distance, only_candidates))
+
+    def _test_all(
+        self, here: Points, there: Points, distance: float, only_candidates: bool
+    ) -> tuple[Indices, Points, Points]:
+        raise NotImplementedError
+
+    def _as_pairs(self, pairs: Indices, weights: Points, squared: Points) -> Pairs:
+        return self._kind(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
 
     def _arrays(
         self, distance: float, points: Points, intruder_points: Points | None
@@ -85,7 +142,7 @@ class _SurfaceDetector:
         return here, shaped_as(self._intruder.points, intruder_points)
 
 
-class VertexFacetDetector(_SurfaceDetector):
+class VertexFacetDetector(_SurfaceDetector[VerticesNearFacets]):
     """Finds vertices of one surface that come near facets of another, step after step.
 
     Args:
@@ -94,6 +151,8 @@ class VertexFacetDetector(_SurfaceDetector):
             same surface, where a facet's own corners do not count.
         num_threads: At least 1; they wait between calls. What is found does not depend on it.
     """
+
+    _kind = VerticesNearFacets
 
     def __init__(
         self, surface: TriSurface, intruder: TriSurface | None = None, *, num_threads: int = 1
@@ -109,62 +168,16 @@ class VertexFacetDetector(_SurfaceDetector):
             chosen_instruction_set(),
         )
 
-    def find(
-        self, distance: float, points: Points, intruder_points: Points | None = None
-    ) -> VerticesNearFacets:
-        """Find all pairs no further apart than a distance.
-
-        Args:
-            distance: [m], >= 0.
-            points: Of the surface with the facets, where it is now [m], shape (num_points, 3).
-            intruder_points: Of the other surface [m]; None for the same one.
-
-        Raises:
-            InputError: Wrong shape, or a negative or infinite distance.
-            NonFiniteError: A point is NaN or infinite.
-        """
-        here, there = self._arrays(distance, points, intruder_points)
-        pairs, weights, squared = self._core.find(there, here, distance)
-        return VerticesNearFacets(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
-
-    def find_candidates(
-        self, distance: float, points: Points, intruder_points: Points | None = None
-    ) -> Indices:
-        """The broad phase alone: vertices in the boxes of facets grown by the distance.
-
-        Boxes are grown by 64 roundings of the largest coordinate more, so that nothing that
-        `find` finds is missed.
-
-        Returns:
-            Vertex and facet of each pair, by facet, then by vertex, shape (n, 2).
-        """
-        here, there = self._arrays(distance, points, intruder_points)
-        pairs: Indices = self._core.find_candidates(there, here, distance)
-        return pairs
-
-    def find_by_brute_force(
-        self,
-        distance: float,
-        points: Points,
-        intruder_points: Points | None = None,
-        *,
-        only_candidates: bool = False,
-    ) -> VerticesNearFacets:
-        """Every vertex against every facet: the oracle of `find`, and of `find_candidates`."""
-        here, there = self._arrays(distance, points, intruder_points)
-        pairs, weights, squared = _core.find_vertices_near_facets_brute_force(
-            there,
-            self._vertices,
-            here,
-            self._surface.facets,
-            distance,
-            self._is_same,
-            only_candidates,
+    def _test_all(
+        self, here: Points, there: Points, distance: float, only_candidates: bool
+    ) -> tuple[Indices, Points, Points]:
+        facets, same = self._surface.facets, self._is_same
+        return _core.find_vertices_near_facets_brute_force(
+            there, self._vertices, here, facets, distance, same, only_candidates
         )
-        return VerticesNearFacets(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
 
 
-class EdgeEdgeDetector(_SurfaceDetector):
+class EdgeEdgeDetector(_SurfaceDetector[EdgesNearEdges]):
     """Finds edges of one surface that come near edges of another, step after step.
 
     Args:
@@ -173,6 +186,8 @@ class EdgeEdgeDetector(_SurfaceDetector):
             found once, and edges with a common point do not count.
         num_threads: At least 1; they wait between calls. What is found does not depend on it.
     """
+
+    _kind = EdgesNearEdges
 
     def __init__(
         self, surface: TriSurface, intruder: TriSurface | None = None, *, num_threads: int = 1
@@ -190,51 +205,11 @@ class EdgeEdgeDetector(_SurfaceDetector):
             chosen_instruction_set(),
         )
 
-    def find(
-        self, distance: float, points: Points, intruder_points: Points | None = None
-    ) -> EdgesNearEdges:
-        """Find all pairs no further apart than a distance; arguments as in `VertexFacetDetector`.
-
-        Raises:
-            InputError: Wrong shape, or a negative or infinite distance.
-            NonFiniteError: A point is NaN or infinite.
-        """
-        here, there = self._arrays(distance, points, intruder_points)
-        pairs, parameters, squared = self._core.find(there, here, distance)
-        return EdgesNearEdges(pairs[:, 0], pairs[:, 1], parameters, np.sqrt(squared))
-
-    def find_candidates(
-        self, distance: float, points: Points, intruder_points: Points | None = None
-    ) -> Indices:
-        """The broad phase alone: edges whose boxes meet, one grown by the distance.
-
-        Returns:
-            First and second edge of each pair, by second edge, then by first, shape (n, 2).
-        """
-        here, there = self._arrays(distance, points, intruder_points)
-        pairs: Indices = self._core.find_candidates(there, here, distance)
-        return pairs
-
-    def find_by_brute_force(
-        self,
-        distance: float,
-        points: Points,
-        intruder_points: Points | None = None,
-        *,
-        only_candidates: bool = False,
-    ) -> EdgesNearEdges:
-        """Every edge against every edge: the oracle of `find`, and of `find_candidates`."""
-        here, there = self._arrays(distance, points, intruder_points)
-        pairs, parameters, squared = _core.find_edges_near_edges_brute_force(
-            there,
-            self.intruder_edges,
-            here,
-            self.edges,
-            distance,
-            self._is_same,
-            only_candidates,
-        )
-        return EdgesNearEdges(pairs[:, 0], pairs[:, 1], parameters, np.sqrt(squared))
+    def _test_all(
+        self, here: Points, there: Points, distance: float, only_candidates: bool
+    ) -> tuple[Indices, Points, Points]:
+        given, same = (there, self.intruder_edges, here, self.edges), self._is_same
+        return _core.find_edges_near_edges_brute_force(*given, distance, same, only_candidates)
 
 
 def edges_of(surface: TriSurface) -> Indices:

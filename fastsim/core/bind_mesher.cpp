@@ -46,17 +46,6 @@ void bind_mesher(nb::module_ &module) {
         nb::arg("points").noconvert());
 
     module.def(
-        "find_delaunay_fault",
-        [](Points points, Cells cells) {
-            const auto rows = as_rows<Point>(points);
-            const auto cell_rows = as_rows<Cell>(cells);
-            nb::gil_scoped_release release;
-            const DelaunayFault fault = find_delaunay_fault(rows, cell_rows);
-            return std::make_tuple(fault.cell, fault.facet, fault.point);
-        },
-        nb::arg("points").noconvert(), nb::arg("cells").noconvert());
-
-    module.def(
         "rate_star",
         [](Points points, Facets facets, const Point &place, double altitude) {
             const auto rows = as_rows<Point>(points);

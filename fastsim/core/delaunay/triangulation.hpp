@@ -105,13 +105,4 @@ class Triangulation {
     Index _hint = 0;
 };
 
-// The facet that shows a triangulation is not Delaunay, if any: cell and facet, or cell -1.
-struct DelaunayFault {
-    std::int32_t cell = -1;
-    std::int32_t facet = -1;
-    std::int32_t point = -1;
-};
-DelaunayFault find_delaunay_fault(std::span<const Point> points,
-                                  std::span<const std::array<std::int32_t, 4>> cells);
-
 } // namespace fastsim

@@ -348,6 +348,9 @@ template <typename Real> class Run final : public ExplicitRun {
 
 } // namespace
 
+// Python deletes it as if it were aligned like anything else.
+static_assert(alignof(Run<double>) <= alignof(std::max_align_t));
+
 std::unique_ptr<ExplicitRun> ExplicitRun::make(std::span<const double> points,
                                                std::span<const Index> cells,
                                                std::span<const double> lumped_mass,

@@ -4,6 +4,7 @@
 #include "threads/workers.hpp"
 
 #include <array>
+#include <memory>
 
 namespace fastsim {
 
@@ -20,21 +21,25 @@ class ThreadTeam {
     void wait() {
         if (size() == 1)
             return;
-        const std::size_t round = _round.load(std::memory_order_relaxed);
-        if (_arrived.fetch_add(1, std::memory_order_acq_rel) + 1 == size()) {
-            _arrived.store(0, std::memory_order_relaxed);
-            _round.store(round + 1, std::memory_order_release);
+        const std::size_t round = _round->count.load(std::memory_order_relaxed);
+        if (_arrived->count.fetch_add(1, std::memory_order_acq_rel) + 1 == size()) {
+            _arrived->count.store(0, std::memory_order_relaxed);
+            _round->count.store(round + 1, std::memory_order_release);
             return;
         }
-        for (int spins = 0; _round.load(std::memory_order_acquire) == round; ++spins)
+        for (int spins = 0; _round->count.load(std::memory_order_acquire) == round; ++spins)
             if (spins > 20000)
                 std::this_thread::yield(); // more threads than processors
     }
 
   private:
+    // Lines of their own, on the heap: whoever holds a team need not be aligned so.
+    struct alignas(64) Counter {
+        std::atomic<std::size_t> count{0};
+    };
     Workers _workers;
-    alignas(64) std::atomic<std::size_t> _arrived{0};
-    alignas(64) std::atomic<std::size_t> _round{0};
+    std::unique_ptr<Counter> _arrived = std::make_unique<Counter>();
+    std::unique_ptr<Counter> _round = std::make_unique<Counter>();
 };
 
 /// What each thread has seen in a step; read once all have spoken. Two slots, used in turn: a fast
