@@ -81,7 +81,7 @@ def mesh(
     """
     from palpate.validation.case.filling import fill
     from palpate.validation.case.geometry import load_surface
-    from palpate.validation.case.schema import MeshSpec
+    from palpate.validation.case.geometry_schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
 
     for name, value in (("edge_length", edge_length), ("boundary_distance", boundary_distance)):

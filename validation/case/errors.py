@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from palpate.meshes.errors import InputError
-from palpate.validation.case import motion_schema
+from palpate.validation.case import geometry_schema, motion_schema
 from palpate.validation.case import region_schema as regions_schema
 from palpate.validation.case import schema as case_schema
 from palpate.validation.case.schema import CaseSpec, LoadSpec
@@ -135,7 +135,7 @@ def _siblings(loc: tuple[int | str, ...]) -> list[str]:
 def _all_models() -> list[type[BaseModel]]:
     return [
         value
-        for schema in (case_schema, motion_schema, regions_schema)
+        for schema in (case_schema, geometry_schema, motion_schema, regions_schema)
         for value in vars(schema).values()
         if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel
     ]

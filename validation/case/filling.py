@@ -12,7 +12,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.schema import GradeSpec, MeshSpec
+from palpate.validation.case.geometry_schema import GradeSpec, MeshSpec
 from palpate.validation.case.units import Units
 
 if TYPE_CHECKING:

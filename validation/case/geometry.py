@@ -14,7 +14,8 @@ from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.surface_repair import repair_surface
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.filling import BuiltMesh, fill, require_countable
-from palpate.validation.case.schema import CaseSpec, GeometrySpec
+from palpate.validation.case.geometry_schema import GeometrySpec
+from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.units import Units
 
 # Larger than the kidney of Table I along each axis [m].

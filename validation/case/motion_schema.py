@@ -24,24 +24,33 @@ class TimeSpec(Table):
     """The time axis of a dynamic case; times in s."""
 
     end_time: Positive
+    """[s]."""
     time_step: Positive | None = None
+    """[s]; only for checks on the same mesh, where all take the same steps."""
     mass_damping: NotNegative = 0.0
+    """lambda in D = lambda M [1/s]."""
     num_outputs: Annotated[Count, Field(ge=1, le=MOST_OUTPUTS)] = 50
+    """States kept after the first, evenly spaced."""
 
 
 class AmplitudeSpec(Table):
     """A factor over time, by knots; see meshes/amplitude.py."""
 
     times: tuple[Number, ...] = Field(min_length=1)
+    """Knots [s], increasing."""
     factors: tuple[Number, ...] = Field(min_length=1)
+    """Factor at each knot [-]."""
     smooth: Flag = False
+    """Steps that hardly ring, in place of straight lines."""
 
 
 class RotationSpec(Table):
     """A turn about an axis through the tool's origin."""
 
     axis: Vector
+    """Direction, through the tool's origin."""
     angle_deg: Number
+    """[degrees]."""
 
     @model_validator(mode="after")
     def _has_an_axis(self) -> RotationSpec:
@@ -54,32 +63,47 @@ class PoseSpec(Table):
     """Where the tool is at a time [s]."""
 
     time: Number
+    """[s]; in statics a load parameter, of which the last counts."""
     position: Vector
+    """Of the tool's origin [units.length]."""
     rotation: RotationSpec | None = None
+    """Its turn from the frame it is described in."""
 
 
 class DriveSpec(Table):
     """The tool is pushed along a direction by a force."""
 
     direction: Vector
+    """Unit vector."""
     force: Number
+    """Along it [units.force]."""
     mass: Positive
+    """Of the tool [kg]."""
     amplitude: AmplitudeSpec = AmplitudeSpec(times=(0.0,), factors=(1.0,))
+    """Factor of the force over time."""
 
 
 class ToolSpec(Table):
     """A rigid tool; lengths in the case's unit."""
 
     shape: Literal["sphere", "capsule", "box", "plane", "surface"]
+    """A capsule lies along the tool's z axis; a plane is its half space z <= 0."""
     radius: Positive | None = None
+    """Of a sphere or a capsule [units.length]."""
     half_length: Positive | None = None
+    """Of a capsule, from the origin to the centre of an end [units.length]."""
     half_widths: tuple[Positive, Positive, Positive] | None = None
+    """Of a box [units.length]."""
     surface: str | None = None
+    """A closed surface beside this file, in the tool's frame."""
     pose: tuple[PoseSpec, ...] = Field(min_length=1)
+    """Where it is over time, straight from one pose to the next."""
     drive: DriveSpec | None = None
+    """Pushed by a force in place of following the poses; then one pose says where it starts."""
     friction_coefficient: NotNegative = 0.0
-    # The part of the boundary that may touch; all of it where nothing is said.
+    """Coulomb's [-]."""
     region: RegionSpec | None = None
+    """The part of the boundary that may touch; all of it where nothing is said."""
 
     @model_validator(mode="after")
     def _has_its_sizes(self) -> ToolSpec:

@@ -7,17 +7,16 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from palpate.meshes.problem import Strain
+from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
 from palpate.validation.case.named_values import require_inputs
 from palpate.validation.case.numbers import (
-    Flag,
     Number,
     PlainData,
-    Positive,
     Vector,
     plain_number,
 )
-from palpate.validation.case.region_schema import BallRegion, RegionSpec, Table
+from palpate.validation.case.region_schema import RegionSpec, Table
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS
 from palpate.validation.states import Precision
@@ -36,94 +35,24 @@ OWN_METRICS = tuple(
 MOVING_TRUTH = (*MOVING_TRUTH_METRICS, *PUBLISHED_METRICS)
 
 
-class GeometrySpec(Table):
-    """Exactly one of a built-in shape, a surface file or a mesh file."""
-
-    shape: Literal["box", "beam", "cylinder", "sphere", "kidney"] | None = None
-    surface: str | None = None
-    mesh: str | None = None
-    # Mend a surface file where that is safe; what was done is told in the report.
-    repair: Flag = False
-    size: Vector | None = None
-    length: Positive | None = None
-    width: Positive | None = None
-    height: Positive | None = None
-    radius: Positive | None = None
-    edge_length: Positive | None = None
-
-    @model_validator(mode="after")
-    def _is_one_thing(self) -> GeometrySpec:
-        given = [k for k in ("shape", "surface", "mesh") if getattr(self, k) is not None]
-        if len(given) != 1:
-            raise ValueError("needs exactly one of shape, surface, mesh")
-        parameters = {
-            None: set(),
-            "box": {"size", "edge_length"},
-            "beam": {"length", "width", "height", "edge_length"},
-            "cylinder": {"radius", "height", "edge_length"},
-            "sphere": {"radius", "edge_length"},
-            "kidney": {"edge_length"},
-        }[self.shape]
-        extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
-        if self.surface is not None:
-            extra.discard("repair")
-        missing = parameters - self.model_fields_set
-        what = f"shape {self.shape!r}" if self.shape else given[0]
-        wrongs = [f"takes no {', '.join(sorted(extra))}"] if extra else []
-        wrongs += [f"needs {', '.join(sorted(missing))}"] if missing else []
-        if wrongs:
-            hint = "; cells are sized by edge_length" if extra == {"size"} else ""
-            raise ValueError(f"{what} {' and '.join(wrongs)}{hint}")
-        return self
-
-
-class GradeSpec(Table):
-    """Smaller cells towards a point, a ball or the whole boundary; sizes grow with distance."""
-
-    point: Vector | None = None
-    ball: BallRegion | None = None
-    boundary: Flag = False
-    smallest: Positive
-    growth: Positive = 0.5
-
-    @model_validator(mode="after")
-    def _is_towards_one_thing(self) -> GradeSpec:
-        if (self.point is not None) + (self.ball is not None) + self.boundary != 1:
-            raise ValueError("needs exactly one of point, ball, boundary = true")
-        return self
-
-
-class MeshSpec(Table):
-    """Who fills a surface, and how finely."""
-
-    mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
-    edge_length: Positive | None = None
-    # The given facets, or better ones within a distance of them.
-    boundary: Literal["kept", "free"] = "kept"
-    boundary_distance: Positive | None = None
-    # Bisected afterwards until each cell is as small as every grade asks.
-    grade: tuple[GradeSpec, ...] = ()
-
-    @model_validator(mode="after")
-    def _free_says_how_far(self) -> MeshSpec:
-        if (self.boundary == "free") != (self.boundary_distance is not None):
-            raise ValueError('boundary = "free" and boundary_distance go together')
-        return self
-
-
 class MaterialSpec(Table):
     """Isotropic solid; the ranges are checked where it is built."""
 
     youngs_modulus: Number
+    """Young's modulus [units.stress], above 0."""
     poissons_ratio: Number
+    """Poisson's ratio [-], between -1 and 0.5; linear cells lock near 0.5."""
     density: Number = 1000.0
+    """[units.density], above 0; matters for weight and motion."""
 
 
 class InclusionSpec(Table):
     """Cells of another material: those whose centroid lies in the region."""
 
     region: RegionSpec
+    """A box, a ball or a half_space; cells whose centroid lies in it."""
     material: MaterialSpec
+    """Of those cells."""
 
     @model_validator(mode="after")
     def _chooses_cells(self) -> InclusionSpec:
@@ -136,53 +65,71 @@ class OverTime(Table):
     """What acts from the start, or by a factor over time."""
 
     amplitude: AmplitudeSpec | None = None
+    """Its factor over time; statics take it as 1."""
 
 
 class SupportSpec(OverTime):
     """What is held."""
 
     region: RegionSpec
+    """What is held."""
     components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+    """Which components are held."""
     displacement: Vector = (0.0, 0.0, 0.0)
+    """Where the held part is moved to [units.length]."""
 
 
 class ForceSpec(OverTime):
     """A total force, spread evenly over the region's area."""
 
     kind: Literal["force"]
+    """A total force, spread evenly over the region's area."""
     region: RegionSpec
+    """What is pushed."""
     force: Vector
+    """In all [units.force]."""
 
 
 class TractionSpec(OverTime):
     """Force per rest area."""
 
     kind: Literal["traction"]
+    """Force per rest area."""
     region: RegionSpec
+    """What is pushed."""
     traction: Vector
+    """[units.stress]."""
 
 
 class PressureSpec(OverTime):
     """Pressure that follows the surface; > 0 pushes inwards."""
 
     kind: Literal["pressure"]
+    """A pressure that follows the surface."""
     region: RegionSpec
+    """What is pressed."""
     pressure: Number
+    """Above 0 pushes inwards [units.stress]."""
 
 
 class GravitySpec(OverTime):
     """Weight: density times an acceleration [m/s2]."""
 
     kind: Literal["gravity"]
+    """Weight."""
     acceleration: Vector
+    """[m/s2], whatever the units."""
 
 
 class PointForceSpec(OverTime):
     """A force on the point nearest to a place."""
 
     kind: Literal["point_force"]
+    """A force on one point; has no truth to converge to."""
     region: RegionSpec
+    """Its `nearest` chooses the point."""
     force: Vector
+    """[units.force]."""
 
 
 LoadSpec = Annotated[
@@ -219,18 +166,25 @@ class CheckSpec(Table):
         "published_displacement",
         "published_oscillation",
     ]
+    """What is compared, or measured of the candidate itself."""
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
+    """The reference on the same mesh, the truth with its error bar, or the candidate alone."""
     strain: Strain | None = None
+    """Which answer is judged; the case's strain where nothing is said."""
     limit: Number
+    """What the error may be at most, from what the user needs; mostly [-]."""
     reason: str = Field(min_length=1)
-    # "single" raises a limit to what rounding to float32 does; the case's where nothing is said.
+    """Why this limit."""
     precision: Precision | None = None
-    # Of what is published: a point of the mesh, which component, and the number there, in the
-    # case's length unit, Hz or 1/s; the reason names the source.
+    """"single" raises the limit to what float32 does; the case's where nothing is said."""
     at: Vector | None = None
+    """Of what is published: the point of the mesh [units.length]."""
     component: Literal["x", "y", "z"] | None = None
+    """Of what is published: which component."""
     quantity: Literal["amplitude", "frequency", "damping", "mean"] | None = None
+    """Of a published_oscillation."""
     expected: Number | None = None
+    """The published number [units.length, Hz or 1/s]; the reason names its source."""
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
@@ -265,36 +219,58 @@ class EvidenceSpec(Table):
     """What a credibility file asks that only the user can say (ASME V&V 40-2018)."""
 
     question: str = ""
+    """What the simulation shall answer."""
     context_of_use: str = ""
+    """Where the answer is used, and beside what other evidence."""
     quantities_of_interest: str = ""
+    """What is read from it."""
     applicability: str = ""
+    """How near the case is to its use."""
     model_influence: Literal["low", "medium", "high"] | None = None
+    """How much the decision rests on the model."""
     decision_consequence: Literal["low", "medium", "high"] | None = None
-    # Inputs that were fitted to what is published or measured: `load[0].force`.
+    """How grave a wrong decision is."""
     fitted: tuple[str, ...] = ()
+    """Inputs that were fitted to what is published or measured: `load[0].force`."""
 
 
 class CaseSpec(Table):
     """A whole case file."""
 
     schema_version: Annotated[Literal[1], BeforeValidator(plain_number)] = Field(alias="schema")
+    """Version of this format."""
     title: str = Field(min_length=1)
+    """One line for people."""
     description: str = ""
+    """What is simulated, and why."""
     units: Units = Units()
+    """Units of this file; SI where nothing is said."""
     strain: Strain = Strain.GREEN
-    # "single" grants float32 to every check that compares; see metrics/rounding.py.
+    """The law: green is Saint-Venant-Kirchhoff, linear is for small turns and strains."""
     precision: Precision = Precision.DOUBLE
+    """"single" grants float32 to every check that compares."""
     geometry: GeometrySpec
+    """The body: exactly one of shape, surface and mesh."""
     mesh: MeshSpec = MeshSpec()
+    """Who fills a shape or surface, and how finely."""
     material: MaterialSpec
+    """Of the body."""
     support: tuple[SupportSpec, ...] = ()
+    """What is held; the body may not float."""
     load: tuple[LoadSpec, ...] = ()
+    """What pushes."""
     inclusion: tuple[InclusionSpec, ...] = ()
+    """Parts of another material."""
     tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()
+    """Rigid tools; [tool] stands for a single [[tool]]."""
     time: TimeSpec | None = None
+    """Makes the case a motion from rest; statics without."""
     check: tuple[CheckSpec, ...] = ()
+    """What is judged, with the reason for each limit."""
     evidence: EvidenceSpec = EvidenceSpec()
+    """What a credibility file asks that only its author can say."""
     published: PlainData = Field(default_factory=dict)
+    """Numbers of a paper, told in the report; any keys."""
 
     @model_validator(mode="after")
     def _fitted_values_exist(self) -> CaseSpec:

@@ -22,12 +22,16 @@ _IN_METRES = re.compile(
 class Units(BaseModel):
     """The units a case is written in; SI where nothing is said."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     length: Literal["m", "cm", "mm"] = "m"
+    """Of every length, and of the surface or mesh file."""
     force: Literal["N", "mN", "kN"] = "N"
+    """Of every force."""
     stress: Literal["Pa", "kPa", "MPa"] = "Pa"
+    """Of moduli, tractions and pressures."""
     density: Literal["kg/m3", "g/cm3"] = "kg/m3"
+    """Of densities."""
 
     def metres(self, value: float) -> float:
         """Turn a length into metres."""

@@ -44,7 +44,7 @@ def mesh(
     from palpate.meshes.tet_mesh import TetMesh
     from palpate.validation.case.filling import fill
     from palpate.validation.case.geometry import load_surface
-    from palpate.validation.case.schema import MeshSpec
+    from palpate.validation.case.geometry_schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
     from palpate.validation.output_files import require_outputs
 
