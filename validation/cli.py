@@ -10,10 +10,12 @@ import typer
 from palpate.validation.commands import reference as reference_cli
 from palpate.validation.commands.audit import audit
 from palpate.validation.commands.bench import bench
+from palpate.validation.commands.check import check
 from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
 from palpate.validation.commands.exchange import compare, export
 from palpate.validation.commands.gate import gate
 from palpate.validation.commands.mesh import mesh
+from palpate.validation.commands.new_case import init, schema
 from palpate.validation.commands.report import report
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
@@ -56,6 +58,9 @@ def cases() -> None:
         print(for_terminal(f"{name:12} {load_case(name).title}"))
 
 
+app.command()(init)
+app.command()(schema)
+app.command()(check)
 app.command()(mesh)
 app.command()(export)
 app.command()(compare)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,27 +31,42 @@ def draw_pictures(result: CaseResult, folder: Path, time_limit: float = 180.0) -
     Returns:
         Path of each picture that came about, by name ("states", "errors"); none is required.
     """
-    arrays = _arrays(result)
+    modules = [f"palpate.validation.report.draw_{by}" for by in ("pyvista", "matplotlib")]
+    made = {}
+    for stem, picture in draw_in_child(_arrays(result), modules, time_limit).items():
+        made[stem] = folder / f"{stem}.png"
+        made[stem].write_bytes(picture)
+    return made
+
+
+def draw_in_child(
+    arrays: Mapping[str, NDArray[Any]], modules: Sequence[str], time_limit: float = 180.0
+) -> dict[str, bytes]:
+    """Let the first module that can draw pictures.
+
+    Args:
+        arrays: What a module reads, from the file that is its first argument; its second is the
+            folder for what it draws.
+        modules: In the order in which they are tried.
+        time_limit: Of each [s].
+
+    Returns:
+        Every .png by its name without the end; none where no module managed.
+    """
     with scratch_folder("pictures") as scratch:
         source = scratch / "fields.npz"
         np.savez(source, **arrays)
-        for module in ("draw_pyvista", "draw_matplotlib"):
-            command = [sys.executable, "-m", f"palpate.validation.report.{module}"]
+        for module in modules:
             try:
                 done = run_supervised(
-                    [*command, source, scratch],
+                    [sys.executable, "-m", module, source, scratch],
                     time_limit=time_limit,
                     env={**os.environ, "PYVISTA_OFF_SCREEN": "true"},
                 )
             except (subprocess.SubprocessError, OSError):
                 continue
-            if done.returncode != 0:
-                continue
-            made = {}
-            for path in sorted(scratch.glob("*.png")):
-                (folder / path.name).write_bytes(path.read_bytes())
-                made[path.stem] = folder / path.name
-            if made:
+            made = {path.stem: path.read_bytes() for path in sorted(scratch.glob("*.png"))}
+            if done.returncode == 0 and made:
                 return made
     return {}
 

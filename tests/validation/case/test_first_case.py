@@ -1,0 +1,225 @@
+"""`palpate init` and `palpate schema`: every key is there, described, and what stands is valid."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import BaseModel
+
+import palpate as palpate_api
+from palpate.meshes.errors import InputError
+from palpate.meshes.files import write_mesh, write_surface
+from palpate.meshes.shapes import shape_sphere
+from palpate.validation.benchmarks.bodies import brick_box
+from palpate.validation.case import builtin_cases, builtin_folder, load_case
+from palpate.validation.case.annotated import _tables_of
+from palpate.validation.case.editor_schema import editor_schema
+from palpate.validation.case.first_case import first_case
+from palpate.validation.case.schema import CaseSpec
+
+
+def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "palpate.validation.cli", *map(str, arguments)],
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+
+def all_models(model: type[BaseModel], seen: set[type[BaseModel]]) -> set[type[BaseModel]]:
+    seen.add(model)
+    for field in model.model_fields.values():
+        for kind in _tables_of(field):
+            if kind not in seen:
+                all_models(kind, seen)
+    return seen
+
+
+def keys_in(model: type[BaseModel], found: dict[str, Any]) -> set[tuple[str, str]]:
+    """Every (kind of table, key) of a file in which nothing is a comment any more."""
+    keys = set()
+    for name, field in model.model_fields.items():
+        key = field.alias or name
+        if key not in found:
+            continue
+        keys.add((model.__name__, key))
+        kinds = _tables_of(field)
+        rows = found[key] if isinstance(found[key], list) else [found[key]]
+        for row in rows if kinds else []:
+            kind = next((k for k in kinds if f'"{row.get("kind")}"' in words_of(k)), kinds[0])
+            keys |= keys_in(kind, row)
+    return keys
+
+
+def words_of(kind: type[BaseModel]) -> str:
+    return json.dumps(kind.model_json_schema()["properties"].get("kind", ""))
+
+
+def uncommented(text: str) -> dict[str, Any]:
+    return tomllib.loads(re.sub(r"^#(?=[a-z\[])", "", text, flags=re.MULTILINE))
+
+
+def test_every_key_of_the_schema_is_in_a_first_case(tmp_path: Path) -> None:
+    text = first_case(None, target=tmp_path / "my.toml")
+    wanted = {
+        (model.__name__, field.alias or name)
+        for model in all_models(CaseSpec, set())
+        for name, field in model.model_fields.items()
+    }
+    assert len(wanted) > 80
+    assert wanted - keys_in(CaseSpec, uncommented(text)) == set()
+
+
+def test_every_key_of_a_first_case_has_what_the_schema_says_beside_it(tmp_path: Path) -> None:
+    lines = first_case(None, target=tmp_path / "my.toml").splitlines()
+    for model in all_models(CaseSpec, set()):
+        for name, field in model.model_fields.items():
+            assert field.description, (model, name)
+            key = re.escape(field.alias or name)
+            told = [
+                line for line in lines
+                if re.match(rf"#?({key} = |\[+([a-z_]+\.)*{key}\])", line)
+                and f"  # {field.description}" in line
+            ]  # fmt: skip
+            assert told, (model.__name__, name)
+
+
+def test_a_first_case_without_a_body_is_valid_as_it_stands_and_passes(tmp_path: Path) -> None:
+    path = tmp_path / "my.toml"
+    done = palpate("init", "-o", path)
+    assert done.returncode == 0, done.stderr
+    case = load_case(path)
+    state = palpate_api.solve(case.problem)
+    # Pulled by 5 % of E times the mean area over 60 mm: 3 mm, less 12 mm of them held and loaded.
+    assert 0.0015 < state.max_displacement < 0.0035
+    assert path.read_text("utf-8").count("GUESS") >= 4
+
+
+@pytest.mark.parametrize("unit", ["mm", "cm", "m"])
+def test_supports_and_loads_are_guessed_from_the_extents_of_a_surface(
+    tmp_path: Path, unit: str
+) -> None:
+    ball = shape_sphere(30.0, edge_length=12.0)
+    write_surface(tmp_path / "ball.stl", ball)
+    path = tmp_path / "ball.toml"
+    done = palpate("init", tmp_path / "ball.stl", "-o", path, "--unit", unit)
+    assert done.returncode == 0, done.stderr
+    problem = load_case(path).problem
+    scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[unit]
+    assert np.ptp(problem.mesh.points, axis=0).max() == pytest.approx(
+        np.ptp(ball.points, axis=0).max() * scale,
+        rel=1e-6,  # digits of float32, in a binary .stl
+    )
+    (support,), (load,) = problem.supports, problem.loads
+    assert len(support.facets) > 0
+    assert len(load.facets) > 0  # type: ignore[union-attr]
+
+
+def test_a_mesh_file_is_taken_as_the_mesh(tmp_path: Path) -> None:
+    mesh = brick_box((4, 2, 2), (40.0, 20.0, 20.0))
+    write_mesh(tmp_path / "body.vtu", mesh)
+    assert palpate("init", tmp_path / "body.vtu", "-o", tmp_path / "b.toml").returncode == 0
+    case = load_case(tmp_path / "b.toml")
+    assert case.spec.geometry.mesh == "body.vtu"
+    assert case.problem.mesh.num_cells == mesh.num_cells
+
+
+def test_what_cannot_be_a_first_case_is_told_and_nothing_is_overwritten(tmp_path: Path) -> None:
+    write_surface(tmp_path / "ball.stl", shape_sphere(30.0, edge_length=12.0))
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(InputError, match="beside the case file"):
+        first_case(tmp_path / "ball.stl", target=tmp_path / "sub" / "my.toml")
+    kept = tmp_path / "kept.toml"
+    kept.write_text("mine", "utf-8")
+    done = palpate("init", "-o", kept)
+    assert done.returncode == 2
+    assert "is there already" in done.stderr
+    assert kept.read_text("utf-8") == "mine"
+    for arguments in (["-o", tmp_path / "a.json"], ["-o", tmp_path / "a.toml", "--unit", "inch"]):
+        assert palpate("init", *arguments).returncode == 2
+    assert palpate("init", tmp_path / "none.stl", "-o", tmp_path / "a.toml").returncode == 2
+
+
+def validate(schema: dict[str, Any], root: dict[str, Any], value: Any) -> list[str]:
+    """The part of draft 7 that the schema uses, enough to tell whether a case is as it says."""
+    if "$ref" in schema:
+        target: Any = root
+        for part in schema["$ref"].removeprefix("#/").split("/"):
+            target = target[part]
+        return validate(target, root, value)
+    for word in ("anyOf", "oneOf"):
+        if word in schema:
+            tried = [validate(one, root, value) for one in schema[word]]
+            num_good = sum(not errors for errors in tried)
+            is_good = num_good == 1 if word == "oneOf" else num_good > 0
+            return [] if is_good else [f"{value!r}: {num_good} of {word} fit: {tried}"]
+    if "const" in schema and value != schema["const"]:
+        return [f"{value!r} is not {schema['const']!r}"]
+    if "enum" in schema and value not in schema["enum"]:
+        return [f"{value!r} is not one of {schema['enum']}"]
+    kinds = {
+        "object": dict, "array": list, "string": str, "number": (int, float),
+        "integer": int, "boolean": bool,
+    }  # fmt: skip
+    if "type" in schema and not isinstance(value, kinds[schema["type"]]):
+        return [f"{value!r} is no {schema['type']}"]
+    errors = []
+    if isinstance(value, dict):
+        properties = schema.get("properties", {})
+        errors += [f"{key} is missing" for key in schema.get("required", []) if key not in value]
+        for key, item in value.items():
+            if key in properties:
+                errors += validate(properties[key], root, item)
+            elif schema.get("additionalProperties") is False:
+                errors.append(f"{key} is unknown")
+    if isinstance(value, list):
+        items = schema.get("items", {})
+        pairs = zip(items, value, strict=False) if isinstance(items, list) else (
+            (items, v) for v in value
+        )  # fmt: skip
+        errors += [e for one, item in pairs for e in validate(one, root, item)]
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+            errors.append(f"{len(value)} items")
+    if "exclusiveMinimum" in schema and not value > schema["exclusiveMinimum"]:
+        errors.append(f"{value!r} is not above {schema['exclusiveMinimum']}")
+    return errors
+
+
+@pytest.mark.parametrize("name", builtin_cases())
+def test_every_built_in_case_is_as_the_schema_for_editors_says(name: str) -> None:
+    schema = editor_schema()
+    data = tomllib.loads((builtin_folder() / f"{name}.toml").read_text("utf-8"))
+    assert validate(schema, schema, data) == []
+
+
+def test_a_wrong_case_is_not_as_the_schema_for_editors_says() -> None:
+    schema = editor_schema()
+    data = tomllib.loads((builtin_folder() / "kidney.toml").read_text("utf-8"))
+    for change in ({"materail": {}}, {"strain": "big"}, {"load": [{"kind": "force"}]}):
+        assert validate(schema, schema, {**data, **change})
+
+
+def test_the_schema_is_draft_seven_without_what_toml_has_not_and_describes_each_key(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "case.schema.json"
+    done = palpate("schema", "-o", path)
+    assert done.returncode == 0, done.stderr
+    assert f"#:schema ./{path.name}" in done.stdout
+    schema = json.loads(path.read_text("utf-8"))
+    assert json.loads(palpate("schema").stdout) == schema
+    assert schema["$schema"] == "http://json-schema.org/draft-07/schema#"
+    text = json.dumps(schema)
+    assert '"null"' not in text
+    assert "prefixItems" not in text
+    for kind in (schema, *schema["$defs"].values()):
+        for key, found in kind.get("properties", {}).items():
+            assert found.get("description"), key
+    assert "[units.length]" in schema["$defs"]["BallRegion"]["properties"]["radius"]["description"]

@@ -1,0 +1,205 @@
+"""A case in lines for people, and what looks wrong in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim.errors import SeveralMaterialsError
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.problem import Problem
+from palpate.meshes.quality import measure_quality
+from palpate.validation.case import Case
+from palpate.validation.case.units import FORCE, LENGTH, Units
+from palpate.validation.preview.acting import acting, area_vectors
+from palpate.validation.preview.costs import Costs, expected_costs
+from palpate.validation.preview.thickness import measure_thickness
+
+_SMALL_ANGLE = 5.0
+_FEW_EDGES = 3.0
+_NEAR_INCOMPRESSIBLE = 0.45
+_LARGE_SHARE = 0.05
+
+
+@dataclass(eq=False)
+class Look:
+    """What was seen: `lines` to read, `warnings` to think about."""
+
+    lines: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def say(self, what: str, text: str) -> None:
+        """A line under a heading of a word or two."""
+        self.lines.append(f"{what:<10} {text}")
+
+
+def look_at(case: Case) -> Look:
+    """Read and mesh a case, and say what it will be.
+
+    Raises:
+        InputError: The case cannot be used.
+    """
+    problem, units, look = case.problem, case.spec.units, Look()
+    look.say("case", f"{case.name}: {case.title}")
+    _body(look, case, problem, units)
+    _material(look, problem, units)
+    _what_acts(look, problem, units)
+    try:
+        costs = expected_costs(problem)
+    except SeveralMaterialsError as error:
+        look.warnings.append(f"fastsim cannot solve it: {error}")
+    else:
+        _costs(look, problem, costs, units)
+    if not case.checks:
+        look.warnings.append("no [[check]]: nothing can be judged")
+    look.say("checks", f"{len(case.checks)}, {case.strain} strain")
+    return look
+
+
+def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
+    mesh, unit = problem.mesh, units.length
+    scale = LENGTH[unit]
+    quality = measure_quality(mesh)
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(mesh.points, axis=0) / scale)
+    look.say("body", f"{size} {unit}, {mesh.volume / scale**3:.5g} {unit}3; {case.mesh.origin}")
+    look.say(
+        "mesh",
+        f"{mesh.num_cells} cells, {mesh.num_points} points, longest edge "
+        f"{quality.longest_edge / scale:.3g} {unit}, smallest dihedral angle "
+        f"{quality.smallest_dihedral_deg:.1f} degrees",
+    )
+    through = measure_thickness(mesh)
+    look.say(
+        "thickness",
+        f"{through.length / scale:.3g} {unit} in the median, about {through.num_edges:.1f} edges",
+    )
+    if through.num_edges < _FEW_EDGES:
+        look.warnings.append(
+            f"about {through.num_edges:.1f} edges through the thickness: linear tetrahedra bend "
+            f"much too stiffly with fewer than {_FEW_EDGES:g}; make edge_length smaller"
+        )
+    if quality.smallest_dihedral_deg < _SMALL_ANGLE:
+        look.warnings.append(
+            f"a dihedral angle of {quality.smallest_dihedral_deg:.1f} degrees, below "
+            f'{_SMALL_ANGLE:g}: explicit steps get short; try boundary = "free" in [mesh]'
+        )
+
+
+def _material(look: Look, problem: Problem, units: Units) -> None:
+    m = problem.material
+    modulus = m.youngs_modulus / units.pascals(1.0)
+    look.say(
+        "material",
+        f"E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3"
+        + (f"; {len(problem.inclusions)} inclusion(s)" if problem.inclusions else ""),
+    )
+    if m.poissons_ratio > _NEAR_INCOMPRESSIBLE:
+        look.warnings.append(
+            f"poissons_ratio = {m.poissons_ratio:g}, above {_NEAR_INCOMPRESSIBLE:g}: linear "
+            "tetrahedra lock and are too stiff; hold the truth checks against that"
+        )
+
+
+def _what_acts(look: Look, problem: Problem, units: Units) -> None:
+    mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
+    boundary = float(np.linalg.norm(area_vectors(mesh.points, mesh.boundary_facets), axis=1).sum())
+    held: set[tuple[int, ...]] = set()
+    for number, support in enumerate(problem.supports, 1):
+        area = float(np.linalg.norm(area_vectors(mesh.points, support.facets), axis=1).sum())
+        names = "".join(
+            name for name, is_held in zip("xyz", support.components, strict=True) if is_held
+        )
+        moved = np.array(support.displacement) / scale
+        where = f"{len(support.facets)} facets, {area / scale**2:.4g} {unit}2"
+        if not len(support.facets):
+            where = f"{len(support.points)} point(s)"
+        where += f" ({100 * area / boundary:.0f} % of the boundary)" if area else ""
+        told = f", moved by {_vector(moved)} {unit}" if moved.any() else ""
+        look.say(f"support {number}", f"{where}, {names} held{told}")
+        held |= {tuple(sorted(row)) for row in support.facets.tolist()}
+    total = np.zeros(3)
+    for number, load in enumerate(problem.loads, 1):
+        found = acting(problem, load)
+        total += found.force
+        force = found.force / FORCE[units.force]
+        where = (
+            f", {len(found.facets)} facets, {found.area / scale**2:.4g} {unit}2"
+            if len(found.facets)
+            else ""
+        )
+        look.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
+        shared = held & {tuple(sorted(row)) for row in found.facets.tolist()}
+        if shared and isinstance(load, Traction):
+            look.warnings.append(
+                f"load {number} pushes {len(shared)} facet(s) that are held; that part is lost"
+            )
+    if problem.loads:
+        look.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
+    for number, tool in enumerate(problem.tools, 1):
+        path = tool.path
+        shape = type(tool.shape).__name__.removesuffix("Shape").lower()
+        ends = " to ".join(_vector(p / scale) for p in (path.positions[0], path.positions[-1]))
+        look.say(f"tool {number}", f"{shape}, from {ends} {unit}")
+    moves = any(np.any(support.displacement) for support in problem.supports)
+    if not (problem.loads or problem.tools or moves):
+        look.warnings.append("nothing pushes or moves the body: add a [[load]] or a [tool]")
+
+
+def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:
+    span = problem.time
+    look.say("steps", f"critical time step {costs.critical_time_step:.3g} s")
+    if span is not None:
+        look.lines[-1] += f"; {costs.num_steps} explicit steps to {span.end_time:g} s"
+        if span.time_step is not None and span.time_step > costs.critical_time_step:
+            look.warnings.append(
+                f"time_step = {span.time_step:g} s is above the critical "
+                f"{costs.critical_time_step:.3g} s: explicit steps will blow up"
+            )
+    seconds = "" if costs.fast_seconds is None else f", about {_seconds(costs.fast_seconds)}"
+    look.say(
+        "fastsim",
+        f"{costs.num_unknowns} unknowns{seconds}, about {costs.fast_bytes / 1e9:.1g} GB",
+    )
+    truth = "" if costs.truth_seconds is None else f", about {_seconds(costs.truth_seconds)}"
+    look.say(
+        "truth",
+        f"{costs.num_quadratic_unknowns} unknowns{truth}, about {costs.truth_bytes / 1e9:.1g} GB "
+        "(quadratic tetrahedra; a guess within a factor of three)",
+    )
+    if costs.trouble:
+        look.warnings.append(f"linear strain has no answer: {costs.trouble}")
+    if costs.linear is None:
+        return
+    size = float(np.ptp(problem.mesh.points, axis=0).max())
+    moved = costs.linear.max_displacement
+    look.say(
+        "linear",
+        f"linear strain moves it by {moved / LENGTH[units.length]:.3g} {units.length}, "
+        f"{100 * moved / size:.2g} % of its size, volume "
+        f"{100 * (costs.linear.volume / problem.mesh.volume - 1):+.2g} %",
+    )
+    if costs.linear.smallest_det_f <= 0.0:
+        look.warnings.append(
+            "linear strain turns a cell inside out under this load: Green strain may have no "
+            "equilibrium; try a smaller one"
+        )
+    elif moved > _LARGE_SHARE * size:
+        look.warnings.append(
+            f"linear strain moves it by {100 * moved / size:.0f} % of its size: expect Green "
+            "strain to differ, and to need several Newton iterations"
+        )
+    elif moved == 0.0:
+        look.warnings.append("nothing moves under these loads: is the loaded part held?")
+
+
+def _vector(values: NDArray[Any]) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 12)) + "]"
+
+
+def _seconds(value: float) -> str:
+    if value < 120.0:
+        return f"{max(value, 0.1):.1g} s" if value < 10.0 else f"{value:.0f} s"
+    return f"{value / 60.0:.0f} min" if value < 7200.0 else f"{value / 3600.0:.0f} h"
