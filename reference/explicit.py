@@ -1,4 +1,4 @@
-"""Explicit dynamics on FEniCSx: the twin by which a fast explicit step is judged.
+"""Explicit dynamics on FEniCSx, by which a fast explicit step is judged.
 
 Central differences of M a'' + D a' + R(a) = F(t) with lumped M and D = lambda M. Expanding the
 paper's eq. 11 gives, for each free degree of freedom,
@@ -62,7 +62,7 @@ def simulate_explicit(
     """
     span = problem.time
     if span is None or span.time_step is None:
-        raise InputError("the explicit twin needs a time span with its time_step given")
+        raise InputError("an explicit run needs a time span with its time_step given")
     dt = span.time_step
     per_output = round(span.end_time / span.num_outputs / dt)
     if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
@@ -70,24 +70,24 @@ def simulate_explicit(
             f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
             "apart; choose end_time as num_outputs times a multiple of time_step"
         )
-    twin = _Twin(problem, Strain(strain), amplitude, support_amplitude)
-    body, half = twin.body, 0.5 * span.mass_damping * dt
+    run = _Assembly(problem, Strain(strain), amplitude, support_amplitude)
+    body, half = run.body, 0.5 * span.mass_damping * dt
     zero = np.zeros_like(problem.mesh.points)
-    now = twin.at_supports(
+    now = run.at_supports(
         body.space.from_points(zero if displacement is None else displacement), 0.0
     )
     speed = body.space.from_points(zero if velocity is None else velocity)
-    acceleration = twin.force(now, 0.0) / twin.mass - span.mass_damping * speed
+    acceleration = run.force(now, 0.0) / run.mass - span.mass_damping * speed
     before = now - dt * speed + 0.5 * dt**2 * acceleration
-    mobility = dt**2 / (twin.mass * (1.0 + half))
-    tools = SteppedTools(problem, body.space, twin.held, mobility)
+    mobility = dt**2 / (run.mass * (1.0 + half))
+    tools = SteppedTools(problem, body.space, run.held, mobility)
     tools.require_outside(now)
     states, energies = [body.space.at_points(now)], [body.strain_energy(now)]
     felt = [tools.mean_forces()]
     for step in range(per_output * span.num_outputs):
-        force = twin.force(now, step * dt)
-        ahead = (dt**2 * force / twin.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
-        ahead = tools.keep_out(twin.at_supports(ahead, (step + 1) * dt), (step + 1) * dt)
+        force = run.force(now, step * dt)
+        ahead = (dt**2 * force / run.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
+        ahead = tools.keep_out(run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt)
         if not np.isfinite(ahead).all():
             raise ReferenceBlowUpError(step, step * dt, body.space.at_points(now))
         now, before = ahead, now
@@ -105,7 +105,7 @@ def simulate_explicit(
     )
 
 
-class _Twin:
+class _Assembly:
     """Forces, lumped mass and supports of one problem, over the degrees of freedom."""
 
     def __init__(

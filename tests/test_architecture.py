@@ -97,6 +97,38 @@ def test_the_judge_imports_the_solver_side_of_the_reference_only_when_it_needs_i
         assert names <= light, file
 
 
+def packages_imported(source: str) -> set[str]:
+    """Packages and single files of validation that a source text imports, wherever in it."""
+    names = (name.split(".") for name in imported_names(source))
+    return {parts[2] for parts in names if parts[:2] == ["palpate", "validation"] and parts[2:]}
+
+
+def circles(uses: dict[str, set[str]]) -> set[str]:
+    """Whoever can be reached from itself."""
+    reached = {name: set(used) for name, used in uses.items()}
+    for middle in uses:
+        for found in reached.values():
+            if middle in found:
+                found |= reached[middle]
+    return {name for name, found in reached.items() if name in found}
+
+
+def test_the_packages_of_the_judge_import_one_another_in_no_circle() -> None:
+    uses: dict[str, set[str]] = {}
+    for file in python_files("validation"):
+        package = file.relative_to(ROOT / "validation").parts[0].removesuffix(".py")
+        used = uses.setdefault(package, set())
+        used |= packages_imported(file.read_text("utf-8")) - {package}
+    uses = {name: used & set(uses) for name, used in uses.items()}
+    assert len(uses) > 10
+    assert circles(uses) == set()
+
+
+def test_a_circle_of_three_is_seen() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == {"a", "b", "c"}
+    assert circles({"a": {"b"}, "b": {"c"}, "c": set()}) == set()
+
+
 @pytest.mark.parametrize("room", [*ROOMS, "tests"])
 def test_no_file_is_too_long(room: str) -> None:
     files = [f for s in ("*.py", "*.cpp", "*.hpp") for f in (ROOT / room).rglob(s)]

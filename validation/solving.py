@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from enum import StrEnum
 from typing import Literal, TypeAlias, TypeVar
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain, TimeSpan
-from palpate.validation.states import State
+from palpate.validation.states import Progress, State, in_silence
 
 
 class Simulator(StrEnum):
@@ -24,14 +23,9 @@ class Simulator(StrEnum):
     REFERENCE = "reference"
 
 
-Progress: TypeAlias = Callable[[str], None]
 StrainName: TypeAlias = Strain | Literal["linear", "green"]
 SimulatorName: TypeAlias = Simulator | Literal["fastsim", "reference"]
 _Choice = TypeVar("_Choice", Simulator, Strain)
-
-
-def in_silence(_line: str) -> None:
-    """Progress that nobody reads."""
 
 
 def solve(

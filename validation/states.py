@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,27 @@ from palpate.meshes.tet_mesh import TetMesh
 
 # The simulator of the reference's states, and how their labels begin.
 REFERENCE = "reference"
+# Called with one line now and then by what takes time.
+Progress: TypeAlias = Callable[[str], None]
+
+
+def in_silence(_line: str) -> None:
+    """Progress that nobody reads."""
+
+
+class CandidateFailedError(RuntimeError):
+    """The candidate gave no usable answer; the message says why.
+
+    >>> import dataclasses
+    >>> import palpate
+    >>> problem = palpate.load_case("block").problem
+    >>> jelly = palpate.Material(youngs_modulus=1.0, poissons_ratio=0.4)
+    >>> try:
+    ...     palpate.solve(dataclasses.replace(problem, material=jelly))
+    ... except palpate.CandidateFailedError as error:
+    ...     print(str(error)[:8])
+    fastsim:
+    """
 
 
 class Verdict(StrEnum):

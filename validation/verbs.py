@@ -12,8 +12,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.solving import Progress, StrainName, in_silence, known_word
-from palpate.validation.states import State
+from palpate.validation.solving import StrainName, known_word
+from palpate.validation.states import Progress, State, in_silence
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit

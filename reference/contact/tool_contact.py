@@ -39,7 +39,7 @@ _ROUNDINGS = 16.0
 
 @dataclass(frozen=True, eq=False)
 class ToolState:
-    """What a tool feels at an equilibrium.
+    """The force and moment on a tool at an equilibrium.
 
     Attributes:
         force: On the tool [N], shape (3,).
@@ -180,7 +180,7 @@ class ToolContact:
         return fenicsx.norm(after - before), fenicsx.norm(after)
 
     def state(self, displacement: Points) -> ToolState:
-        """What the tool feels."""
+        """Force and moment on the tool."""
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
         forces = -(self.points.areas * tractions)[:, None] * distance.normal

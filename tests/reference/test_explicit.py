@@ -1,4 +1,4 @@
-"""The explicit twin: exact motions, momentum, moving supports, and loud failure."""
+"""The explicit reference: exact motions, momentum, moving supports, and loud failure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The explicit twin in its own process: the same trajectory, and its failures."""
+"""The explicit reference in its own process: the same trajectory, and its failures."""
 
 from __future__ import annotations
 

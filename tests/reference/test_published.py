@@ -9,7 +9,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
-from palpate.validation.evidence.grid_convergence import assess_grid_convergence
+from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 
 if is_available():
     from palpate.reference.statics import solve_static

@@ -25,8 +25,8 @@ from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.result_changes import describe_since, read_accepted
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.states import CandidateFailedError
 
 WORDS = (
     b"nan", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-1", b"3", b"true", b"null", b'"x"',

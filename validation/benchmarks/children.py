@@ -90,10 +90,10 @@ class TimedChild:
     def _read(self) -> dict[str, Any]:
         assert self._process.stdout is not None
         # Whoever hangs is ended, and has failed.
-        watch = threading.Timer(TIME_LIMIT, self._process.terminate)
-        watch.start()
+        timer = threading.Timer(TIME_LIMIT, self._process.terminate)
+        timer.start()
         line = self._process.stdout.readline()
-        watch.cancel()
+        timer.cancel()
         if line:
             answer: dict[str, Any] = json.loads(line)
             return answer

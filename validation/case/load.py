@@ -145,9 +145,9 @@ class Case:
         try:
             built = build_mesh(self.spec, self.folder)
         except InputError as error:
-            error.args = (units.told(str(error)),)
+            error.args = (units.in_case_units(str(error)),)
             raise
-        return BuiltMesh(built.mesh, units.told(built.origin))
+        return BuiltMesh(built.mesh, units.in_case_units(built.origin))
 
     @cached_property
     def problem(self) -> Problem:
@@ -165,5 +165,5 @@ class Case:
                     point_at(problem.mesh, check.at, units, f"check {number}")
             return problem
         except InputError as error:
-            error.args = (f"{self.path.name}: {units.told(str(error))}",)
+            error.args = (f"{self.path.name}: {units.in_case_units(str(error))}",)
             raise

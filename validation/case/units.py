@@ -7,7 +7,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+from palpate.validation.exchange.length_units import LENGTH
+
+__all__ = ["DENSITY", "FORCE", "LENGTH", "STRESS", "Units"]
+
 FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 STRESS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
 DENSITY = {"kg/m3": 1.0, "g/cm3": 1e3}
@@ -37,7 +40,7 @@ class Units(BaseModel):
         """Turn a length into metres."""
         return value * LENGTH[self.length]
 
-    def told(self, message: str) -> str:
+    def in_case_units(self, message: str) -> str:
         """A message from a room that knows metres only, with its lengths in the case's unit."""
 
         def own(found: re.Match[str]) -> str:

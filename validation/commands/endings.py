@@ -70,24 +70,24 @@ def stoppable() -> Iterator[Stop]:
     woken, wake = os.pipe()
     os.set_blocking(wake, False)
     before_wake = signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
-    watch = threading.Thread(target=_end_if_deaf, args=(woken, answered), daemon=True)
-    watch.start()
+    waiting = threading.Thread(target=_end_if_deaf, args=(woken, answered), daemon=True)
+    waiting.start()
     try:
         yield asked
     finally:
         answered.set()
         signal.set_wakeup_fd(before_wake)
         os.close(wake)
-        watch.join()
+        waiting.join()
         os.close(woken)
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
 def _end_if_deaf(woken: int, answered: threading.Event) -> None:
-    while told := os.read(woken, 1):
-        if told[0] in _STOPS and not answered.wait(_PATIENCE):
-            os._exit(128 + told[0])
+    while number := os.read(woken, 1):
+        if number[0] in _STOPS and not answered.wait(_PATIENCE):
+            os._exit(128 + number[0])
 
 
 class _PatientFile(io.FileIO):

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from palpate.meshes import transforms
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
 from palpate.validation.diagnosis.explanation import OF_RELATION, Cause, Explanation
-from palpate.validation.evidence import relations
 
 Ask = Callable[[Problem], Points]
 _AXIS = (1.0, 2.0, -0.5)
@@ -39,12 +39,12 @@ def isotropy_explanation(problem: Problem, answer: Points, ask: Ask) -> Iterator
     mesh = problem.mesh
     outer = np.unique(mesh.boundary_facets)
     affine = mesh.points @ _SLOPE
-    patch = relations.prescribe(mesh, problem.material, outer, affine)
+    patch = transforms.prescribe(mesh, problem.material, outer, affine)
     # The patch has no inclusions: nor may the body have, for it to be told apart.
     kept = float(np.abs(ask(patch) - affine).max() / np.abs(affine).max())
-    given, back = relations.renumber(problem)
+    given, back = transforms.renumber(problem)
     kept = max(kept, float(np.abs(back(ask(given)) - answer).max()) / scale)
-    given, back = relations.turn(problem, relations.rotation(_AXIS, _ANGLE_DEG))
+    given, back = transforms.turn(problem, transforms.rotation(_AXIS, _ANGLE_DEG))
     broken = float(np.abs(back(ask(given)) - answer).max()) / scale
     yield turned_otherwise(kept, broken)
 

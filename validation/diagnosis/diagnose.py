@@ -16,7 +16,6 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.case.units import LENGTH
 from palpate.validation.diagnosis.answers import Fields, answer_explanations, distance, plain_slips
 from palpate.validation.diagnosis.asked import Ask, isotropy_explanation
 from palpate.validation.diagnosis.body import Body
@@ -42,8 +41,8 @@ from palpate.validation.diagnosis.load_slips import each_load_apart, load_explan
 from palpate.validation.diagnosis.motion_slips import motion_explanations, stepper_of
 from palpate.validation.diagnosis.support_slips import support_explanations
 from palpate.validation.diagnosis.tool_slips import tool_explanation, tool_force_explanations
-from palpate.validation.simulators.answer import CandidateFailedError
-from palpate.validation.states import State
+from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.states import CandidateFailedError, State
 
 _OWN_MESH = "The answer is on a mesh of its own: only units were tried"
 # Slips of units in an answer on a mesh of its own: what that mesh may be off at most.

@@ -161,7 +161,7 @@ def motion_budgets(
     strain: Strain,
     *,
     candidate: State | None = None,
-    twin: State | None = None,
+    same_mesh: State | None = None,
     diagnoses: Sequence[Diagnosis] = (),
     progress: Callable[[str], None] = lambda _line: None,
 ) -> list[Budget]:
@@ -174,7 +174,7 @@ def motion_budgets(
         problem: With a time span and a time step.
         strain: What the candidate was solved with.
         candidate: Its state at the end; fastsim's own where None.
-        twin: The reference's state with the same mesh, strain and step, for the solver's term.
+        same_mesh: The reference's state with the same mesh, strain and step, for the solver's term.
         diagnoses: Of the case, where it was red.
         progress: Called with one line for each run.
 
@@ -210,10 +210,10 @@ def motion_budgets(
     meshed = truth if strain is Strain.GREEN else end(fine_mesh, strain)
     terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
     terms[TIME] = plain - stepped
-    judged_by = plain if twin is None else probe.read(problem.mesh, twin.displacement)
+    judged_by = plain if same_mesh is None else probe.read(problem.mesh, same_mesh.displacement)
     rest = SOLVER
-    if candidate is not None and twin is not None:
-        rest = name_of_rest(problem, candidate, twin, diagnoses)
+    if candidate is not None and same_mesh is not None:
+        rest = name_of_rest(problem, candidate, same_mesh, diagnoses)
     terms[rest] = own - judged_by
     name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
     return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)
@@ -258,43 +258,6 @@ def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
             ]
         )
     return columns, rows
-
-
-def budget_svg(budgets: list[Budget]) -> str:
-    """Bars of the terms, signed, in per cent of the truth; a tick marks the total."""
-    if not budgets:
-        return ""
-    from matplotlib import pyplot
-
-    from palpate.validation.report.plots import figure_svg
-
-    colours = {MODEL: "#b5332e", DISCRETISATION: "#2f6f8f", TIME: "#c98a12"}
-    told: set[str] = set()
-    figure, axes = pyplot.subplots(figsize=(8.4, 1.2 + 0.62 * len(budgets)))
-    for place, budget in enumerate(reversed(budgets)):
-        scale = (abs(budget.truth) or 1.0) / 100.0
-        up = down = 0.0
-        rest = "#2f8f4e" if budget.rest == SOLVER else "#6b3fa0"
-        for name, colour in (colours | {budget.rest: rest, "interaction": "#999999"}).items():
-            value = budget.interaction if name == "interaction" else budget.terms.get(name)
-            width = (value or 0.0) / scale
-            start = up if width >= 0.0 else down
-            label = name.partition(":")[0]
-            axes.barh(
-                place, width, left=start, height=0.5, color=colour,
-                label=None if label in told else label,
-            )  # fmt: skip
-            told.add(label)
-            up, down = (up + width, down) if width >= 0.0 else (up, down + width)
-        axes.plot([budget.total / scale] * 2, [place - 0.36, place + 0.36], color="black", lw=2)
-    names = [f"{b.quantity}\n{b.candidate}" for b in reversed(budgets)]
-    axes.set_yticks(range(len(budgets)), names, fontsize=8)
-    axes.axvline(0.0, color="black", lw=0.8)
-    axes.set_xlabel("error in per cent of the truth; black tick: total")
-    axes.grid(axis="x", color="#dddddd", lw=0.6)
-    axes.legend(frameon=False, fontsize=8, ncol=5, loc="lower center", bbox_to_anchor=(0.45, 1.0))
-    figure.tight_layout()
-    return figure_svg(figure)
 
 
 def _budgets(

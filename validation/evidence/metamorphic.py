@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.meshes import transforms
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -22,7 +23,6 @@ from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import Case
 from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.diagnosis.asked import turned_otherwise
-from palpate.validation.evidence import relations
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.simulators import CandidateFailedError
@@ -145,20 +145,20 @@ def _relations(
     # A body that does not move at all has no scale: then nothing may move when told otherwise.
     scale = float(np.abs(own).max()) or 1.0
 
-    def unchanged(changed: tuple[Problem, relations.Back]) -> Callable[[], float]:
+    def unchanged(changed: tuple[Problem, transforms.Back]) -> Callable[[], float]:
         given, back = changed
         return lambda: float(np.abs(back(answer(given)) - own).max() / scale)
 
     # Supports of single components turn with their axes only: x to y to z.
     is_general = all(all(support.components) for support in problem.supports)
     axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    matrix = relations.rotation(_AXIS, ANGLE_DEG) if is_general else axes
+    matrix = transforms.rotation(_AXIS, ANGLE_DEG) if is_general else axes
     mirror = np.diag([1.0, -1.0, 1.0])
     for name, changed in (
-        (_TURNED, relations.turn(problem, matrix)),
-        ("mirrored", relations.turn(problem, mirror)),
-        (_RENUMBERED, relations.renumber(problem)),
-        ("other units", relations.change_units(problem)),
+        (_TURNED, transforms.turn(problem, matrix)),
+        ("mirrored", transforms.turn(problem, mirror)),
+        (_RENUMBERED, transforms.renumber(problem)),
+        ("other units", transforms.change_units(problem)),
     ):
         yield _Relation(name, _REASON, unchanged(changed))
 
@@ -166,7 +166,7 @@ def _relations(
     for name, mesh in zip(_PATCHES, (_box(False), _box(True)), strict=True):
         affine = mesh.points @ np.array([[0.1, 0.05, 0.0], [-0.04, -0.08, 0.1], [0.0, 0.06, 0.05]])
         outer = np.unique(mesh.boundary_facets)
-        given = relations.prescribe(mesh, problem.material, outer, affine)
+        given = transforms.prescribe(mesh, problem.material, outer, affine)
         yield _Relation(
             name,
             "an affine motion of the boundary is one of the inside, on any mesh",
@@ -185,8 +185,8 @@ def _rigid_turn(problem: Problem, strain: Strain, answer: Callable[[Problem], Po
         mesh = problem.mesh
         clamps = [s for s in problem.supports if all(s.components)] or problem.supports[:1]
         held = np.unique(np.concatenate([s.points for s in clamps]))
-    turned = mesh.points @ (relations.rotation(_AXIS, TURN_DEG) - np.eye(3)).T
-    given = relations.prescribe(mesh, problem.material, held.astype(np.int32), turned)
+    turned = mesh.points @ (transforms.rotation(_AXIS, TURN_DEG) - np.eye(3)).T
+    given = transforms.prescribe(mesh, problem.material, held.astype(np.int32), turned)
     what = f"held points turned by {TURN_DEG:g} degrees turn the body without strain"
     return _Relation(
         "rigid turn",

@@ -28,7 +28,7 @@ _SOLVERS = (Cause.AGREES, Cause.PRECISION)
 def name_of_rest(
     problem: Problem,
     candidate: State,
-    twin: State | None = None,
+    same_mesh: State | None = None,
     diagnoses: Sequence[Diagnosis] = (),
 ) -> str:
     """The name of what is left of a candidate's error on the same mesh, strain and step.
@@ -36,7 +36,7 @@ def name_of_rest(
     Args:
         problem: The case's problem.
         candidate: Its answer at the case's points.
-        twin: The reference's on the same mesh, for motions, which have no residual of their own.
+        same_mesh: The reference's there, for motions, which have no residual.
         diagnoses: Of the case, if it was red.
     """
     mine = [d for d in diagnoses if d.strain is candidate.strain]
@@ -44,7 +44,7 @@ def name_of_rest(
     if first is not None:
         return SOLVER if first.cause in _SOLVERS else f"explained: {first.name}"
     if problem.time is not None:
-        motions = [s.trajectory for s in (candidate, twin) if s is not None]
+        motions = [s.trajectory for s in (candidate, same_mesh) if s is not None]
         if len(motions) == 2 and motions[0] is not None and motions[1] is not None:
             apart = distance(motions[0].displacements, motions[1].displacements)
             return SOLVER if apart <= SINGLE else UNEXPLAINED

@@ -15,7 +15,7 @@ from palpate.validation.exchange.box_tree import BoxTree
 from palpate.validation.exchange.point_location import Location, locate, locate_points
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.surface_search import nearest_on_surface
-from palpate.validation.simulators.answer import CandidateFailedError
+from palpate.validation.states import CandidateFailedError
 
 # Two places are the same within this part of the body's diagonal: what ASCII files with seven
 # digits (single precision) keep.

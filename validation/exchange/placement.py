@@ -17,7 +17,7 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.own_mesh import own_answer, same_place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
-from palpate.validation.simulators.answer import CandidateFailedError
+from palpate.validation.states import CandidateFailedError
 
 # A body this many times as large as the case's is in another unit.
 _OTHER_UNIT = 2.0

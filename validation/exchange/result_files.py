@@ -20,7 +20,7 @@ from palpate.meshes.files import read_answer
 from palpate.meshes.problem import Problem
 from palpate.meshes.untrusted_arrays import array_names, read_npz
 from palpate.meshes.untrusted_text import UntrustedTextError, parse_json, read_text
-from palpate.validation.case.units import LENGTH
+from palpate.validation.exchange.length_units import LENGTH
 
 RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
 # A mesh of a million points with its five million tetrahedra and its displacement.

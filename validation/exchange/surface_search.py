@@ -50,14 +50,14 @@ def _on_triangles(places: Points, corners: Array) -> tuple[Array, Points]:
     a, b, c = (corners[:, k] for k in range(3))
     normal = np.cross(b - a, c - a)
     squared = np.einsum("ij,ij->i", normal, normal)
-    is_flat = squared > 0.0
-    squared = np.where(is_flat, squared, 1.0)
+    has_area = squared > 0.0
+    squared = np.where(has_area, squared, 1.0)
     w = places - a
     v_b = np.einsum("ij,ij->i", np.cross(w, c - a), normal) / squared
     v_c = np.einsum("ij,ij->i", np.cross(b - a, w), normal) / squared
     weights = np.column_stack([1.0 - v_b - v_c, v_b, v_c])
     to_plane = np.abs(np.einsum("ij,ij->i", w, normal)) / np.sqrt(squared)
-    best = np.where(is_flat & (weights.min(axis=1) >= 0.0), to_plane, np.inf)
+    best = np.where(has_area & (weights.min(axis=1) >= 0.0), to_plane, np.inf)
     for start, end in ((0, 1), (1, 2), (2, 0)):
         share, distance = _on_segments(places, corners[:, start], corners[:, end])
         nearer = distance < best

@@ -83,7 +83,7 @@ def judge_case(
         try:
             answer = judged.solve(problem, strain, progress)
         except CandidateFailedError as error:
-            failures[strain] = case.spec.units.told(str(error))
+            failures[strain] = case.spec.units.in_case_units(str(error))
             continue
         notes.extend(answer.remarks)
         unmeasurable = unmeasurable_state(answer)

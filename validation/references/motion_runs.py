@@ -1,10 +1,9 @@
-"""One run of the reference through a motion, as a state: the twin, or the implicit one."""
+"""One run of the reference through a motion, as a state: explicit, or implicit."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -13,9 +12,8 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
-from palpate.validation.states import REFERENCE, State, Trajectory
+from palpate.validation.states import REFERENCE, Progress, State, Trajectory
 
-Progress = Callable[[str], None]
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
 _SPECTRAL_RADIUS = 0.9
 # Of an implicit motion that is to be the truth, the shortest of those that bound its error.
@@ -23,7 +21,7 @@ STEPS_PER_OUTPUT = 4
 _TIME_LIMIT = 4 * 3600.0
 
 
-def solve_twin(problem: Problem, strain: Strain, progress: Progress) -> State:
+def solve_explicit(problem: Problem, strain: Strain, progress: Progress) -> State:
     """The trajectory of linear tetrahedra, from rest, with the case's time step.
 
     Raises:

@@ -1,9 +1,9 @@
 """References of a case in motion: the same steps on the same mesh, and a truth in time and space.
 
-The twin takes the case's own steps by central differences, so that a candidate with the same ones
-must equal it to rounding. The truth is implicit (generalised-alpha) on quadratic tetrahedra; its
-error bars come from three time steps, each half the last, and from finer meshes. It asks nothing
-of the candidate's step, mesh or method.
+The explicit run takes the case's own steps by central differences, so that a candidate with the
+same ones must equal it to rounding. The truth is implicit (generalised-alpha) on quadratic
+tetrahedra; its error bars come from three time steps, each half the last, and from finer meshes.
+It asks nothing of the candidate's step, mesh or method.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.evidence.grid_convergence import (
+from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
+from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.grid_convergence import (
     Convergence,
     GridConvergence,
     assess_grid_convergence,
 )
-from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
-from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
-from palpate.validation.references.motion_runs import Progress, solve_implicit, solve_twin
+from palpate.validation.references.motion_runs import solve_explicit, solve_implicit
 from palpate.validation.references.sequences import as_data, bar_of
 from palpate.validation.references.sets import (
     BOTH,
@@ -38,7 +38,7 @@ from palpate.validation.references.sets import (
     TRUTH,
     ReferenceSet,
 )
-from palpate.validation.states import State
+from palpate.validation.states import Progress, State
 
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
@@ -60,7 +60,7 @@ def solve_motion_set(
     stored: ReferenceSet | None = None,
     is_for_storing: bool = False,
 ) -> ReferenceSet:
-    """Twin and truth of a dynamic case, one for each strain measure.
+    """The explicit run and the truth of a dynamic case, one for each strain measure.
 
     Args:
         problem: With a time span.
@@ -87,7 +87,7 @@ def solve_motion_set(
         origin.append("P1 in motion by central differences on the case's mesh")
         for strain in Strain:
             with _told(failures, (SAME_MESH, strain), is_for_storing):
-                states[SAME_MESH, strain] = solve_twin(problem, strain, progress)
+                states[SAME_MESH, strain] = solve_explicit(problem, strain, progress)
     held = {} if stored is None else _truths(stored)
     if "truth" in wanted and held and stored is not None:
         origin.append("the truth stored: P2 in motion, implicit")

@@ -6,12 +6,11 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.references.motion_runs import (
     STEPS_PER_OUTPUT,
-    Progress,
+    solve_explicit,
     solve_implicit,
-    solve_twin,
 )
 from palpate.validation.references.sets import solve_state
-from palpate.validation.states import State
+from palpate.validation.states import Progress, State
 
 
 def solve_reference(problem: Problem, strain: Strain, degree: int, progress: Progress) -> State:
@@ -34,7 +33,7 @@ def solve_reference(problem: Problem, strain: Strain, degree: int, progress: Pro
     if problem.time is None:
         return solve_state(problem, strain, degree, progress)
     if degree == 1 and problem.time.time_step is not None:
-        return solve_twin(problem, strain, progress)
+        return solve_explicit(problem, strain, progress)
     if problem.tools:
         raise InputError(
             "the reference moves tools by explicit steps only: take degree 1, and give time_step "

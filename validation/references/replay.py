@@ -1,4 +1,4 @@
-"""The judge's own central differences, to hold a stored trajectory of the twin against.
+"""The judge's own central differences, beside which a stored trajectory is held.
 
     m (a(t+dt) - 2 a(t) + a(t-dt)) / dt^2 + lambda m (a(t+dt) - a(t-dt)) / (2 dt) = F(t) - R(a(t))
 

@@ -15,9 +15,9 @@ from dataclasses import replace
 from numpy.linalg import norm
 
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.evidence.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.metrics import COMPARISONS
 from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.states import State
 
 # Of displacements in the interior; at clamped edges less, which a quarter of it allows for.

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.evidence.grid_convergence import SAFETY_FACTOR as THREE_MESHES
 from palpate.validation.exchange.nodal_loads import held_components
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.elasticity import out_of_balance
 from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
 from palpate.validation.references.replay import held_places, replay_motion, steps_per_output
 from palpate.validation.references.sequences import NOISE
 from palpate.validation.references.sets import (
@@ -220,7 +220,7 @@ def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
 
 
 def _wrong_motion(problem: Problem, state: State, thoroughly: bool) -> Iterator[str]:
-    """The twin's motion, stepped through once more; with tools as far as nothing touches."""
+    """The explicit motion, stepped through once more; with tools as far as nothing touches."""
     steps = steps_per_output(problem)
     if state.trajectory is None or state.degree != 1 or not steps:
         return
@@ -274,6 +274,6 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
     gap = np.abs(residual[may_touch].sum(axis=0) - state.tool_forces.sum(axis=0))[whole]
     if not gap.max(initial=0.0) <= _SINGLE * scale:
         yield (
-            f"the tools are said to feel {gap.max():.3g} N other than what the body "
+            f"the forces on the tools are {gap.max():.3g} N other than what the body "
             "pushes back with"
         )

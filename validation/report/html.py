@@ -19,7 +19,6 @@ from palpate.meshes.quality import measure_quality
 from palpate.validation.evidence.error_budget import (
     Budget,
     budget_rows,
-    budget_svg,
     case_budgets,
     motion_budgets,
 )
@@ -27,6 +26,7 @@ from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import for_html
 from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.report.budget_plot import budget_svg
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
@@ -157,12 +157,12 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
         budgets = []
         for state in result.states:
             if state.label == result.candidate and not state.is_reference:
-                twin = result.state(SAME_MESH, state.strain)
+                same_mesh = result.state(SAME_MESH, state.strain)
                 budgets += motion_budgets(
                     problem,
                     state.strain,
                     candidate=state,
-                    twin=twin,
+                    same_mesh=same_mesh,
                     diagnoses=result.diagnoses,
                 )
         return budgets, ""

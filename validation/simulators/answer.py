@@ -1,39 +1,28 @@
-"""What a candidate gives: a displacement, or the reason why there is none."""
+"""What a candidate gives, as plain arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.validation.states import Trajectory
+from palpate.validation.states import CandidateFailedError, Progress, Trajectory
 
-Progress = Callable[[str], None]
-
-
-class CandidateFailedError(RuntimeError):
-    """The candidate gave no usable answer; the message says why.
-
-    >>> import dataclasses
-    >>> import palpate
-    >>> problem = palpate.load_case("block").problem
-    >>> jelly = palpate.Material(youngs_modulus=1.0, poissons_ratio=0.4)
-    >>> try:
-    ...     palpate.solve(dataclasses.replace(problem, material=jelly))
-    ... except palpate.CandidateFailedError as error:
-    ...     print(str(error)[:8])
-    fastsim:
-    """
+__all__ = ["Answer", "CandidateFailedError", "Progress"]
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A candidate's displacement [m] with how it got there, and over time in dynamic cases.
+    """A candidate's displacement, and how it got there.
 
-    `tool_forces` as in `State`.
+    Attributes:
+        displacement: [m], (num_points, 3); of a motion its last state.
+        seconds: Time the solve took.
+        details: As in `State`.
+        trajectory: Of a motion.
+        tool_forces: [N], as in `State`.
     """
 
     displacement: Points

@@ -24,7 +24,7 @@ from rich.console import Console
 
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
-from palpate.validation.evidence.grid_convergence import GridConvergence
+from palpate.validation.metrics.grid_convergence import GridConvergence
 from palpate.validation.report.study_page import Finding, StudyTable
 from palpate.validation.studies.convergence_figures import draw_families, draw_kidney
 from palpate.validation.studies.convergence_space import (

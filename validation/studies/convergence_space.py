@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.evidence.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.metrics.elasticity import strain_energy
+from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.studies.column import ColumnAnswer, column, exact_column
 from palpate.validation.studies.error_family import ErrorFamily
 from palpate.validation.studies.manufactured import errors, manufactured_problem

@@ -238,6 +238,6 @@ def remainder(first: float, second: float) -> float:
     second / (first / second - 1), with Roache's factor of safety for three meshes, 1.25.
     Infinite where they do not shrink.
     """
-    from palpate.validation.evidence.grid_convergence import SAFETY_FACTOR
+    from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 
     return SAFETY_FACTOR * second / (first / second - 1.0) if first > second else float("inf")

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.evidence.grid_convergence import GridConvergence
+from palpate.validation.metrics.grid_convergence import GridConvergence
 from palpate.validation.studies.beam import scaled
 from palpate.validation.studies.kidney_convergence import (
     QUANTITIES,

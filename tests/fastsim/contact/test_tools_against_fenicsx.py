@@ -1,4 +1,4 @@
-"""Tools in explicit steps against the twin on FEniCSx: motion and force on the tool."""
+"""Tools in explicit steps against the explicit steps on FEniCSx: motion and force on the tool."""
 
 from __future__ import annotations
 

@@ -203,7 +203,7 @@ def test_built_in_cases_are_whole() -> None:
         assert abs(problem.material.poissons_ratio - 0.25) > 0.02
         kinds = {(check.against, check.metric) for check in case.checks}
         wanted = {"same_mesh"} if problem.tools else {"truth"}
-        # Where no step is stated, no twin can take the same ones.
+        # Where no step is stated, no explicit reference can take the same ones.
         if not problem.tools and not (problem.time and problem.time.time_step is None):
             wanted.add("same_mesh")
         assert wanted <= {against for against, _ in kinds}

@@ -131,7 +131,7 @@ def test_places_are_told_in_the_cases_unit_before_anything_is_solved(
 
 
 def test_lengths_of_a_message_are_turned_and_nothing_else() -> None:
-    told = Units(length="mm").told
+    told = Units(length="mm").in_case_units
     assert (
         told("at (0.06, -1.5e-3, 0) m; at most 0.003 m is")
         == "at (60, -1.5, 0) mm; at most 3 mm is"
@@ -139,7 +139,7 @@ def test_lengths_of_a_message_are_turned_and_nothing_else() -> None:
     assert told("[0.1, 0.2] m") == "[100, 200] mm"
     for kept in ("2 m/s", "1e-9 m3", "3 mm", "9.8 m/s2", "4 more", 'it said "moved 0.003 m"'):
         assert told(kept) == kept
-    assert Units().told("0.003 m") == "0.003 m"
+    assert Units().in_case_units("0.003 m") == "0.003 m"
 
 
 @pytest.mark.parametrize("name", ["loop.stl", "a\\u0000b.stl", "x" * 5000, ".", "/dev/zero"])

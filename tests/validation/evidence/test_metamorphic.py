@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.meshes import transforms
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import Case, load_case
-from palpate.validation.evidence import relations
 from palpate.validation.evidence.metamorphic import LEAST_BROKEN, judge_relations
 from palpate.validation.metrics import make_state
 from palpate.validation.simulators.answer import Progress
@@ -55,8 +55,8 @@ def test_the_benchmarks_keep_them_too(name: str) -> None:
 
 def test_single_components_turn_with_their_axes_only() -> None:
     problem = load_case("stretch").problem
-    quarter = relations.rotation((0.0, 0.0, 1.0), 90.0)
-    turned, back = relations.turn(problem, quarter)
+    quarter = transforms.rotation((0.0, 0.0, 1.0), 90.0)
+    turned, back = transforms.turn(problem, quarter)
     assert [s.components for s in problem.supports][:2] == [
         (True, False, False),
         (False, True, False),
@@ -67,20 +67,20 @@ def test_single_components_turn_with_their_axes_only() -> None:
     ]
     np.testing.assert_allclose(back(turned.mesh.points), problem.mesh.points, atol=1e-15)
     with pytest.raises(InputError, match="axes only"):
-        relations.turn(problem, relations.rotation((0.0, 0.0, 1.0), 45.0))
+        transforms.turn(problem, transforms.rotation((0.0, 0.0, 1.0), 45.0))
 
 
 def test_maps_are_undone_and_problems_are_really_changed(
     problem: Problem, answer: NDArray[np.float64]
 ) -> None:
-    matrix = relations.rotation((1.0, 2.0, 3.0), 50.0)
+    matrix = transforms.rotation((1.0, 2.0, 3.0), 50.0)
     np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(matrix) == pytest.approx(1.0)
     for changed, back in (
-        relations.turn(problem, matrix),
-        relations.turn(problem, np.diag([1.0, -1.0, 1.0])),
-        relations.renumber(problem),
-        relations.change_units(problem),
+        transforms.turn(problem, matrix),
+        transforms.turn(problem, np.diag([1.0, -1.0, 1.0])),
+        transforms.renumber(problem),
+        transforms.change_units(problem),
     ):
         assert not np.allclose(changed.mesh.points, problem.mesh.points)
         # Positions go the way displacements go (no shifts here): the map must undo both.

@@ -15,7 +15,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFileError, read_result
-from palpate.validation.simulators.answer import CandidateFailedError
+from palpate.validation.states import CandidateFailedError
 
 Field = NDArray[np.float64]
 SLOPE = np.array([[0.1, 0.2, 0.0], [0.0, -0.1, 0.3], [0.2, 0.0, 0.1]])

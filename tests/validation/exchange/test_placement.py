@@ -15,7 +15,7 @@ from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.result_files import ResultFileError, read_result
-from palpate.validation.simulators.answer import CandidateFailedError
+from palpate.validation.states import CandidateFailedError
 
 Field = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.evidence.grid_convergence import assess_grid_convergence
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault

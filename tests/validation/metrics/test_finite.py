@@ -12,10 +12,10 @@ from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.evidence.grid_convergence import assess_grid_convergence
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import CATALOGUE, Difference, make_state
 from palpate.validation.metrics.finite import are_measurable, largest, smallest
+from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import State, Trajectory, Verdict
 
 MESH = brick_box((2, 1, 1), (2.0, 1.0, 1.0))

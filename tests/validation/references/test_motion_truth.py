@@ -13,10 +13,10 @@ from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.reference.errors import ReferenceStepError, ReferenceUnavailableError
 from palpate.validation.case import load_case
-from palpate.validation.evidence.grid_convergence import Convergence
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state, measure
+from palpate.validation.metrics.grid_convergence import Convergence
 from palpate.validation.references import motions
 from palpate.validation.references.motions import assess_sequence, solve_motion_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
@@ -131,7 +131,7 @@ def test_a_candidate_with_steps_of_its_own_is_judged_by_the_truth(tmp_path: Path
     by_kind = {(c.metric, c.against): c.verdict for c in result.checks}
     assert by_kind["trajectory_l2", "truth"] is Verdict.PASSED
     assert by_kind["oscillation_frequency", "truth"] is Verdict.PASSED
-    # The twin takes the case's steps: other ones are seen there, as they should.
+    # The explicit run takes the case's steps: other ones are seen there, as they should.
     assert by_kind["trajectory_l2", "same_mesh"] is Verdict.FAILED
 
 
@@ -173,22 +173,22 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
     stored = find_references(case, live=False, progress=lambda _line: None)
     calls: list[tuple[str, Strain]] = []
 
-    def twin(_problem: Problem, strain: Strain, _progress: object) -> State:
-        calls.append(("twin", strain))
+    def explicit(_problem: Problem, strain: Strain, _progress: object) -> State:
+        calls.append(("explicit", strain))
         return stored.states[SAME_MESH, strain]
 
     def implicit(_problem: Problem, strain: Strain, *_rest: object, **_options: object) -> State:
         calls.append(("implicit", strain))
         return stored.states[QUADRATIC, strain]
 
-    monkeypatch.setattr(motions, "solve_twin", twin)
+    monkeypatch.setattr(motions, "solve_explicit", explicit)
     monkeypatch.setattr(motions, "solve_implicit", implicit)
 
     def say(_line: str) -> None:
         pass
 
     found = solve_motion_set(case.problem, say, wanted={"same_mesh", "candidate"}, stored=stored)
-    assert {who for who, _ in calls} == {"twin"}
+    assert {who for who, _ in calls} == {"explicit"}
     assert found.truth(Strain.GREEN) is None
     calls.clear()
     found = solve_motion_set(case.problem, say, wanted={"truth"}, stored=stored)
@@ -220,7 +220,7 @@ def test_a_motion_without_an_answer_is_told_and_never_stored(
     assert "a cell would invert" in found.failure("truth", Strain.GREEN)
     with pytest.raises(ReferenceStepError):
         solve_motion_set(case.problem, say, wanted={"truth"}, is_for_storing=True)
-    monkeypatch.setattr(motions, "solve_twin", unavailable)
+    monkeypatch.setattr(motions, "solve_explicit", unavailable)
     with pytest.raises(ReferenceUnavailableError):
         solve_motion_set(case.problem, say, wanted={"same_mesh"})
 
@@ -250,7 +250,7 @@ def test_this_version_finds_the_stored_twin(name: str) -> None:
     case = load_case(name)
     stored = find_references(case, live=False, progress=lambda _line: None)
     kept = stored.states[SAME_MESH, case.strain]
-    found = motions.solve_twin(case.problem, case.strain, lambda _line: None)
+    found = motions.solve_explicit(case.problem, case.strain, lambda _line: None)
     assert measure("trajectory_l2", case.problem, found, kept).value < 1e-11
     if case.problem.tools:
         assert measure("tool_force", case.problem, found, kept).value < 1e-11

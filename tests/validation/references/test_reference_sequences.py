@@ -10,7 +10,7 @@ import pytest
 from palpate.meshes.problem import Strain
 from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
-from palpate.validation.evidence.grid_convergence import Convergence, GridConvergence
+from palpate.validation.metrics.grid_convergence import Convergence, GridConvergence
 from palpate.validation.references.sequences import assess_metrics, at_points_of, bar_of, widen
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import State

@@ -13,7 +13,7 @@ import pytest
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
-from palpate.validation.evidence.grid_convergence import assess_grid_convergence
+from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import Verdict
 from palpate.validation.studies.input_sensitivity import (
     COVERAGE,

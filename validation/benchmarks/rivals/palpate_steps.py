@@ -1,4 +1,4 @@
-"""Our own explicit steps, on the body that `simulate` makes and with its watch over energies."""
+"""Our own explicit steps, on the body that `simulate` makes and with the energies it adds up."""
 
 from __future__ import annotations
 

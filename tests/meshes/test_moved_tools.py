@@ -1,4 +1,4 @@
-"""A tool told in another way is as far from a place told in that way as it was."""
+"""A tool in another form is as far from a place in that form as it was."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.contact.tool_contact import core_shape, gaps_at, poses_at
+from palpate.meshes import transforms
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Material, Problem
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -24,7 +25,7 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.shapes import shape_box
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.evidence import relations
+from palpate.validation.benchmarks.bodies import brick_box
 
 _BOX = shape_box((0.6, 1.0, 1.6), edge_length=0.4)
 # No mirror image of itself.
@@ -39,6 +40,12 @@ SHAPES: list[ToolShape] = [
     SurfaceShape(_LOPSIDED),
 ]
 TIMES = np.array([0.0, 0.4, 1.0, 1.7, 2.0])
+
+
+@pytest.fixture
+def problem() -> Problem:
+    mesh = brick_box((4, 2, 2), (2.0, 1.0, 1.0), ragged=0.2)
+    return Problem(mesh, Material(1000.0, 0.3), (), ())
 
 
 def distances(tool: RigidTool, places: Points) -> Points:
@@ -62,15 +69,15 @@ def test_places_are_as_far_from_the_tool_as_before(problem: Problem, shape: Tool
     given = dataclasses.replace(problem, tools=(tool_of(shape),))
     places = np.random.default_rng(3).uniform(-1.5, 1.5, (100, 3))
     before = distances(given.tools[0], places)
-    turn = relations.rotation((1.0, 2.0, 3.0), 50.0)
-    half = relations.rotation((1.0, 0.0, 0.0), 180.0)  # where a quaternion's w is 0
+    turn = transforms.rotation((1.0, 2.0, 3.0), 50.0)
+    half = transforms.rotation((1.0, 0.0, 0.0), 180.0)  # where a quaternion's w is 0
     for matrix in (turn, half, np.diag([1.0, -1.0, 1.0]), turn @ np.diag([1.0, 1.0, -1.0])):
-        changed, _ = relations.turn(given, matrix)
+        changed, _ = transforms.turn(given, matrix)
         after = distances(changed.tools[0], places @ matrix.T)
         np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-13)
         # It has really been moved.
         assert np.abs(distances(given.tools[0], places @ matrix.T) - before).max() > 0.01
-    changed, _ = relations.change_units(given, 1000.0)
+    changed, _ = transforms.change_units(given, 1000.0)
     after = distances(changed.tools[0], 1000.0 * places)
     np.testing.assert_allclose(after, 1000.0 * before, rtol=0.0, atol=1e-10)
 
@@ -83,12 +90,12 @@ def test_facets_that_may_touch_and_the_drive_go_along(problem: Problem) -> None:
     given = dataclasses.replace(problem, tools=(tool,))
     corners = problem.mesh.points[facets]
 
-    renumbered, _ = relations.renumber(given)
+    renumbered, _ = transforms.renumber(given)
     np.testing.assert_array_equal(
         renumbered.mesh.points[renumbered.tools[0].contact_facets], corners
     )
     mirror = np.diag([1.0, 1.0, -1.0])
-    mirrored, _ = relations.turn(given, mirror)
+    mirrored, _ = transforms.turn(given, mirror)
     moved = mirrored.tools[0]
     assert moved.drive is not None
     assert moved.drive.direction == (0.0, 0.0, 1.0)

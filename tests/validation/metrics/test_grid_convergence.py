@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from palpate.validation.evidence.grid_convergence import Convergence, assess_grid_convergence
+from palpate.validation.metrics.grid_convergence import Convergence, assess_grid_convergence
 
 
 def test_the_nasa_example_is_reproduced_to_eight_digits():

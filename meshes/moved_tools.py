@@ -1,4 +1,4 @@
-"""Rigid tools told in another way: turned, mirrored, in another unit of length."""
+"""Rigid tools in another form: turned, mirrored, in another unit of length."""
 
 from __future__ import annotations
 

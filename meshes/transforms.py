@@ -1,4 +1,4 @@
-"""The same problem told in another way: turned, mirrored, renumbered, in other units.
+"""The same problem in another form: turned, mirrored, renumbered, in other units.
 
 Each function gives the changed problem and the map that takes its answer back. A simulator that
 answers the two differently is wrong, whatever the reference says.
@@ -22,9 +22,9 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.errors import InputError
+from palpate.meshes.moved_tools import scaled_tool, turned_tool
 from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.evidence.moved_tools import scaled_tool, turned_tool
 
 Back = Callable[[Points], Points]
 Matrix = NDArray[np.float64]
