@@ -50,6 +50,9 @@ def test_motions_and_tools_are_solved_and_the_file_passes_the_case(
     written = tmp_path / f"{case}.npz"
     done = palpate("solve", case, "--with", who, "-o", written)
     assert done.returncode == 0, done.stderr
+    span = load_case(case).problem.time
+    if span is not None:
+        assert f"{states} states to {span.end_time:g} s" in done.stdout
     with np.load(written) as stored:
         moves = stored["displacement"]
     assert moves.reshape(-1, *moves.shape[-2:]).shape[0] == states

@@ -113,6 +113,10 @@ def test_a_linear_field_on_another_mesh_is_read_exactly(tmp_path: Path, problem:
         ({"displacement": "u", "length_unit": np.array("inch")}, "length_unit 'inch'"),
         ({"displacement": "u", "original_id": "zeros"}, "each of"),
         ({"displacement": "u", "original_id": "far"}, "outside 0"),
+        ({"displacement": "u", "original_id": "farther"}, "outside 0"),
+        ({"displacement": "one more", "original_id": "first twice"}, "each of"),
+        ({"displacement": "u", "points": "rest", "cells": "beyond"}, "points that do not exist"),
+        ({"displacement": "u", "points": "rest", "cells": "before"}, "points that do not exist"),
         ({"displacement": "u", "points": "elsewhere"}, "no tetrahedra"),
         ({"displacement": "text"}, "not numbers"),
         ({"displacement": "two"}, "without `times`"),
@@ -129,6 +133,12 @@ def test_what_cannot_be_used_is_an_input_error(
         "flat": answer.ravel(),
         "zeros": np.zeros(len(answer), dtype=int),
         "far": np.arange(len(answer)) + 1,
+        "farther": np.arange(len(answer)) + 7,
+        "one more": np.vstack([answer, answer[:1]]),
+        "first twice": np.append(np.arange(len(answer)), 0),
+        "rest": problem.mesh.points,
+        "beyond": problem.mesh.cells + 1,
+        "before": problem.mesh.cells - 1,
         "elsewhere": problem.mesh.points + 0.01,
         "text": np.full(answer.shape, "x"),
         "two": np.stack([answer, answer]),
@@ -136,6 +146,12 @@ def test_what_cannot_be_used_is_an_input_error(
     filled = {k: known[v] if isinstance(v, str) else v for k, v in arrays.items()}
     with pytest.raises(ResultFileError, match=message):
         placed(npz(tmp_path, **filled), problem)
+
+
+def test_a_csv_without_an_answer_is_told_what_it_holds(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("x,y,z\n0,0,0\n1,0,0\n", encoding="utf-8")
+    with pytest.raises(ResultFileError, match=r"it holds: points\)"):
+        read_result(tmp_path / "r.csv")
 
 
 def test_damaged_files_are_input_errors(tmp_path: Path, problem: Problem, answer: Field) -> None:

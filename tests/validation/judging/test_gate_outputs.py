@@ -6,12 +6,15 @@ import dataclasses
 import json
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
 from palpate.meshes.errors import FileFormatError
+from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
+from palpate.validation.diagnosis.explanation import Cause, Diagnosis, Explanation
 from palpate.validation.judging import outputs
 from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
@@ -65,6 +68,35 @@ def test_at_most_ten_of_a_kind_and_a_count(softer: CaseResult) -> None:
         assert len(found) == lines
         assert ("and " in found[-1].split("::")[-1][:4]) == (count > 10)
     assert found[-1].endswith("and 16 more checks")
+
+
+def test_the_tenth_of_ten_is_shown_and_not_the_first_again(softer: CaseResult) -> None:
+    bad = next(c for c in softer.checks if c.verdict is Verdict.FAILED)
+    ten = [dataclasses.replace(bad, message=f"number {k}") for k in range(10)]
+    found = github_annotations([dataclasses.replace(softer, checks=tuple(ten))])
+    assert [line.split("number ")[1][:1] for line in found] == list("0123456789")
+
+
+def test_a_diagnosis_stands_in_every_output(softer: CaseResult) -> None:
+    green, linear = Strain.GREEN, Strain.LINEAR
+    fits = Explanation("half the load", Cause.LOAD, 1e-12, 0.5, "the largest force")
+    told = (
+        Diagnosis(green, (fits,), 9, 0.5, "the largest force"),
+        Diagnosis(linear, (), 7, 0.3, "x"),
+    )
+    bad = next(c for c in softer.checks if c.verdict is Verdict.FAILED)
+    checks = tuple(dataclasses.replace(bad, strain=strain) for strain in (green, linear))
+    result = dataclasses.replace(softer, checks=checks, diagnoses=told)
+    rows = json.loads(outputs.results_json([result], "1"))["cases"][0]["diagnosis"]
+    assert [(row["strain"], row["explanation"], row["tried"]) for row in rows] == [
+        ("green", "half the load", 9), ("linear", None, 7)
+    ]  # fmt: skip
+    assert (rows[0]["residual"], rows[1]["stated"]) == (1e-12, 0.3)
+    failures = ET.fromstring(outputs.junit_xml([result])).findall(".//failure")
+    texts = [ET.tostring(failure, encoding="unicode") for failure in failures]
+    assert "half the load" in texts[0]
+    assert "none of 7" in texts[1]
+    assert "half the load" not in texts[1]
 
 
 def test_no_change_is_no_line(tmp_path: Path, healthy: CaseResult) -> None:
