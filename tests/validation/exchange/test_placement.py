@@ -150,7 +150,7 @@ def test_what_cannot_be_used_is_an_input_error(
 
 def test_a_csv_without_an_answer_is_told_what_it_holds(tmp_path: Path) -> None:
     (tmp_path / "r.csv").write_text("x,y,z\n0,0,0\n1,0,0\n", encoding="utf-8")
-    with pytest.raises(ResultFileError, match=r"it holds: points\)"):
+    with pytest.raises(ResultFileError, match="it holds: 'points'"):
         read_result(tmp_path / "r.csv")
 
 

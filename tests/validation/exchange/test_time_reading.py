@@ -39,20 +39,13 @@ def test_cubics_are_read_exactly_between_uneven_states_and_at_the_ends() -> None
 
 
 def test_the_other_reading_is_the_farther_of_two_parabolas() -> None:
-    # Through the last three of t^3 = 0, 1, 8, 27 at 0 to 3: read at 1.5, 3.75; the first three give
-    # 3.0; the cubic itself 3.375. Another last state moves the second alone.
-    times = np.arange(4.0)
-    for last, farther in ((27.0, None), (27.3, "late"), (26.7, "early")):
-        states = field(np.array([0.0, 1.0, 8.0, last]))
-        read = read_at(times, states, np.array([1.5]), slack=1e-9)
-        early = np.polyval(np.polyfit(times[:3], states[:3, 0, 0], 2), 1.5)
-        late = np.polyval(np.polyfit(times[1:], states[1:, 0, 0], 2), 1.5)
-        off = {
-            name: abs(x - read.states[0, 0, 0]) for name, x in (("early", early), ("late", late))
-        }
-        assert abs(read.others[0, 0, 0] - read.states[0, 0, 0]) == pytest.approx(max(off.values()))
-        if farther:
-            assert off["early"] != pytest.approx(off["late"], rel=1e-3)
+    # Between four states the cubic parts from a parabola through three of them by its third
+    # difference times the distances to those three: 1.3 * 0.3 * 0.7 early, 0.3 * 0.7 * 1.7 late.
+    states = field(np.arange(4.0) ** 3)
+    for time, farther in ((1.3, 0.3 * 0.7 * 1.7), (1.7, 1.7 * 0.7 * 0.3)):
+        read = read_at(np.arange(4.0), states, np.array([time]), slack=1e-9)
+        off = abs(read.others[0, 0, 0] - read.states[0, 0, 0])
+        assert off == pytest.approx(farther, rel=1e-12)
 
 
 @pytest.mark.parametrize("per_period", [6.5, 9.3, 21.0])
