@@ -4,8 +4,8 @@
 
 1. every test of the judge runs once, and which lines it runs is kept (coverage.py);
 2. mutants are drawn by a fixed seed (draw.py);
-3. each is put into a copy of the sources, and the tests that run its line are run there, the quick
-   ones first, until one fails;
+3. each is put into a copy of the sources, and the tests that run its line are run there, those of
+   its own package first, until one fails;
 4. a mutant that no test notices is a survivor. It needs a test, or a reason in explained.toml why
    nobody can notice it.
 
@@ -38,7 +38,8 @@ WORK = ROOT / "build" / "mutants"
 TESTS = [f"tests/validation/{name}" for name in (*PACKAGES, "evidence", "simulators", "case")]
 # Longer ones are not the place where a slip of one line should be noticed.
 LONGEST = 20.0
-TIME_LIMIT = 300.0
+# A mutant that makes the tests so many times as long hangs, and that is noticed.
+SLOWER = 5.0
 _PYTEST = ["-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not browser"]
 Lines = dict[str, dict[int, set[str]]]
 
@@ -85,17 +86,21 @@ def run_once(tree: Path) -> tuple[Lines, dict[str, float]]:
 
 
 def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[str]:
-    """Tests that run its line, the quick ones first; of a constant, those that run its file."""
+    """Tests that run its line, its own package's first and the quick ones before the others.
+
+    Of a constant that is made when the file is read, those that run any line of the file.
+    """
     by_line = lines.get(mutant.path, {})
     found = by_line.get(mutant.line, set()) - {""}
     if not found:
         found = set().union(*by_line.values()) - {""}
     quick = [name for name in found if seconds.get(name, 0.0) <= LONGEST]
-    return sorted(quick, key=lambda name: seconds.get(name, 0.0))
+    own = f"tests/{Path(mutant.path).parent}/"
+    return sorted(quick, key=lambda name: (not name.startswith(own), seconds.get(name, 0.0)))
 
 
-def is_noticed(mutant: Mutant, tests: list[str], tree: Path) -> bool:
-    """Whether a test fails with the mutant in the tree."""
+def is_noticed(mutant: Mutant, tests: list[str], tree: Path, time_limit: float) -> bool:
+    """Whether a test fails with the mutant in the tree, or they do not end in time [s]."""
     if not tests:
         return False
     target = tree / "palpate" / mutant.path
@@ -104,7 +109,7 @@ def is_noticed(mutant: Mutant, tests: list[str], tree: Path) -> bool:
     try:
         done = subprocess.run(
             [sys.executable, *_PYTEST, *tests],
-            cwd=ROOT, env=environment(tree), timeout=TIME_LIMIT, check=False,
+            cwd=ROOT, env=environment(tree), timeout=time_limit, check=False,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
@@ -152,8 +157,10 @@ def main() -> int:
     known, outcomes = explained(), defaultdict(list)
 
     def try_one(mutant: Mutant) -> None:
+        tests = tests_of(mutant, lines, seconds)
+        limit = 60.0 + SLOWER * sum(seconds.get(name, 0.0) for name in tests)
         with one_of(trees) as tree:
-            noticed = is_noticed(mutant, tests_of(mutant, lines, seconds), tree)
+            noticed = is_noticed(mutant, tests, tree, limit)
         word = "noticed" if noticed else "explained" if mutant.place in known else "SURVIVED"
         outcomes[word].append(mutant.place)
         print(f"{word:10}{mutant.place}", flush=True)
