@@ -7,7 +7,6 @@ import datetime
 import platform
 import sys
 from collections.abc import Callable
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +33,7 @@ from palpate.validation.references.stored import load_stored, problem_key, refer
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import Precision, State, Verdict, gravest
+from palpate.validation.versions import version_of
 
 # Added to what a check found.
 VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
@@ -290,7 +290,7 @@ def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
     mesh = case.problem.mesh
     quality = measure_quality(mesh)
     return {
-        "palpate": _version("palpate"),
+        "palpate": version_of("palpate"),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
@@ -313,13 +313,6 @@ def case_file(case: Case) -> str:
     """The case's file as seen from the working folder, where it lies below it."""
     path = case.path.absolute()
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path.name)
-
-
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "sources in place"
 
 
 def exit_code(results: list[CaseResult]) -> int:
