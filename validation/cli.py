@@ -19,6 +19,7 @@ from palpate.validation.commands.new_case import init, schema
 from palpate.validation.commands.report import report
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
+from palpate.validation.commands.sweep import sweep
 from palpate.validation.commands.words import listed
 from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
@@ -66,6 +67,7 @@ app.command()(export)
 app.command()(compare)
 app.command()(audit)
 app.command()(solve)
+app.command()(sweep)
 _faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
 app.command(help=f"{gate.__doc__}\n\n{_faults}")(gate)
 app.command()(report)

@@ -1,0 +1,51 @@
+"""`palpate sweep CASE --vary KEY=VALUES -o DIR`: a case with many values, linear beside Green."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import Folder, OneCase
+from palpate.validation.solving import Simulator
+
+
+def sweep(
+    case: OneCase,
+    output: Folder,
+    vary: Annotated[
+        list[str], typer.Option(help="KEY=FIRST:LAST:COUNT or KEY=VALUE,...; load[0].factor scales")
+    ],
+    simulator: Annotated[
+        Simulator, typer.Option("--with", help="reference: solved by it as well")
+    ] = Simulator.FASTSIM,
+    jobs: Annotated[int, typer.Option(min=1, help="runs at a time")] = 1,
+) -> None:
+    """Solve a case with other values: a table, figures, and a page; says where equilibrium ends."""
+    from palpate.reference.availability import require_available
+    from palpate.validation.case import load_case
+    from palpate.validation.output_files import input_files
+    from palpate.validation.run_folder import require_run_folder, run_folder
+    from palpate.validation.sweeps.sweep import sweep as run_sweep
+    from palpate.validation.sweeps.variants import read_axis
+
+    loaded = load_case(case)
+    inputs = input_files([loaded])
+    require_run_folder(output, inputs=inputs)
+    axes = [read_axis(words, loaded) for words in vary]
+    if simulator is Simulator.REFERENCE:
+        require_available()
+    with run_folder(output, inputs=inputs) as fresh:
+        code = run_sweep(
+            loaded,
+            axes,
+            fresh,
+            Console(highlight=False),
+            simulators=list(dict.fromkeys((Simulator.FASTSIM, simulator))),
+            jobs=jobs,
+            progress=progress_lines(),
+        )
+    print(f"{output / 'report.html'}")
+    raise typer.Exit(code)

@@ -1,0 +1,154 @@
+"""A sweep as a folder: a table, figures for a paper, and one page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from palpate.meshes.problem import Strain
+from palpate.validation.case import Case
+from palpate.validation.case.units import LENGTH
+from palpate.validation.report.study_page import Finding, StudyTable
+from palpate.validation.solving import Simulator
+from palpate.validation.studies.study_folder import judged, leave_study
+from palpate.validation.sweeps.figures import sweep_figures
+from palpate.validation.sweeps.runs import Run, difference, linear_error, run_all
+from palpate.validation.sweeps.variants import Axis, variants
+
+# Same mesh, same equations: what the solvers leave (README).
+_SOLVER_ERROR = 1e-8
+
+
+def sweep(
+    case: Case,
+    axes: Sequence[Axis],
+    folder: Path,
+    console: Console,
+    *,
+    simulators: Sequence[Simulator] = (Simulator.FASTSIM,),
+    jobs: int = 1,
+    progress: Callable[[str], None],
+) -> int:
+    """Solve, and leave sweep.csv, figures (SVG, PDF), report.html and results.json.
+
+    Returns:
+        0; 1 where no value has an answer, or fastsim and the reference differ.
+
+    Raises:
+        InputError: See `variants`.
+    """
+    runs = run_all(axes, variants(case, axes), simulators, jobs=jobs, progress=progress)
+    ends = told_ends(axes, runs)
+    for line in ends:
+        console.print(line, markup=False, soft_wrap=True)
+    unit = case.spec.units.length
+    table = _table(axes, runs, unit)
+    about = [
+        f"{case.title}. {len(runs)} runs on {case.mesh.mesh.num_cells} cells "
+        f"({case.mesh.origin}) unless the body itself varies.",
+        *ends,
+    ]
+    return leave_study(
+        folder,
+        console,
+        name="sweep",
+        title=f"Sweep of {case.name}: {', '.join(axis.key for axis in axes)}",
+        about=about,
+        findings=_findings(runs),
+        figures=sweep_figures(axes, runs, case, folder),
+        tables={"sweep": table},
+        numbers={"case": case.name, "axes": {axis.key: list(axis.values) for axis in axes}},
+    )
+
+
+def told_ends(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
+    """Where there is no answer, a line each, with the last value that has one."""
+    lines = []
+    for run in runs:
+        if run.state is not None or not run.was_tried:
+            continue
+        place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, run.values, strict=True))
+        line = f"{run.simulator}, {run.strain} strain: no answer at {place}: {run.trouble}"
+        before = [
+            other.values[0]
+            for other in runs
+            if other.state is not None
+            and (other.simulator, other.strain, other.values[1:])
+            == (run.simulator, run.strain, run.values[1:])
+            and other.values[0] * run.values[0] >= 0.0
+            and abs(other.values[0]) < abs(run.values[0])
+        ]
+        if axes[0].is_load and before:
+            line += f"; the last that has one is {axes[0].key} = {max(before, key=abs):g}"
+        lines.append(line)
+    return lines
+
+
+def _findings(runs: Sequence[Run]) -> list[Finding]:
+    num_answers = sum(run.state is not None for run in runs)
+    findings = [
+        judged("some value has an answer", f"{num_answers} of {len(runs)} runs", num_answers > 0)
+    ]
+    differences = [
+        (difference(run.state, other.state), run)
+        for run in runs
+        for other in runs
+        if run.simulator is Simulator.FASTSIM
+        and other.simulator is Simulator.REFERENCE
+        and (run.values, run.strain) == (other.values, other.strain)
+        and run.state is not None
+        and other.state is not None
+    ]
+    if differences:
+        worst = max(value for value, _ in differences)
+        findings.append(
+            judged(
+                "fastsim and the reference agree on the same mesh, at every value",
+                f"relative L2 difference of displacement at most {worst:.1e} over "
+                f"{len(differences)} pairs, limit {_SOLVER_ERROR:g}",
+                worst <= _SOLVER_ERROR,
+            )
+        )
+    return findings
+
+
+def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> StudyTable:
+    scale = LENGTH[unit]
+    columns = [
+        *(axis.key for axis in axes),
+        "simulator",
+        "strain",
+        f"max displacement [{unit}]",
+        f"volume [{unit}3]",
+        f"surface area [{unit}2]",
+        "smallest det F [-]",
+        "linear - Green, of Green's displacement [-]",
+        "seconds",
+        "no answer because",
+    ]
+    rows = []
+    for run in runs:
+        head = [*(f"{value:.10g}" for value in run.values), str(run.simulator), str(run.strain)]
+        state = run.state
+        if state is None:
+            rows.append([*head, "", "", "", "", "", "", run.trouble])
+            continue
+        rows.append(
+            [
+                *head,
+                f"{state.max_displacement / scale:.8g}",
+                f"{state.volume / scale**3:.10g}",
+                f"{state.surface_area / scale**2:.10g}",
+                f"{state.smallest_det_f:.6g}",
+                _told_error(linear_error(run, runs)) if run.strain is Strain.LINEAR else "",
+                f"{state.seconds:.3g}",
+                "",
+            ]
+        )
+    return StudyTable("Every run", columns, rows)
+
+
+def _told_error(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
