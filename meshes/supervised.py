@@ -45,7 +45,7 @@ def supervised(command: Sequence[str | Path], **options: Any) -> Iterator[subpro
         return
     with contextlib.ExitStack() as handles:
         theirs, ours = _pipe(handles)
-        told, trouble = _pipe(handles)
+        number_pipe, trouble = _pipe(handles)
         supervisor = [sys.executable, "-I", "-S", str(_SUPERVISOR)]
         numbers = [str(number) for number in (theirs.fileno(), trouble.fileno(), os.getpid())]
         process = subprocess.Popen(
@@ -56,7 +56,7 @@ def supervised(command: Sequence[str | Path], **options: Any) -> Iterator[subpro
         )
         try:
             trouble.close()
-            number = told.read(16)  # nothing, once the program runs
+            number = number_pipe.read(16)  # nothing, once the program runs
             if number:
                 _close_streams(process)
                 raise OSError(int(number), os.strerror(int(number)), words[0])

@@ -1,4 +1,4 @@
-"""Repairs of a surface that are safe, each of them told: nothing is dropped in silence."""
+"""Repairs of a surface that are safe, each of them reported: nothing is dropped in silence."""
 
 from __future__ import annotations
 

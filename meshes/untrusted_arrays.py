@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.untrusted_text import open_plain, shown_bytes
 
-# What nobody has told the size of: a motion of a million numbers at a hundred times.
+# What has no size known beforehand: a motion of a million numbers at a hundred times.
 MOST_BYTES = 1024**3
 # Truth values, whole numbers, reals, text.
 _KINDS = "biufUS"

@@ -158,9 +158,9 @@ def _save_failure(
         *("load_factor", "reason", "smallest_det_f", "displacement", "smallest_stretch", "place"),
         *("time", "time_step", "step"),
     )
-    told = {name: np.asarray(getattr(error, name)) for name in names if hasattr(error, name)}
+    fields = {name: np.asarray(getattr(error, name)) for name in names if hasattr(error, name)}
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **told)
+        np.savez(stream, **fields)
 
 
 def _say_nothing(_line: str) -> None:

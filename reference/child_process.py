@@ -74,7 +74,7 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     """
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")
-    told = progress or _say_nothing
+    tell = progress or _say_nothing
     errors: deque[str] = deque(maxlen=_STDERR_LINES)
     lines: deque[str] = deque()
     readers: list[threading.Thread] = []
@@ -88,13 +88,13 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
         while True:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=min(0.05, max(0.0, deadline - time.monotonic())))
-            _pass_on(lines, told)
+            _pass_on(lines, tell)
             if process.returncode is not None:
                 break
             if time.monotonic() >= deadline:
                 raise ReferenceTimeoutError(time_limit, "".join(errors))
         _join(readers)
-        _pass_on(lines, told)
+        _pass_on(lines, tell)
     return process.returncode, "".join(errors)
 
 

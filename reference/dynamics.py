@@ -21,7 +21,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.problem import Problem, Strain
 from palpate.reference.availability import versions
 from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.equilibrium import ElasticBody
@@ -31,6 +31,7 @@ from palpate.reference.generalised_alpha import AlphaMethod, Motion, State, Step
 from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
 from palpate.reference.result import ImplicitResult
+from palpate.reference.stated_steps import stated_steps
 
 Field: TypeAlias = Points | Callable[[Points], Points] | None
 
@@ -82,7 +83,7 @@ def simulate_implicit(
         Unconditionally stable for linear problems only; of what the time step does not resolve
         nothing is true. Halve the step to see how far it is resolved.
     """
-    span, dt, per_output = _steps_of(problem)
+    span, dt, per_output = stated_steps(problem, "implicit dynamics")
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
     if is_mass_lumped and degree > 1:
@@ -139,20 +140,6 @@ def _flat(space: TransferredSpace, given: Field) -> Points:
         return space.from_points(given)
     values: Points = np.asarray(given(space.coordinates), dtype=np.float64).ravel()
     return values
-
-
-def _steps_of(problem: Problem) -> tuple[TimeSpan, float, int]:
-    span = problem.time
-    if span is None or span.time_step is None:
-        raise InputError("implicit dynamics needs a time span with its time_step given")
-    dt = span.time_step
-    per_output = round(span.end_time / span.num_outputs / dt)
-    if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
-        raise InputError(
-            f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
-            "apart; choose end_time as num_outputs times a multiple of time_step"
-        )
-    return span, dt, per_output
 
 
 def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int) -> State:

@@ -7,7 +7,7 @@ paper's eq. 11 gives, for each free degree of freedom,
 
 (its eq. 12 prints R inside a bracket multiplied by a), started by
 a(-dt) = a(0) - dt a'(0) + dt^2/2 a''(0) (its eq. 13). Everything is assembled from UFL, the row
-sums of the mass matrix included; time is told by the caller, never chosen.
+sums of the mass matrix included; time is given by the caller, never chosen.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.forward_increments import SteppedTools
@@ -26,6 +25,7 @@ from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer
 from palpate.reference.result import ExplicitResult
+from palpate.reference.stated_steps import stated_steps
 
 
 def simulate_explicit(
@@ -60,16 +60,7 @@ def simulate_explicit(
         Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
         Conditionally stable: dt < 2 / omega_max.
     """
-    span = problem.time
-    if span is None or span.time_step is None:
-        raise InputError("an explicit run needs a time span with its time_step given")
-    dt = span.time_step
-    per_output = round(span.end_time / span.num_outputs / dt)
-    if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
-        raise InputError(
-            f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
-            "apart; choose end_time as num_outputs times a multiple of time_step"
-        )
+    span, dt, per_output = stated_steps(problem, "an explicit run")
     run = _Assembly(problem, Strain(strain), amplitude, support_amplitude)
     body, half = run.body, 0.5 * span.mass_damping * dt
     zero = np.zeros_like(problem.mesh.points)

@@ -1,6 +1,6 @@
 """One step of the generalised-alpha method on a body, by Newton's method.
 
-J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375; the equations are told in `dynamics`.
+J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375; the equations stand in `dynamics`.
 """
 
 from __future__ import annotations

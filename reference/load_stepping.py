@@ -35,7 +35,7 @@ class Stage(Protocol):
         """Whether an equilibrium is stable."""
 
     def keep(self, displacement: Points, parameter: float) -> None:
-        """Go on from a stable equilibrium: told once for each step of the way."""
+        """Go on from a stable equilibrium: called once for each step of the way."""
 
 
 @dataclass(frozen=True, eq=False)

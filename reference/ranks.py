@@ -93,10 +93,10 @@ def follow() -> int:
     while True:
         while not comm.iprobe(source=0, tag=_TAG):
             time.sleep(_POLL)
-        told = comm.recv(source=0, tag=_TAG)
-        if told is None:
+        received = comm.recv(source=0, tag=_TAG)
+        if received is None:
             return 0
-        _together(comm, functools.partial(_do_share, *told), _say_nothing)
+        _together(comm, functools.partial(_do_share, *received), _say_nothing)
 
 
 def dismiss() -> None:

@@ -69,8 +69,8 @@ def read_marker(folder: Path) -> RunMarker | None:
     if document.get("palpate_run") != SCHEMA:
         raise InputError(f"{path}: of another version of palpate; name another folder")
     files = document["files"]
-    for name, told in files.items():
-        if not isinstance(told, str) or not _is_inside(name):
+    for name, digest in files.items():
+        if not isinstance(digest, str) or not _is_inside(name):
             raise InputError(_damaged(path))
     return RunMarker(files)
 
@@ -112,6 +112,6 @@ def _is_inside(name: str) -> bool:
 
 def _damaged(path: Path) -> str:
     return (
-        f"{path}: damaged, so what palpate wrote there cannot be told; "
+        f"{path}: damaged, so what palpate wrote there is not known; "
         "look through the folder and remove it, or name another one"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -51,6 +51,16 @@ class Verdict(StrEnum):
     FAILED = "failed"
     INCONCLUSIVE = "inconclusive"
     SKIPPED = "skipped"
+
+
+class ExitCode(IntEnum):
+    """How a command ends, the same for every verb; a signal ends it with 128 and its number."""
+
+    PASSED = 0
+    FAILED = 1
+    UNUSABLE_INPUT = 2
+    INCONCLUSIVE = 3
+    INTERNAL_ERROR = 4
 
 
 class Precision(StrEnum):
@@ -110,7 +120,7 @@ class State:
         smallest_det_f: Of `displacement` [-].
         max_displacement: Largest displacement of a point in `displacement` [m].
         seconds: Time the solve took; 0 when stored.
-        details: Iterations, residuals: told to people, never judged.
+        details: Iterations, residuals: shown to people, never judged.
         trajectory: In dynamic cases, at the case's output times; `displacement` is its last state.
         sent: In dynamic cases of an outside simulator, every state it sent from the start to the
             end, at its own times; where it sent none at the end, the last one is read there.

@@ -203,7 +203,7 @@ def _first_step(contacts: Sequence[ToolContact], begin: float, end: float) -> fl
 
 
 def _largest_step(contacts: Sequence[ToolContact], begin: float, end: float) -> float:
-    """By which side a node came to a tool is told by short steps only."""
+    """By which side a node came to a tool is known from short steps only."""
     step = 1.0
     for contact in contacts:
         moved, reach = _way(contact, begin, end), math.inf

@@ -112,7 +112,7 @@ def started(
     """Children for (file, body) pairs, each in the first interpreter that has what it needs.
 
     Files of `every_version` run in all interpreters that have another version of their tool; our
-    own run in this one alone. What is installed but fails, or does not fit the body, is told to
+    own run in this one alone. What is installed but fails, or does not fit the body, goes to
     `progress`.
     """
     tell = progress or _say_nothing
@@ -152,7 +152,7 @@ def take_turns(
     count: Callable[[TimedChild, int], int],
     progress: Callable[[str], None] | None,
 ) -> None:
-    """Time every child in each turn; a rival that fails leaves the list, and that is told.
+    """Time every child in each turn; a rival that fails leaves the list, and that is said.
 
     Args:
         children: What to time; rivals that fail are taken out.

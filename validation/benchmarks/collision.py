@@ -211,7 +211,7 @@ def summarise(rows: Sequence[Row]) -> list[str]:
         ]
         ours = [row for row in here if row["tool"] == "palpate"]
         rivals = sorted((r for r in here if r["tool"] != "palpate"), key=lambda r: r["seconds"])
-        told = [f"{1e3 * ours[0]['seconds']:.3g} ms a step"]
+        parts = [f"{1e3 * ours[0]['seconds']:.3g} ms a step"]
         if against != "other":
             alone = next(
                 row["seconds"]
@@ -219,13 +219,13 @@ def summarise(rows: Sequence[Row]) -> list[str]:
                 if (row["size"], row["place"], row["query"], row["against"], row["tool"])
                 == (size, place, query, "other", "palpate")
             )
-            told.append(f"{1e3 * (ours[0]['seconds'] - alone):.3g} ms of it within the bodies")
+            parts.append(f"{1e3 * (ours[0]['seconds'] - alone):.3g} ms of it within the bodies")
         if len(ours) > 1:
-            told.append(f"{1e3 * ours[1]['seconds']:.3g} ms with distances")
+            parts.append(f"{1e3 * ours[1]['seconds']:.3g} ms with distances")
         if rivals:
-            told.append(
+            parts.append(
                 f"{rivals[0]['times_ours']:.1f} times as quick as {rivals[0]['tool']} "
                 f"{rivals[0]['version']}"
             )
-        lines.append(f"{size} triangles {place}, {query} of {against}: " + ", ".join(told))
+        lines.append(f"{size} triangles {place}, {query} of {against}: " + ", ".join(parts))
     return lines

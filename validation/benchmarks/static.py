@@ -154,17 +154,17 @@ def summarise(rows: Sequence[Row]) -> list[str]:
         here = [row for row in rows if (row["size"], row["strain"]) == key]
         ours = next(row for row in here if row["tool"] == "palpate")
         rivals = sorted((r for r in here if r["tool"] != "palpate"), key=lambda row: row["seconds"])
-        told = []
+        parts = []
         if rivals:
             best = rivals[0]
             tip = best["tip_displacement"]
-            told = [
+            parts = [
                 f"{best['seconds'] / ours['seconds']:.1f} times as quick as {best['tool']} "
                 f"{best['version']}",
                 f"{ours['peak_memory_mb'] / best['peak_memory_mb']:.2f} of its memory",
                 f"tips {abs(ours['tip_displacement'] - tip) / abs(tip):.1g} apart",
             ]
         if "times_linear" in ours:
-            told.append(f"Green {ours['times_linear']:.1f} times linear")
-        lines.append(f"{ours['body']} of {key[0]} unknowns, {key[1]}: " + ", ".join(told))
+            parts.append(f"Green {ours['times_linear']:.1f} times linear")
+        lines.append(f"{ours['body']} of {key[0]} unknowns, {key[1]}: " + ", ".join(parts))
     return lines

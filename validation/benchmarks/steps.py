@@ -213,17 +213,17 @@ def summarise(rows: Sequence[Row]) -> list[str]:
                 and (precision is Precision.SINGLE or row["precision"] == precision)
             ]
             loops = [r for r in here if r["tool"] == "numba" and r["precision"] == precision]
-            told = [
+            parts = [
                 f"{alone['rate'] / best['rate']:.1f} times {best['tool']}"
                 for group in (rivals, loops)
                 for best in sorted(group, key=lambda row: -row["rate"])[:1]
             ]
-            told += [
+            parts += [
                 f"{row['threads']} threads {row['speedup_from_threads']:.2f} times one"
                 for row in ours
                 if "speedup_from_threads" in row
             ]
             if "real_time_cells" in alone:
-                told.append(f"{alone['real_time_cells']} cells in real time on one core")
-            lines.append(f"{alone['body']} of {size} cells, {precision.value}: " + ", ".join(told))
+                parts.append(f"{alone['real_time_cells']} cells in real time on one core")
+            lines.append(f"{alone['body']} of {size} cells, {precision.value}: " + ", ".join(parts))
     return lines

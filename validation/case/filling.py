@@ -64,7 +64,7 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
     size = units.metres(spec.edge_length) if spec.edge_length is not None else None
     if size is not None:
         require_countable([float(x) for x in np.ptp(surface.points, axis=0)], size)
-    told = []
+    done = []
     if spec.boundary_distance is not None:
         from palpate.fastsim.surface_remesher import remesh_surface
 
@@ -73,13 +73,13 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
         surface, report = remesh_surface(
             surface, distance=units.metres(spec.boundary_distance), edge_length=size
         )
-        told.append(report.line())
+        done.append(report.line())
     built = _fill_kept(surface, spec, size)
     mesh = built.mesh
     if spec.grade:
         mesh = grade(mesh, spec.grade, units)
-        told.append(f"graded to {mesh.num_cells} cells")
-    return BuiltMesh(mesh, "; ".join([built.origin, *told]))
+        done.append(f"graded to {mesh.num_cells} cells")
+    return BuiltMesh(mesh, "; ".join([built.origin, *done]))
 
 
 def _fill_graded(

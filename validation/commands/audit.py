@@ -16,6 +16,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import OneCase
 from palpate.validation.quoting import for_terminal
+from palpate.validation.states import CandidateFailedError, ExitCode
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
@@ -49,7 +50,6 @@ def audit(
     from palpate.validation.auditing import audit_result
     from palpate.validation.case import load_case
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators.answer import CandidateFailedError
     from palpate.validation.simulators.candidate import result_candidate
 
     if limit is not None and not 0.0 < limit < math.inf:
@@ -65,7 +65,7 @@ def audit(
         )
     except CandidateFailedError as error:
         print(for_terminal(f"palpate: {error}"), file=sys.stderr)
-        raise typer.Exit(1) from error
+        raise typer.Exit(ExitCode.FAILED) from error
     found, state = audited.audit, audited.state
     wrong = failures(found, limit)
     # Of a mesh of its own the audit sees the case's points only.
@@ -85,7 +85,7 @@ def audit(
     for reason in wrong:
         print(for_terminal(f"failed: {reason}"))
     if wrong:
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def failures(audit: Audit, limit: float | None = None) -> list[str]:

@@ -21,12 +21,11 @@ import typer
 from palpate.meshes.errors import InputError
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.quoting import for_terminal_lines
+from palpate.validation.states import ExitCode
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-# Exit codes, the same for every verb (README).
-USAGE, INCONCLUSIVE, INTERNAL = 2, 3, 4
 _STOPS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
@@ -45,7 +44,7 @@ class Stop:
 def stoppable() -> Iterator[Stop]:
     """Turn the signals that ask to end into KeyboardInterrupt, raised where the program stands.
 
-    Which it was is told by what this yields: a library may take the error for its own.
+    This yields which it was: a library may take the error for its own.
 
     Signals that are ignored, under nohup say, stay so. Where the main thread is deep in a
     computation and cannot answer, the process ends after some seconds all the same: what it
@@ -147,22 +146,22 @@ def end_of(error: BaseException) -> int:
         return end_by(signal.SIGINT)
     if isinstance(error, InputError | ReferenceUnavailableError):
         _say(str(error))
-        return USAGE
+        return ExitCode.UNUSABLE_INPUT
     if isinstance(error, OSError):
         _say(f"{error.filename or ''}: {error.strerror or error}")
-        return USAGE
+        return ExitCode.UNUSABLE_INPUT
     if isinstance(error, ReferenceFailedError):
         _say(str(error))
-        return INCONCLUSIVE
+        return ExitCode.INCONCLUSIVE
     # typer brings its own copy of click or the real one: known by what they can do.
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
         _say(error.format_message())
-        return USAGE
+        return ExitCode.UNUSABLE_INPUT
     handle, name = tempfile.mkstemp(prefix="palpate-error-", suffix=".txt", text=True)
     with os.fdopen(handle, "w", encoding="utf-8") as file:
         traceback.print_exception(error, file=file)
     _say(f"internal error: {type(error).__name__}: {error} ({name})")
-    return INTERNAL
+    return ExitCode.INTERNAL_ERROR
 
 
 def _say(line: str) -> None:

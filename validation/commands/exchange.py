@@ -45,7 +45,7 @@ def compare(
 
     loaded = load_case(case)
     require_outputs({"--json": json}, inputs=input_files([loaded], result))
-    # A file that cannot be read is told before anything is solved.
+    # A file that cannot be read is refused before anything is solved.
     read_result(result, most_bytes=room_for_answer(loaded.problem))
     judged = judge_case(
         loaded,

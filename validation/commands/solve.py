@@ -14,6 +14,7 @@ from palpate.validation.commands.words import OneCase
 from palpate.validation.quoting import for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
+from palpate.validation.states import CandidateFailedError, ExitCode
 
 
 def solve(
@@ -29,7 +30,6 @@ def solve(
     from palpate.validation.case import load_case
     from palpate.validation.exchange.written_result import require_written_kind, write_solution
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators import CandidateFailedError
 
     require_written_kind(output)
     loaded = load_case(case)
@@ -41,5 +41,5 @@ def solve(
         )
     except CandidateFailedError as error:
         print(for_terminal(f"palpate: {error}"), file=sys.stderr)
-        raise typer.Exit(1) from error
+        raise typer.Exit(ExitCode.FAILED) from error
     print(write_solution(output, problem, state))

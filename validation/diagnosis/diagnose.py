@@ -68,7 +68,7 @@ def diagnose(
         reference: The reference's on the same mesh with that strain, if there is one.
         other_strain: The reference's on the same mesh with the other.
         ask: The candidate's displacement of other problems, where it can be asked again.
-        length_unit: In which places are told: m, cm or mm.
+        length_unit: In which places are given: m, cm or mm.
 
     Returns:
         What fits, the simplest first; nothing that does not fit by the rule of `explanation`.

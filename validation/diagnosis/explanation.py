@@ -51,11 +51,6 @@ class Cause(StrEnum):
     TIME = "time"
 
 
-MODEL_SIDE = frozenset(
-    {Cause.UNITS, Cause.LAW, Cause.MATERIAL, Cause.LOAD, Cause.SUPPORT, Cause.TOOL, Cause.MASS}
-)
-
-
 @dataclass(frozen=True)
 class Explanation:
     """One explanation with what it leaves.

@@ -39,8 +39,8 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     """How the candidate's motion can be stepped again, or why it cannot."""
     span = body.problem.time
     assert span is not None
-    told = candidate.says.get("time_step", candidate.details.get("time_step"))
-    step = span.time_step or (told if isinstance(told, float) and 0.0 < told < np.inf else None)
+    said = candidate.says.get("time_step", candidate.details.get("time_step"))
+    step = span.time_step or (said if isinstance(said, float) and 0.0 < said < np.inf else None)
     if body.problem.tools:
         return None, "A motion with tools is not stepped again: mechanical slips were not tried"
     if step is None:

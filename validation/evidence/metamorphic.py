@@ -41,7 +41,7 @@ _TURNED, _RENUMBERED = "turned", "renumbered"
 _PATCHES = ("patch", "patch, diagonals swapped")
 # What any law keeps, isotropic or not.
 _OF_ANY_LAW = (_RENUMBERED, *_PATCHES)
-_REASON = "the same problem told in another way: only solver error may differ"
+_REASON = "the same problem in another form: only solver error may differ"
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _relations(
 
     progress("the problem as it stands")
     own = answer(problem)
-    # A body that does not move at all has no scale: then nothing may move when told otherwise.
+    # A body that does not move at all has no scale: then nothing may move in another form.
     scale = float(np.abs(own).max()) or 1.0
 
     def unchanged(changed: tuple[Problem, transforms.Back]) -> Callable[[], float]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from palpate.meshes.errors import InputError
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import MOVING_TRUTH, OWN_METRICS, PUBLISHED_METRICS, CheckSpec
+from palpate.validation.evidence.trials import trial_check
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.judge import find_references
 from palpate.validation.judging.results import CheckResult
@@ -21,7 +22,7 @@ from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import on_own_mesh, with_fault
-from palpate.validation.states import State, Verdict
+from palpate.validation.states import State, Verdict, in_silence
 
 # Kind of a case, the built-in one, and whether the answer comes on a mesh of its own.
 KINDS = (
@@ -84,7 +85,7 @@ def _published_rows(kind: str, case: Case, candidate: Candidate) -> list[Row]:
 
 
 def _judge(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[Row]:
-    judge = CaseJudge(case, find_references(case, live=False, progress=_quiet))
+    judge = CaseJudge(case, find_references(case, live=False, progress=in_silence))
     answers = {fault: _answer(case, candidate, fault) for fault in Fault if fault is not Fault.NAN}
     rows = []
     for spec in specs:
@@ -97,9 +98,9 @@ def _judge(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) 
             for fault, (answer, failure) in answers.items()
             if answer is not None or failure
         }
-        told = [fault for fault in verdicts if fault not in _NOT_TELLING]
-        seen = tuple(fault for fault in told if verdicts[fault] is Verdict.FAILED)
-        unseen = tuple(fault for fault in told if fault not in seen)
+        tried = [fault for fault in verdicts if fault not in _NOT_TELLING]
+        seen = tuple(fault for fault in tried if verdicts[fault] is Verdict.FAILED)
+        unseen = tuple(fault for fault in tried if fault not in seen)
         rows.append(Row(spec.metric, kind, verdicts[Fault.NONE], seen, unseen))
     return rows
 
@@ -107,7 +108,7 @@ def _judge(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) 
 def _answer(case: Case, candidate: Candidate, fault: Fault) -> tuple[State | None, str]:
     """The spoiled answer; nothing where the fault cannot show, or its answer is refused."""
     try:
-        return with_fault(candidate, fault).solve(case.problem, case.strain, _quiet), ""
+        return with_fault(candidate, fault).solve(case.problem, case.strain, in_silence), ""
     except InputError:
         return None, ""
     except CandidateFailedError as error:
@@ -142,18 +143,12 @@ def row_check(row: Row) -> CheckResult:
     is_good = bool(row.seen) and row.healthy is not Verdict.FAILED
     named = ", ".join(row.seen[:3]) or "nothing"
     tried = len(row.seen) + len(row.unseen)
-    return CheckResult(
-        metric=f"{row.metric} alone, {row.kind}",
-        against="self-test",
-        strain=load_case(KINDS[0][1]).strain,
-        value=None,
-        limit=0.0,
-        scale="-",
-        unit="-",
-        reference_error=0.0,
-        verdict=Verdict.PASSED if is_good else Verdict.FAILED,
+    return trial_check(
+        f"{row.metric} alone, {row.kind}",
+        load_case(KINDS[0][1]).strain,
+        is_good,
+        f"healthy: {row.healthy}; red with {len(row.seen)} of {tried}: {named}",
         reason="each metric must be able to go red alone",
-        message=f"healthy: {row.healthy}; red with {len(row.seen)} of {tried}: {named}",
     )
 
 
@@ -171,7 +166,3 @@ def table_lines(rows: list[Row]) -> list[str]:
         cells = ["x" if f in row.seen else "." if f in row.unseen else " " for f in faults]
         lines.append(f"{row.metric}, {row.kind}".ljust(width + 2) + " ".join(cells))
     return lines
-
-
-def _quiet(_line: str) -> None:
-    """Solvers need not speak here."""

@@ -18,6 +18,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.case import Case, load_case
 from palpate.validation.evidence.metric_table import Row, metric_table, row_check, table_lines
+from palpate.validation.evidence.trials import trial_check
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult
@@ -158,8 +159,8 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
     except CannotShowError as error:
         return replace(_trial(fault.value, case, True, str(error)), verdict=Verdict.SKIPPED)
     if result.verdict is not Verdict.FAILED and _is_same(result, healthy):
-        told = "the answer is the same with this fault and without"
-        return replace(_trial(fault.value, case, True, told), verdict=Verdict.SKIPPED)
+        message = "the answer is the same with this fault and without"
+        return replace(_trial(fault.value, case, True, message), verdict=Verdict.SKIPPED)
     return _trial(fault.value, case, result.verdict is Verdict.FAILED, _tell(result))
 
 
@@ -182,11 +183,11 @@ def _spoil_references(word: str, progress: Callable[[str], None]) -> CheckResult
     case = load_case(_CASE_OF_REFERENCES)
     with _spoiled_references(word):
         try:
-            told, is_caught = f"NOT caught: {judge_case(case).verdict}", False
+            message, is_caught = f"NOT caught: {judge_case(case).verdict}", False
         except InputError as error:
-            told, is_caught = f"exit 2: {error}", True
+            message, is_caught = f"exit 2: {error}", True
     progress(f"{word}: {'caught' if is_caught else 'NOT caught'}")
-    return _trial(word, case, is_caught, told)
+    return _trial(word, case, is_caught, message)
 
 
 def _tell(result: CaseResult) -> str:
@@ -200,19 +201,8 @@ def _tell(result: CaseResult) -> str:
 
 
 def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
-    return CheckResult(
-        metric=f"{fault} on {case.name}",
-        against="self-test",
-        strain=case.strain,
-        value=None,
-        limit=0.0,
-        scale="-",
-        unit="-",
-        reference_error=0.0,
-        verdict=Verdict.PASSED if is_good else Verdict.FAILED,
-        reason="a gate must be able to go red",
-        message=message,
-    )
+    name = f"{fault} on {case.name}"
+    return trial_check(name, case.strain, is_good, message, reason="a gate must be able to go red")
 
 
 @contextmanager

@@ -137,7 +137,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
             for support in problem.supports
         ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
-        "arrays": {name: dict(told) for name, told in ARRAYS.items()},
+        "arrays": {name: dict(words) for name, words in ARRAYS.items()},
         "conventions": describe_conventions(strain),
         "keys": dict(KEYS),
         "answer": ANSWER,

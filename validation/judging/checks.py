@@ -64,40 +64,39 @@ def judge_check(
     """
     value: float | None = None
     scale, unit = "-", CATALOGUE[spec.metric].unit
-    if spec.metric in PUBLISHED_METRICS and spec.against == "truth":
+    is_published = spec.metric in PUBLISHED_METRICS
+    is_of_truth = is_published and spec.against == "truth"
+    judged = reference if is_of_truth else candidate
+    if is_of_truth:
         scale = "the number expected"
-        if reference is None:
-            verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
-        else:
-            compared = compare_published(spec, problem, reference, units)
-            value, bar = _number(compared.error), bar * compared.share + compared.uncertainty
-            verdict = decide(compared.error, bar, spec.limit)
-            message = f"reference {compared.message}" + (f" (+- {bar:.2g})" if bar else "")
-    elif candidate is None:
+    if judged is None and not is_of_truth:
         verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
+    elif judged is None:
+        verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
+    elif is_published:
+        compared = compare_published(spec, problem, judged, units)
+        value, scale = _number(compared.error), "the number expected"
+        bar = (bar * compared.share if is_of_truth else 0.0) + compared.uncertainty
+        verdict = decide(compared.error, bar, spec.limit)
+        message = "reference " if is_of_truth else ""
+        message += compared.message + (f" (+- {bar:.2g})" if bar else "")
     elif spec.metric == "smallest_det_f":
-        least = smallest_det_f(problem.mesh, candidate)
+        least = smallest_det_f(problem.mesh, judged)
         value, scale, bar = _number(least.value), "none", 0.0
         is_good = math.isfinite(least.value) and least.value > spec.limit
         verdict = Verdict.PASSED if is_good else Verdict.FAILED
         sign = ">" if is_good else "not >"
         message = f"smallest det F {least.value:.4g}{least.when} {sign} {spec.limit:g}"
     elif spec.metric == "inverted_cells":
-        most = most_inverted(problem.mesh, candidate)
+        most = most_inverted(problem.mesh, judged)
         value, scale, bar = most.value, "none", 0.0
         verdict = Verdict.PASSED if most.value <= spec.limit else Verdict.FAILED
         when = most.when if most.value else ""
         message = f"{most.value:.0f} inverted cell(s){when}, at most {spec.limit:g}"
-    elif spec.metric in PUBLISHED_METRICS:
-        compared = compare_published(spec, problem, candidate, units)
-        value, scale = _number(compared.error), "the number expected"
-        bar = compared.uncertainty
-        verdict = decide(compared.error, bar, spec.limit)
-        message = compared.message + (f" (+- {bar:.2g})" if bar else "")
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
-        difference = measure(spec.metric, problem, candidate, reference)
+        difference = measure(spec.metric, problem, judged, reference)
         scale, bar = difference.scale_name, bar + difference.uncertainty
         verdict = decide(difference.value, bar, spec.limit)
         value = _number(difference.value)
@@ -105,7 +104,7 @@ def judge_check(
         shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
         message = f"{shown} {sign} {spec.limit:g}"
         message += f"; {difference.remark}" if difference.remark else ""
-        if verdict is Verdict.INCONCLUSIVE and candidate.own and difference.uncertainty > 0.0:
+        if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"
     return CheckResult(
         metric=spec.metric,

@@ -3,19 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
-import platform
-import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
-from palpate.meshes.quality import measure_quality
+from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.diagnosis import Diagnosis
@@ -23,17 +14,24 @@ from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.diagnosing import diagnose_failures
 from palpate.validation.judging.precision import PrecisionGrant
+from palpate.validation.judging.record import all_metrics, case_file, error_lengths, provenance_of
 from palpate.validation.judging.results import CaseResult, CheckResult
-from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet, solve_live
-from palpate.validation.references.stored import load_stored, problem_key, references_folder
+from palpate.validation.references.sets import ReferenceSet, solve_live
+from palpate.validation.references.stored import load_stored, references_folder
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
-from palpate.validation.states import Precision, State, Verdict, gravest
-from palpate.validation.versions import version_of
+from palpate.validation.states import (
+    ExitCode,
+    Precision,
+    Progress,
+    State,
+    Verdict,
+    gravest,
+    in_silence,
+)
 
 # Added to what a check found.
 VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
@@ -46,7 +44,7 @@ def judge_case(
     candidate: Candidate | None = None,
     diagnoses: bool = True,
     precision: Precision | None = None,
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Progress = in_silence,
 ) -> CaseResult:
     """Judge a candidate on a case.
 
@@ -135,13 +133,13 @@ def judge_case(
         states=states,
         problem=problem,
         candidate=judged.name,
-        metrics=_metrics(case, candidates, references),
-        provenance=_provenance(case, references),
+        metrics=all_metrics(case, candidates, references),
+        provenance=provenance_of(case, references),
         notes=tuple(notes),
         published=case.spec.published,
         rest_volume=problem.mesh.volume,
         rest_surface_area=problem.mesh.surface_area,
-        error_fields=_error_fields(candidates, references),
+        error_fields=error_lengths(candidates, references),
         case_text=case.text,
         candidate_says=said,
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
@@ -172,8 +170,8 @@ def _judged(
     if not judge.is_vacuous(spec):
         return found
     is_of_truth = found.against == "truth" and found.metric in PUBLISHED_METRICS
-    told = VACUOUS if found.verdict is Verdict.PASSED and not is_of_truth else ""
-    return dataclasses.replace(found, is_vacuous=True, message=found.message + told)
+    remark = VACUOUS if found.verdict is Verdict.PASSED and not is_of_truth else ""
+    return dataclasses.replace(found, is_vacuous=True, message=found.message + remark)
 
 
 def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
@@ -189,7 +187,7 @@ def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
     ]
 
 
-def find_references(case: Case, *, live: bool, progress: Callable[[str], None]) -> ReferenceSet:
+def find_references(case: Case, *, live: bool, progress: Progress) -> ReferenceSet:
     """The reference of a case: solved here, or the stored one.
 
     Raises:
@@ -232,90 +230,6 @@ def _load_stored(case: Case) -> ReferenceSet | None:
     return load_stored(case.name, case.problem, folder=folder, called=called)
 
 
-def _error_fields(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:
-    """Length of the displacement error at each point [m]."""
-    fields = {}
-    for strain, candidate in candidates.items():
-        for reference in (references.states.get((SAME_MESH, strain)), references.truth(strain)):
-            if reference is not None:
-                error = candidate.displacement - reference.displacement
-                name = f"{candidate.label} - {reference.label}, {strain}"
-                fields[name] = np.linalg.norm(error, axis=1)
-    return fields
-
-
-def _metrics(
-    case: Case, candidates: dict[Strain, State], references: ReferenceSet
-) -> dict[str, float | None]:
-    """Every metric of every pair, whether a check asks for it or not."""
-    mesh = case.problem.mesh
-    metrics: dict[str, float | None] = {
-        "rest.volume": mesh.volume,
-        "rest.surface_area": mesh.surface_area,
-    }
-    for state in (*candidates.values(), *references.states.values()):
-        name = f"{state.label.replace(',', '').replace(' ', '_').lower()}.{state.strain}"
-        metrics[f"{name}.volume"] = state.volume
-        metrics[f"{name}.surface_area"] = state.surface_area
-        metrics[f"{name}.smallest_det_f"] = state.smallest_det_f
-        metrics[f"{name}.max_displacement"] = state.max_displacement
-    for strain, candidate in candidates.items():
-        pairs = (
-            ("same_mesh", references.states.get((SAME_MESH, strain))),
-            ("truth", references.truth(strain)),
-        )
-        for word, reference in pairs:
-            if reference is None:
-                continue
-            for metric in _comparable(word, case.problem):
-                value = measure(metric, case.problem, candidate, reference).value
-                metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
-    return metrics
-
-
-def _comparable(against: str, problem: Problem) -> list[str]:
-    """Metrics that compare with a reference of this kind; oscillations only where asked for."""
-    return [
-        metric.name
-        for metric in CATALOGUE.values()
-        if metric.compare
-        and (against == "same_mesh" or not metric.needs_same_mesh)
-        and (not metric.needs_time or (problem.time and metric.name == "trajectory_l2"))
-        and (not problem.time or against == "same_mesh" or metric.name in MOVING_TRUTH_METRICS)
-        and (not metric.needs_tools or problem.tools)
-    ]
-
-
-def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
-    mesh = case.problem.mesh
-    quality = measure_quality(mesh)
-    return {
-        "palpate": version_of("palpate"),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "machine": f"{platform.system()} {platform.machine()}",
-        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "command": " ".join(["palpate", *sys.argv[1:]]),
-        "case_key": problem_key(case.problem),
-        "case_file": case_file(case),
-        "mesh": {
-            "origin": case.mesh.origin,
-            "num_points": mesh.num_points,
-            "num_cells": mesh.num_cells,
-            "smallest_dihedral_deg": quality.smallest_dihedral_deg,
-            "longest_edge": quality.longest_edge,
-        },
-        "reference": {"origin": references.origin, **references.provenance},
-    }
-
-
-def case_file(case: Case) -> str:
-    """The case's file as seen from the working folder, where it lies below it."""
-    path = case.path.absolute()
-    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path.name)
-
-
 def exit_code(results: list[CaseResult]) -> int:
     """0 passed, 1 failed, 3 inconclusive; the gravest case decides."""
-    verdict = gravest([result.verdict for result in results])
-    return {Verdict.PASSED: 0, Verdict.FAILED: 1, Verdict.INCONCLUSIVE: 3}[verdict]
+    return ExitCode[gravest([result.verdict for result in results]).name]

@@ -130,8 +130,8 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
                 ET.SubElement(properties, "property", name=name, value=value)
             if check.verdict is Verdict.FAILED:
                 failure = ET.SubElement(test, "failure", message=for_xml(check.message))
-                told = [str(d) for d in result.diagnoses if d.strain is check.strain]
-                failure.text = "\n".join(map(for_xml, told)) or None
+                explained = [str(d) for d in result.diagnoses if d.strain is check.strain]
+                failure.text = "\n".join(map(for_xml, explained)) or None
             elif check.verdict is Verdict.INCONCLUSIVE:
                 ET.SubElement(test, "error", message=for_xml(f"inconclusive: {check.message}"))
             elif check.verdict is Verdict.SKIPPED:

@@ -85,10 +85,10 @@ def with_changes(
     results: Sequence[CaseResult], accepted: dict[str, dict[str, Any]]
 ) -> list[CaseResult]:
     """The results with a note on each change; verdicts stay what they are."""
-    told = describe_since(results, accepted)
+    changes = describe_since(results, accepted)
     changed = []
     for result in results:
-        lines = told[result.name] or ["nothing"]
+        lines = changes[result.name] or ["nothing"]
         notes = tuple(f"Since the accepted result: {line}." for line in lines)
         changed.append(dataclasses.replace(result, notes=(*result.notes, *notes)))
     return changed

@@ -2,7 +2,7 @@
 
 A check that the null answer passes says nothing about a candidate: a body that nobody pushes, a
 limit of 1, a change of volume too small to matter. Each case is judged with the null answer too,
-and with answers that are plainly wrong, so that what it cannot see is told.
+and with answers that are plainly wrong, so that what it cannot see is named.
 """
 
 from __future__ import annotations

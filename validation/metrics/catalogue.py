@@ -14,7 +14,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.metrics import fields, motion, pairs, surfaces
 from palpate.validation.metrics.finite import are_measurable
-from palpate.validation.metrics.own_mesh import on_own_mesh
+from palpate.validation.metrics.own_mesh import measure_on_own_mesh
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.states import State
 
@@ -228,7 +228,7 @@ def measure(name: str, problem: Problem, candidate: State, reference: State) -> 
     with np.errstate(over="ignore", invalid="ignore"):
         found = metric.compare(problem, candidate, reference)
         if candidate.own is not None:
-            found = on_own_mesh(name, found, problem, candidate, reference)
+            found = measure_on_own_mesh(name, found, problem, candidate, reference)
         other = candidate.other_reading
         if other is None or metric.reads_own_samples:
             return found

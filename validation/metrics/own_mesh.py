@@ -234,7 +234,7 @@ _ON_OWN: dict[str, Measure] = {
 MEASURED_ON_OWN_MESH = frozenset({*_ON_BOTH, *_ON_OWN})
 
 
-def on_own_mesh(
+def measure_on_own_mesh(
     name: str, at_points: Difference, problem: Problem, candidate: State, reference: State
 ) -> Difference:
     """A metric of an answer with a mesh of its own.

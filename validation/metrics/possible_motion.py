@@ -77,7 +77,7 @@ def state_out_of_reach(problem: Problem, state: State) -> str:
     size = float(np.ptp(problem.mesh.points, axis=0).max()) * math.sqrt(mass.sum())
     largest = math.sqrt(max(_squared(mass, u) for u in motion.displacements))
     rounding = _ROUNDING * largest + _ROUNDING_OF_PLACES * size
-    worst, told = 1.0, ""
+    worst, message = 1.0, ""
     for before, k, after in _neighbours(motion.times, 0.5 * interval):
         h1, h2 = (float(motion.times[b] - motion.times[a]) for a, b in ((before, k), (k, after)))
         u0, u, u1 = (motion.displacements[i] for i in (before, k, after))
@@ -86,13 +86,13 @@ def state_out_of_reach(problem: Problem, state: State) -> str:
         reach = most * max(interval, h1 + h2) * h1 * h2 / (h1 + h2) + rounding
         if off > worst * reach:
             worst, metres = off / reach, math.sqrt(mass.sum())
-            told = (
+            message = (
                 f"its state at {motion.times[k]:.4g} s is out of the body's reach: "
                 f"{off / metres:.3g} m (root mean square) off the line from its state at "
                 f"{motion.times[before]:.4g} s to that at {motion.times[after]:.4g} s; what moves "
                 f"it here takes it {reach / metres:.3g} m off at most"
             )
-    return told
+    return message
 
 
 def _moving_components(problem: Problem) -> NDArray[np.bool_]:

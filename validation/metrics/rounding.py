@@ -91,11 +91,11 @@ class SinglePrecision:
     def explain(self, reference: State) -> str:
         """Where the limits come from, for a check's reason."""
         if reference.trajectory is None:
-            told = "strains rounded by 4 x 2^-24 at random, by the stiffness of the case"
+            words = "strains rounded by 4 x 2^-24 at random, by the stiffness of the case"
         else:
             r = rounding_of_motion(self._problem, reference)
-            told = f"every step rounded by 2^-24, sqrt(n) 2^-24 / (w dt) = {r:.2g}"
-        return f"{told}; {SAFETY:g} times that, at most {LARGEST:g}"
+            words = f"every step rounded by 2^-24, sqrt(n) 2^-24 / (w dt) = {r:.2g}"
+        return f"{words}; {SAFETY:g} times that, at most {LARGEST:g}"
 
     @cached_property
     def _fields(self) -> tuple[tuple[Points, Points], ...]:

@@ -97,10 +97,10 @@ def solve_motion_set(
         solve = _truth_for_storing if is_for_storing else _truth_here
         for strain in Strain:
             with _told(failures, (QUADRATIC, strain), is_for_storing):
-                truth, found, told = solve(problem, strain, progress)
+                truth, found, details = solve(problem, strain, progress)
                 states[truth.label, strain] = truth
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
-                convergence[strain.value] = told
+                convergence[strain.value] = details
         cut = " cut in eight" if (TRUTH, Strain.GREEN) in states else ""
         origin.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
         if not is_for_storing:
@@ -116,7 +116,7 @@ def solve_motion_set(
 def _told(
     failures: dict[tuple[str, Strain], str], place: tuple[str, Strain], is_for_storing: bool
 ) -> Iterator[None]:
-    """A run that fails is told, unless its answer is for storing, or no run can succeed here."""
+    """A run that fails is reported, unless its answer is for storing, or none can succeed here."""
     from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 
     try:
@@ -147,11 +147,11 @@ def _truth_for_storing(
     others = (refine_problem(finer), problem) if is_small else (finer,)
     beside = [solve_implicit(p, strain, STORED_STEPS[0], progress, at=at) for p in others]
     in_time = assess_sequence(problem, runs[::-1])
-    told = {"time": as_data(in_time)}
+    details = {"time": as_data(in_time)}
     if is_small:
         finest, coarsest = beside
         meshes = assess_sequence(problem, (finest, runs[0], coarsest))
-        told["mesh"] = as_data(meshes)
+        details["mesh"] = as_data(meshes)
         in_space = {
             metric: bar_of(meshes[metric]) + _difference(metric, problem, runs[0], finest)
             for metric in MOVING_TRUTH_METRICS
@@ -165,7 +165,7 @@ def _truth_for_storing(
     truth = runs[-1]
     if is_small:
         truth = dataclasses.replace(truth, label=TRUTH)
-    return truth, bars, told
+    return truth, bars, details
 
 
 def _truth_here(

@@ -100,16 +100,16 @@ def read_reference(path: Path) -> tuple[ReferenceSet, str, bool]:
     """
     try:
         arrays = read_npz(path)
-        told = arrays.pop(_HASH, None)
-        if told is not None and str(told) != content_hash(arrays):
+        stored_hash = arrays.pop(_HASH, None)
+        if stored_hash is not None and str(stored_hash) != content_hash(arrays):
             raise UntrustedReferenceError(
                 f"was altered: its contents have the SHA-256 {content_hash(arrays)[:12]}..., "
-                f"not {str(told)[:12]}... as when it was written"
+                f"not {str(stored_hash)[:12]}... as when it was written"
             )
         header = parse_json(str(arrays["header"]))
         if header["schema"] != SCHEMA:
             raise ValueError(f"schema {header['schema']}")
-        return _unpacked(header, arrays), str(header["key"]), told is not None
+        return _unpacked(header, arrays), str(header["key"]), stored_hash is not None
     except UntrustedReferenceError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:

@@ -204,10 +204,10 @@ def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
     own = make_state(mesh, state.displacement, label=state.label, simulator="", strain=state.strain)
     follow = state.degree == 1 or state.trajectory is not None
     for name in SCALARS if follow else ("max_displacement",):
-        told, found = float(getattr(state, name)), float(getattr(own, name))
+        stated, found = float(getattr(state, name)), float(getattr(own, name))
         size = abs(found) if name != "smallest_det_f" else max(abs(found), 1.0)
-        if not abs(told - found) <= _ROUNDING * size:
-            yield f"{name} is said to be {told:.9g}, but its displacement makes it {found:.9g}"
+        if not abs(stated - found) <= _ROUNDING * size:
+            yield f"{name} is said to be {stated:.9g}, but its displacement makes it {found:.9g}"
     told_all = [float(getattr(state, name)) for name in SCALARS]
     if not np.isfinite(told_all).all():
         yield f"{', '.join(SCALARS)} = {told_all}: not all finite"

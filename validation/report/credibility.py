@@ -157,12 +157,14 @@ def _or_open(text: object) -> str:
 
 def _inputs(result: CaseResult) -> str:
     fitted = result.evidence.get("fitted")
-    told = (
+    sentence = (
         f"Fitted, as [evidence] says: {', '.join(fitted)}."
         if fitted
         else "[evidence] of the case names none that was fitted."
     )
-    return f"Taken from the case file as they are; no uncertainty of inputs is propagated. {told}"
+    return (
+        f"Taken from the case file as they are; no uncertainty of inputs is propagated. {sentence}"
+    )
 
 
 def _counted(checks: list[CheckResult], against: str) -> str:

@@ -16,8 +16,8 @@ from palpate.validation.simulators.candidate import (
     Candidate,
     candidate_name,
     result_candidate,
-    state_of_result,
 )
+from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import State
 
 # Displacement [m] at the points of the problem's mesh: (num_points, 3), of a motion

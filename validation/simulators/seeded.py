@@ -17,7 +17,7 @@ from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.result_files import ResultFile
 from palpate.validation.simulators.answer import Progress
-from palpate.validation.simulators.candidate import Candidate, state_of_result
+from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.simulators.faults import (
     CannotShowError,
     Fault,
@@ -26,6 +26,7 @@ from palpate.validation.simulators.faults import (
     spoil_strain,
     spoil_tool_forces,
 )
+from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import State
 
 

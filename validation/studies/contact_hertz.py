@@ -20,8 +20,6 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 RADIUS = 0.01
 MATERIAL = Material(5000.0, 0.3)
-# Sides of the quarter block and its height, in contact radii at d = 0.01 R, a = 0.1 R.
-SIDE_IN_RADII = 80.0
 
 
 def hertz_force(depth: Points, material: Material = MATERIAL, radius: float = RADIUS) -> Points:

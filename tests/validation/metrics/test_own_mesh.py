@@ -22,7 +22,7 @@ from palpate.validation.metrics import CATALOGUE, make_state, measure
 from palpate.validation.metrics.elasticity import strain_energy, support_reactions
 from palpate.validation.metrics.own_mesh import MEASURED_ON_OWN_MESH
 from palpate.validation.metrics.pairs import Difference
-from palpate.validation.simulators.candidate import on_own_mesh
+from palpate.validation.simulators.result_states import with_own_mesh
 from palpate.validation.states import OwnMesh, State, Trajectory, Verdict
 
 Field = NDArray[np.float64]
@@ -68,7 +68,7 @@ def answer(own: TetMesh, displacement: Field) -> State:
     """An answer to CASE on another mesh."""
     location = locate(own.points, own.cells, CASE.mesh.points)
     read = state_of(CASE, location.read(own.cells, displacement))
-    return on_own_mesh(read, CASE.mesh, OwnMesh(own, displacement[None]))
+    return with_own_mesh(read, CASE.mesh, OwnMesh(own, displacement[None]))
 
 
 def same_on_finer() -> tuple[TetMesh, Field]:

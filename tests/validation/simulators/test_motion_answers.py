@@ -20,7 +20,8 @@ from palpate.validation.exchange.result_files import ResultFileError, read_resul
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics import most_inverted, smallest_det_f
-from palpate.validation.simulators.candidate import placed_state, result_candidate, with_motion
+from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.simulators.result_states import placed_state, with_motion
 from palpate.validation.states import State, Verdict
 
 MOTIONS = ("block-motion", "slide", "wave", "decay", "csm3")

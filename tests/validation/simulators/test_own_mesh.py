@@ -15,7 +15,7 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.result_files import read_result
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.simulators.candidate import placed_state, with_motion
+from palpate.validation.simulators.result_states import placed_state, with_motion
 from palpate.validation.states import State, Verdict
 
 Field = NDArray[np.float64]

@@ -32,8 +32,10 @@ class Rival:
         self._program = program
         self._wants_field = bool(body.get("wants_field", False))
         solver = "SPOOLES" if self._wants_field else "ITERATIVE CHOLESKY"
-        told = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
-        self.version = (re.findall(r"[\d.]+\d", told) or ["?"])[0]
+        printed = subprocess.run(
+            [program, "-v"], capture_output=True, text=True, check=False
+        ).stdout
+        self.version = (re.findall(r"[\d.]+\d", printed) or ["?"])[0]
         rows = [
             "*NODE, NSET=ALL",
             *(f"{i}, {x:.12e}, {y:.12e}, {z:.12e}" for i, (x, y, z) in _numbered(body["points"])),
@@ -64,14 +66,14 @@ class Rival:
             Path(folder, "body.inp").write_text(self._input, encoding="utf-8")
             with Path(folder, "log").open("w", encoding="utf-8") as log:
                 subprocess.run([self._program, "body"], cwd=folder, stdout=log, check=False)
-            told = Path(folder, "log").read_text(encoding="utf-8", errors="replace")
+            printed = Path(folder, "log").read_text(encoding="utf-8", errors="replace")
             answer = Path(folder, "body.dat").read_text(encoding="utf-8")
         numbers = [line.split() for line in answer.splitlines() if re.match(r"\s+\d+\s+\S+E", line)]
         field = np.array(numbers, dtype=float)[:, 1:]
         return {
             **({"displacement": field} if self._wants_field else {}),
             "tip_displacement": float(numbers[-1][3]),
-            "iterations": max(1, len(re.findall(r"^ iteration +\d+", told, re.MULTILINE))),
+            "iterations": max(1, len(re.findall(r"^ iteration +\d+", printed, re.MULTILINE))),
             "peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0,
             "solver": "Newton, conjugate gradients, incomplete Cholesky",
         }

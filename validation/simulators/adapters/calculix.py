@@ -57,7 +57,7 @@ def main() -> None:
         rest = {name: stored[name] for name in stored.files}
     if given["time"] or given["tools"] or len(rest["pressure"]) or given["has_inclusions"]:
         raise SystemExit("time, tools, follower pressure and inclusions are not known here")
-    told = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
+    printed = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
     with tempfile.TemporaryDirectory() as folder:
         deck = input_deck(rest, given["material"], given["strain"] == "linear")
         Path(folder, "body.inp").write_text(deck, encoding="utf-8")
@@ -74,7 +74,7 @@ def main() -> None:
         displacement[int(number) - 1] = [float(v) for v in values]
     about = {
         "tool": "CalculiX",
-        "version": (re.findall(r"[\d.]+\d", told) or ["?"])[0],
+        "version": (re.findall(r"[\d.]+\d", printed) or ["?"])[0],
         "law": "linear elasticity" if given["strain"] == "linear" else "Saint-Venant-Kirchhoff",
         "method": "Newton, direct solver",
         "seconds": used.ru_utime + used.ru_stime,
