@@ -20,7 +20,7 @@ class GeometrySpec(Table):
     mesh: str | None = None
     """A mesh of tetrahedra beside this file, in place of a surface: .msh, .vtk, .vtu."""
     repair: Flag = False
-    """Mend the surface where that is safe; what was done is told in the report."""
+    """Mend the surface where that is safe; what was done stands in the report."""
     size: Vector | None = None
     """Of a box along x, y, z [units.length]."""
     length: Positive | None = None
