@@ -102,7 +102,7 @@ def _run_chain(
         except ReferenceUnavailableError:
             raise
         except (CandidateFailedError, ReferenceFailedError) as error:
-            trouble = variant.case.spec.units.told(str(error))
+            trouble = variant.case.spec.units.in_case_units(str(error))
             runs.append(Run(variant.values, simulator, strain, None, trouble))
             if axes[0].is_load:
                 end = f"not tried: no answer at {axes[0].key} = {variant.values[0]:g}"
