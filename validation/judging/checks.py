@@ -63,7 +63,7 @@ def judge_check(
         units: The case's, of published numbers; SI where None.
     """
     value: float | None = None
-    scale, unit = "-", CATALOGUE[spec.metric].unit
+    scale = "-"
     is_published = spec.metric in PUBLISHED_METRICS
     is_of_truth = is_published and spec.against == "truth"
     judged = reference if is_of_truth else candidate
@@ -106,6 +106,24 @@ def judge_check(
         message += f"; {difference.remark}" if difference.remark else ""
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"
+    return _result(spec, strain, verdict, message, value=value, scale=scale, bar=bar)
+
+
+def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:
+    """A check that was not made, with the reason: it stands in every output."""
+    return _result(spec, strain, Verdict.SKIPPED, why, value=None, scale="-", bar=0.0)
+
+
+def _result(
+    spec: CheckSpec,
+    strain: Strain,
+    verdict: Verdict,
+    message: str,
+    *,
+    value: float | None,
+    scale: str,
+    bar: float,
+) -> CheckResult:
     return CheckResult(
         metric=spec.metric,
         against=spec.against,
@@ -113,28 +131,10 @@ def judge_check(
         value=value,
         limit=spec.limit,
         scale=scale,
-        unit=unit,
+        unit=CATALOGUE[spec.metric].unit,
         reference_error=bar,
         verdict=verdict,
         reason=spec.reason,
         precision=spec.precision or Precision.DOUBLE,
         message=message,
-    )
-
-
-def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:
-    """A check that was not made, with the reason: it stands in every output."""
-    return CheckResult(
-        metric=spec.metric,
-        against=spec.against,
-        strain=strain,
-        value=None,
-        limit=spec.limit,
-        scale="-",
-        unit=CATALOGUE[spec.metric].unit,
-        reference_error=0.0,
-        verdict=Verdict.SKIPPED,
-        reason=spec.reason,
-        precision=spec.precision or Precision.DOUBLE,
-        message=why,
     )

@@ -37,11 +37,11 @@ def state_of_result(
     """
     require_answers(result, problem, strain)
     placed = place(result, problem)
-    state = placed_state(problem, placed, name, strain, seconds, details or {})
-    return with_motion(state, problem, result, placed)
+    state = _placed_state(problem, placed, name, strain, seconds, details or {})
+    return _with_motion(state, problem, result, placed)
 
 
-def with_motion(state: State, problem: Problem, result: ResultFile, placed: Placed) -> State:
+def _with_motion(state: State, problem: Problem, result: ResultFile, placed: Placed) -> State:
     """A dynamic case's trajectory at its output times: the states sent, or read between them.
 
     Raises:
@@ -154,7 +154,7 @@ def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | Non
     return forces.astype(np.float64)
 
 
-def placed_state(
+def _placed_state(
     problem: Problem,
     placed: Placed,
     name: str,

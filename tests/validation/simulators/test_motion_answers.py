@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from palpate.fastsim.dynamics import DynamicResult, simulate
 from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.case import Case, load_case
-from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.result_files import ResultFileError, read_result
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics import most_inverted, smallest_det_f
 from palpate.validation.simulators.candidate import result_candidate
-from palpate.validation.simulators.result_states import placed_state, with_motion
+from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import State, Verdict
 
 MOTIONS = ("block-motion", "slide", "wave", "decay", "csm3")
@@ -71,10 +70,7 @@ def judged(folder: Path, name: str, times: Field, states: Field) -> CaseResult:
 
 def state_of(path: Path, name: str) -> State:
     case = case_of(name)
-    result = read_result(path)
-    placed = place(result, case.problem)
-    state = placed_state(case.problem, placed, "them", case.strain, 0.0, {})
-    return with_motion(state, case.problem, result, placed)
+    return state_of_result(read_result(path), case.problem, "them", case.strain)
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.result_files import read_result
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.simulators.result_states import placed_state, with_motion
+from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import State, Verdict
 
 Field = NDArray[np.float64]
@@ -28,10 +27,7 @@ def read_state(folder: Path, problem: Problem, own: Field) -> State:
     if own.ndim == 3:
         arrays["times"] = np.linspace(0.0, 1.0, len(own))
     np.savez(folder / "r.npz", **arrays)
-    result = read_result(folder / "r.npz")
-    placed = place(result, problem)
-    state = placed_state(problem, placed, "them", Strain.GREEN, 0.0, {})
-    return with_motion(state, problem, result, placed)
+    return state_of_result(read_result(folder / "r.npz"), problem, "them", Strain.GREEN)
 
 
 @pytest.mark.parametrize("is_motion", [False, True])
