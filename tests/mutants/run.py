@@ -54,7 +54,8 @@ def make_tree(folder: Path) -> Path:
     shutil.copytree(
         ROOT / "validation", view / "validation", ignore=shutil.ignore_patterns("__pycache__")
     )
-    (view / "__init__.py").write_text('"""palpate, mutated."""\n__version__ = "dev"\n')
+    door = (ROOT / "validation" / "front_door.py.in").read_text(encoding="utf-8")
+    (view / "__init__.py").write_text(door.replace("${version}", "dev"), encoding="utf-8")
     return folder
 
 
