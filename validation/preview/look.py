@@ -22,6 +22,8 @@ _SMALL_ANGLE = 5.0
 _FEW_EDGES = 3.0
 _NEAR_INCOMPRESSIBLE = 0.45
 _LARGE_SHARE = 0.05
+# Longest sides of what is simulated here [m]; beyond, the unit is mostly another.
+_USUAL_SIZES = (5e-3, 2.0)
 
 
 @dataclass(eq=False)
@@ -71,6 +73,11 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         f"{quality.longest_edge / scale:.3g} {unit}, smallest dihedral angle "
         f"{quality.smallest_dihedral_deg:.1f} degrees",
     )
+    longest = float(np.ptp(mesh.points, axis=0).max())
+    if case.spec.units.length != "m" and not _USUAL_SIZES[0] <= longest <= _USUAL_SIZES[1]:
+        look.warnings.append(
+            f"the body is {longest:.3g} m long: is its file really in {unit}? see [units]"
+        )
     through = measure_thickness(mesh)
     look.say(
         "thickness",

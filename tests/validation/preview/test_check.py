@@ -94,6 +94,7 @@ def test_a_case_that_looks_right_has_its_numbers_and_no_warning(tmp_path: Path) 
         ("edge_length = 0.5", "edge_length = 1.0", "through the thickness"),
         ("poissons_ratio = 0.3", "poissons_ratio = 0.49", "lock"),
         ("point = [1.999, 0.0, 0.0]", "point = [-0.1, 0.0, 0.0]", "held; that part is lost"),
+        ("[geometry]", '[units]\nlength = "mm"\n[geometry]', "is its file really in mm"),
         ("[material]", "[time]\nend_time = 1.0\ntime_step = 0.9\n[material]", "will blow up"),
     ],
 )
