@@ -72,13 +72,13 @@ def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress:
         sent = given.read_bytes()
     for rank in range(1, comm.size):
         comm.send((task, sent), dest=rank, tag=_TAG)
-    watch = threading.Timer(time_limit, _end_all, (comm, 3, f"no answer within {time_limit:g} s"))
-    watch.daemon = True
-    watch.start()
+    timer = threading.Timer(time_limit, _end_all, (comm, 3, f"no answer within {time_limit:g} s"))
+    timer.daemon = True
+    timer.start()
     try:
         answer, error = _together(comm, lambda say: task(problem, say), progress)
     finally:
-        watch.cancel()
+        timer.cancel()
     if error is not None:
         raise error
     return answer

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from palpate.meshes.errors import InputError
@@ -24,10 +24,10 @@ from palpate.validation.evidence.error_budget import (
 )
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.quoting import for_html
 from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.report.budget_plot import budget_svg
 from palpate.validation.report.credibility import credibility
+from palpate.validation.report.environment import page_environment
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import checks_svg
@@ -63,15 +63,8 @@ def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
 
 
 def report_environment() -> Environment:
-    """Templates that escape every text and show what is hidden in it."""
-    environment = Environment(
-        loader=PackageLoader("palpate.validation.report"),
-        autoescape=True,
-        finalize=for_html,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    """Templates with the words and numbers of a report."""
+    environment = page_environment()
     environment.globals["check_name"] = check_name
     environment.filters["number"] = _number
     environment.filters["signed"] = lambda x: "" if x is None else f"{x:+.2f} %"

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from palpate.validation.report.environment import page_environment
 from palpate.validation.states import Verdict
 
 
@@ -48,13 +48,7 @@ def write_study_page(
     tables: Sequence[StudyTable],
 ) -> None:
     """Write the page; everything but the drawings is escaped."""
-    environment = Environment(
-        loader=PackageLoader("palpate.validation.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     page = environment.get_template("study.html.j2").render(
         title=title,
         about=about,
