@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
-from palpate.validation.simulators.answer import Progress
+from palpate.validation.metrics.possible_motion import unmeasurable_state
+from palpate.validation.simulators.answer import CandidateFailedError, Progress
 from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import State
 
@@ -31,7 +32,8 @@ def audit_result(
 
     Raises:
         InputError: A case that moves, or a result that cannot be read.
-        CandidateFailedError: The result holds NaN, or a body of quite another size.
+        CandidateFailedError: The result holds NaN, numbers too large to measure, or a body
+            of quite another size.
         ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
     """
     from palpate.reference.child import run_task
@@ -41,6 +43,9 @@ def audit_result(
     if case.problem.time is not None:
         raise InputError(f"{case.name} is dynamic: what moves is not in equilibrium")
     state = candidate.solve(case.problem, strain, progress)
+    unmeasurable = unmeasurable_state(state)
+    if unmeasurable:
+        raise CandidateFailedError(unmeasurable)
     task = AuditTask(state.displacement, strain, degree)
     found = run_task(task, case.problem, progress=progress)
     assert isinstance(found, Audit)

@@ -52,8 +52,11 @@ def audit(
     from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.candidate import result_candidate
 
-    if limit is not None and not 0.0 < limit < math.inf:
-        raise InputError(f"--limit {limit:g}: needs a finite value above 0")
+    if limit is not None and not 0.0 < limit < 1.0:
+        raise InputError(
+            f"--limit {limit:g}: needs a value above 0 and below 1; an answer in which nothing "
+            "moves is wrong by 1, and so is one that misses its supports by all that it moves"
+        )
     if cells is not None and cells.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"--cells {cells}: unknown kind; name a file with {MESH_SUFFIXES[-1]}")
     loaded = load_case(case)

@@ -10,7 +10,8 @@ from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.judging.spoiled import is_still, null_answer, spoiled_answers
+from palpate.validation.judging.spoiled import null_answer, spoiled_answers
+from palpate.validation.metrics import is_still
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet
 from palpate.validation.states import State, Verdict
 
@@ -68,7 +69,7 @@ class CaseJudge:
         reference, strain = self._reference(spec), self.strain_of(spec)
         if spec.against == "truth" and spec.metric in PUBLISHED_METRICS:
             return True
-        if spec.against != "candidate" and reference and is_still(self.problem, reference):
+        if spec.against != "candidate" and reference and is_still(self.problem.mesh, reference):
             return True
         basis = reference or self._any_reference(strain)
         answer = null_answer(self.problem, strain, basis)

@@ -18,9 +18,6 @@ from palpate.validation.states import State, Trajectory
 
 _Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-# A displacement below this part of the body's size is lost when it is added to the places.
-_ROUNDING = float(np.finfo(np.float64).eps)
-
 
 def null_answer(problem: Problem, strain: Strain, reference: State | None) -> State:
     """The answer of a simulator that does nothing, at the reference's times, with no force."""
@@ -80,12 +77,3 @@ def _from(problem: Problem, reference: State, label: str, spoil: _Spoil) -> Stat
         else Trajectory(motion.times, spoil(motion.displacements)),
         tool_forces=forces if forces is None or is_motion_only else spoil(forces),
     )
-
-
-def is_still(problem: Problem, reference: State) -> bool:
-    """Whether the reference moves by no more than the rounding of the body's places."""
-    size = float(np.ptp(problem.mesh.points, axis=0).max())
-    moved = reference.displacement if reference.trajectory is None else (
-        reference.trajectory.displacements
-    )  # fmt: skip
-    return not float(np.abs(moved).max(initial=0.0)) > _ROUNDING * size

@@ -15,6 +15,7 @@ from palpate.validation.metrics.pairs import (
     surface_area,
     volume,
 )
+from palpate.validation.metrics.stillness import is_still
 
 __all__ = [
     "CATALOGUE",
@@ -28,6 +29,7 @@ __all__ = [
     "displacement_l2",
     "displacement_max",
     "inverted_cells",
+    "is_still",
     "l2_norm",
     "make_state",
     "max_displacement",

@@ -150,6 +150,13 @@ def out_of_balance(problem: Problem, displacement: Points, strain: Strain) -> tu
     return (external - internal) * (1.0 - fixed), scale
 
 
+def factor_at_end(problem: Problem, load: Load) -> float:
+    """What a load is multiplied by at the end of a motion; 1 in statics."""
+    if problem.time is None or load.amplitude is None:
+        return 1.0
+    return load.amplitude(problem.time.end_time)
+
+
 def support_reactions(problem: Problem, displacement: Points, strain: Strain) -> Points:
     """Total force that each support exerts in its held components [N], (num_supports, 3).
 
@@ -158,7 +165,7 @@ def support_reactions(problem: Problem, displacement: Points, strain: Strain) ->
     """
     force = internal_force(problem, displacement, strain)
     for load in problem.loads:
-        force = force - nodal_force(problem.mesh, load)
+        force = force - factor_at_end(problem, load) * nodal_force(problem.mesh, load)
     fixed, _ = held_components(problem)
     force = force * fixed
     return np.array(

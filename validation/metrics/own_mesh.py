@@ -188,8 +188,8 @@ def _strain_energy(pair: OwnPair, _candidate: State, reference: State) -> Measur
     return abs(found - expected), other * found
 
 
-def _reaction_force(pair: OwnPair, _candidate: State, reference: State) -> Measured:
-    return own_reactions(pair.problem, pair.own_problem, pair.displacement, reference, pair.strain)
+def _reaction_force(pair: OwnPair, candidate: State, reference: State) -> Measured:
+    return own_reactions(pair.problem, pair.own_problem, pair.displacement, candidate, reference)
 
 
 def _trajectory_l2(pair: OwnPair, candidate: State, reference: State) -> Measured:

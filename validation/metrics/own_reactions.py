@@ -14,11 +14,16 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Pressure
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.nodal_loads import facet_areas, nodal_force
+from palpate.validation.exchange.nodal_loads import held_components, nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
-from palpate.validation.metrics.elasticity import internal_force, support_reactions
+from palpate.validation.metrics.elasticity import (
+    factor_at_end,
+    internal_force,
+    load_force,
+    support_reactions,
+)
 from palpate.validation.states import State
 
 # Shares of held points below this are rounding.
@@ -26,7 +31,7 @@ _SHARE = 1e-6
 
 
 def own_reactions(
-    problem: Problem, own: Problem, displacement: Points, reference: State, strain: Strain
+    problem: Problem, own: Problem, displacement: Points, candidate: State, reference: State
 ) -> tuple[float, float]:
     """Largest error of a support's total force, and what it may be off by [N].
 
@@ -34,26 +39,26 @@ def own_reactions(
         problem: The case's.
         own: The own mesh with the case's materials.
         displacement: Of the answer on it [m].
-        reference: At the case's points.
-        strain: Of the answer.
+        candidate: The answer at the case's points.
+        reference: There too.
     """
-    mesh = own.mesh
+    mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)
     force = internal_force(own, displacement, strain)
+    is_held = held_components(problem)[0] > 0
     # Loads near a support, and pressure, may be put in the wrong place.
     loose = np.zeros(mesh.num_points)
     for load in problem.loads:
+        factor = factor_at_end(problem, load)
         if isinstance(load, BodyForce):
-            force -= nodal_force(mesh, load)
+            force -= factor * nodal_force(mesh, load)
             continue
-        dead = spread(nodal_force(problem.mesh, load))
-        force -= dead
-        loose += np.linalg.norm(dead, axis=1)
+        at_points = factor * load_force(problem.mesh, load, candidate.displacement, strain)
+        loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
         if isinstance(load, Pressure):
-            third = abs(load.pressure) * facet_areas(problem.mesh.points, load.facets) / 3.0
-            sizes = np.zeros((problem.mesh.num_points, 1))
-            np.add.at(sizes[:, 0], load.facets, third[:, None])
-            loose += spread(sizes)[:, 0]
+            # As `support_reactions` has it: not subtracted where the body is held.
+            at_points = np.where(is_held, 0.0, at_points)
+        force -= spread(at_points)
     size = np.linalg.norm(force, axis=1)
     moving = np.zeros_like(size) if problem.time is None else size
     shares = np.array([_held_share(problem, s.points, mesh) for s in problem.supports])

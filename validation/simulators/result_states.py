@@ -129,7 +129,7 @@ def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]
             "places that the body cannot get to in time."
         )
     if num_late:
-        remarks.append(f"{num_late} of {len(times)} states come after the end; nothing is judged.")
+        remarks.append(f"{num_late} of {len(times)} states come after the end: not judged.")
     return remarks
 
 

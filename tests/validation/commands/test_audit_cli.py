@@ -70,6 +70,9 @@ def test_what_cannot_be_audited(solved, tmp_path, monkeypatch):
     assert palpate(monkeypatch, "audit", "block", path) == 1
     write_mesh(path, problem.mesh, point_data={"displacement": -60.0 * displacement})
     assert palpate(monkeypatch, "audit", "block", path) == 1
+    # Finite, but no volume, and no stiffness, can be made of it: a failure, no crash.
+    write_mesh(path, problem.mesh, point_data={"displacement": np.full_like(displacement, 1e308)})
+    assert palpate(monkeypatch, "audit", "block", path) == 1
 
 
 def test_a_limit_holds_the_supports_as_well(solved, tmp_path, monkeypatch, capsys):
@@ -127,6 +130,6 @@ def test_no_number_of_an_audit_may_be_other_than_finite(solved):
         assert word in reason
 
 
-@pytest.mark.parametrize("limit", ["0", "-1", "nan", "inf"])
+@pytest.mark.parametrize("limit", ["0", "-1", "nan", "inf", "1", "2.5"])
 def test_a_limit_that_holds_nothing_is_refused(solved, monkeypatch, limit):
     assert palpate(monkeypatch, "audit", "block", solved[0], f"--limit={limit}") == 2

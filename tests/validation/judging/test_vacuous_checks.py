@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.meshes.problem import Problem, Strain
@@ -19,6 +20,7 @@ from palpate.validation.judging.checks import decide
 from palpate.validation.judging.judge import exit_code, find_references, judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
+from palpate.validation.metrics import make_state, measure
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import Verdict
@@ -74,6 +76,32 @@ def test_a_body_that_nobody_pushes_proves_nothing(
     result = judge_with_own_reference(path, monkeypatch)
     assert result.verdict is not Verdict.PASSED, result.checks
     assert all(c.is_vacuous for c in result.checks)
+
+
+@pytest.mark.parametrize("metric", ["surface_hausdorff", "reaction_force", "strain_energy"])
+def test_what_is_left_by_rounding_where_nothing_moves_is_no_failure(
+    write_case: WriteCase, monkeypatch: pytest.MonkeyPatch, metric: str
+) -> None:
+    # Two still surfaces lie some 1e-18 m apart by rounding, and nothing scales that.
+    for force in ("[0.0, 0.0, 0.0]", "[1e-200, 0.0, 0.0]"):
+        path = write_case(
+            (LOAD, f"force = {force}"), ('metric = "displacement_l2"', f'metric = "{metric}"')
+        )
+        result = judge_with_own_reference(path, monkeypatch)
+        assert result.verdict is Verdict.INCONCLUSIVE, result.checks
+
+
+def test_a_body_that_moves_where_the_reference_does_not_has_failed(problem: Problem) -> None:
+    still = null_answer(problem, Strain.GREEN, None)
+    moved = make_state(
+        problem.mesh,
+        np.full_like(problem.mesh.points, 1e-9),
+        label="x",
+        simulator="x",
+        strain=Strain.GREEN,
+    )
+    assert measure("displacement_l2", problem, moved, still).value == math.inf
+    assert measure("displacement_l2", problem, still, still).value == 0.0
 
 
 def test_a_change_of_volume_below_its_floor_is_vacuous(

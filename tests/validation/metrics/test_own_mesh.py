@@ -10,7 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
-from palpate.meshes.boundary_conditions import BodyForce, PointForce, Support, Traction
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
@@ -21,6 +28,7 @@ from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import CATALOGUE, make_state, measure
 from palpate.validation.metrics.elasticity import strain_energy, support_reactions
 from palpate.validation.metrics.own_mesh import MEASURED_ON_OWN_MESH
+from palpate.validation.metrics.own_reactions import own_reactions
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.simulators.result_states import with_own_mesh
 from palpate.validation.states import OwnMesh, State, Trajectory, Verdict
@@ -207,6 +215,39 @@ def test_a_load_beside_a_support_leaves_its_force_open() -> None:
     found = measure("reaction_force", pushed, answer(problem.mesh, u), REFERENCE)
     # 7 N of a support that feels |(60, 20, -50)| N, 80.6 N.
     assert found.value + found.uncertainty >= 7.0 / 82.7
+
+
+def test_a_pressure_beside_a_support_is_taken_where_the_answer_has_moved_it() -> None:
+    # The case's own mesh sent as a mesh of one's own: then nothing differs, wherever one pushes.
+    above = CASE.mesh.points[CASE.mesh.boundary_facets][:, :, 2]
+    top = CASE.mesh.boundary_facets[(above > 1.0 - 1e-9).all(axis=1)]
+    pressed = dataclasses.replace(CASE, loads=(*CASE.loads, Pressure(top, 30.0)))
+    u = solve_static(pressed, strain=Strain.GREEN).displacement
+    found = measure(
+        "reaction_force", pressed, answer(CASE.mesh, u), state_of(pressed, np.asarray(u))
+    )
+    assert found.value - found.uncertainty <= 0.0
+    assert (
+        own_reactions(pressed, pressed, u, state_of(pressed, u), state_of(pressed, u))[0] < 1e-6
+    )  # N, of some 100 N
+    doubled = state_of(pressed, 2.0 * u)
+    assert own_reactions(pressed, pressed, 2.0 * u, doubled, state_of(pressed, u))[0] > 10.0
+
+
+def test_loads_count_in_support_forces_with_their_factor_at_the_end() -> None:
+    halved = TabularAmplitude((0.0, 1.0), (0.0, 0.5))
+    u = solved((6, 3, 3))[1]
+    moving = dataclasses.replace(
+        CASE,
+        time=TimeSpan(1.0, 1e-4, 0.0, 1),
+        loads=(BodyForce((0.0, 0.0, -40.0), halved), dataclasses.replace(CASE.loads[0])),
+    )
+    # Half of 40 N/m3 at the end are the 20 N/m3 that CASE has: the same balance.
+    found = support_reactions(moving, u, Strain.GREEN)
+    np.testing.assert_allclose(found, support_reactions(CASE, u, Strain.GREEN), rtol=1e-12)
+    at_rest = state_of(moving, u)
+    error, _doubt = own_reactions(moving, moving, u, at_rest, at_rest)
+    assert error < 1e-6
 
 
 def test_an_own_cell_has_the_material_of_the_cases_cell_that_holds_its_middle() -> None:
