@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Indices
@@ -17,6 +18,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import (
@@ -48,6 +50,8 @@ from palpate.validation.case.schema import (
 )
 from palpate.validation.case.units import Units
 
+# Of loads and displacements in SI units: squares and sums of it are still numbers.
+_LARGEST = 1e100
 _Triple = tuple[float, float, float]
 
 
@@ -100,6 +104,8 @@ class _Builder:
     def support(self, spec: SupportSpec, what: str) -> Support:
         x, y, z = ("x" in spec.components, "y" in spec.components, "z" in spec.components)
         displacement, amplitude = self._metres(spec.displacement), _amplitude(spec.amplitude)
+        factors = (1.0,) if amplitude is None else amplitude.factors
+        _require_usable(np.outer(factors, displacement), what, "m")
         if spec.region.nearest is not None:
             point = nearest_point(self.mesh, spec.region, self.units, what)
             return Support(
@@ -110,6 +116,16 @@ class _Builder:
         return Support(points, facets, (x, y, z), displacement, amplitude)
 
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
+        built = self._load(spec, material, what)
+        values = {
+            "force_density": "N/m3", "traction": "Pa", "pressure": "Pa", "forces": "N"
+        }  # fmt: skip
+        for name, unit in values.items():
+            factors = (1.0,) if built.amplitude is None else built.amplitude.factors
+            _require_usable(np.outer(factors, getattr(built, name, 0.0)), what, unit)
+        return built
+
+    def _load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         mesh, units, amplitude = self.mesh, self.units, _amplitude(spec.amplitude)
         match spec:
             case GravitySpec():
@@ -173,6 +189,13 @@ class _Builder:
     def _metres(self, values: _Triple) -> _Triple:
         x, y, z = (self.units.metres(value) for value in values)
         return (x, y, z)
+
+
+def _require_usable(values: NDArray[np.float64], what: str, unit: str) -> None:
+    """Raise InputError for what cannot be squared and summed, products and units counted."""
+    size = float(np.abs(values).max())
+    if not size < _LARGEST:
+        raise InputError(f"{what}: {size:g} {unit} is too large to compute with; lower it")
 
 
 def _amplitude(spec: AmplitudeSpec | None) -> TabularAmplitude | None:

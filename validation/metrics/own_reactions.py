@@ -48,10 +48,15 @@ def own_reactions(
     is_held = held_components(problem)[0] > 0
     # Loads near a support, and pressure, may be put in the wrong place.
     loose = np.zeros(mesh.num_points)
+    # So may a weight: an answer of the case's mesh, sent on a finer one, is balanced on its own.
+    weight = np.zeros(mesh.num_points)
     for load in problem.loads:
         factor = factor_at_end(problem, load)
         if isinstance(load, BodyForce):
-            force -= factor * nodal_force(mesh, load)
+            body = factor * nodal_force(mesh, load)
+            force -= body
+            spread_body = spread(factor * nodal_force(problem.mesh, load))
+            weight += np.linalg.norm(body - spread_body, axis=1)
             continue
         at_points = factor * load_force(problem.mesh, load, candidate.displacement, strain)
         loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
@@ -68,7 +73,8 @@ def own_reactions(
         touched = _with_neighbours(mesh, shares[number] > _SHARE)
         between = touched & (shares[number] < 1.0 - _SHARE)
         found = force[touched].sum(axis=0) * np.array(support.components)
-        doubts.append(float(loose[touched].sum() + moving[between].sum()))
+        shifted = min(weight[touched].sum(), size[between].sum())
+        doubts.append(float(loose[touched].sum() + moving[between].sum() + shifted))
         # Between two supports a point's force may belong to either.
         for other, rival in enumerate(problem.supports):
             if other != number and np.any(np.array(support.components) & rival.components):

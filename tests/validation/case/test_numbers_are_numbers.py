@@ -10,6 +10,7 @@ from typing import Any, get_args
 import pytest
 from pydantic import BaseModel
 
+from palpate.meshes.errors import InputError
 from palpate.validation.case import CaseError, load_case
 from palpate.validation.case.numbers import Count, Flag, Number
 from palpate.validation.case.schema import CaseSpec
@@ -129,3 +130,28 @@ def test_published_keeps_text_numbers_truth_values_and_tables(write_case: Write)
     assert case.spec.published == {
         "volume": 1.5, "who": "me", "is_old": True, "rows": [[1, 2.5]], "deep": {"key": 3},
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("force = [60.0,", "force = [1e308,", "load 1"),
+        (
+            "[[load]]",
+            "[[load]]\nkind = 'gravity'\nacceleration = [0, 0, -1e308]\n[[load]]",
+            "load 1",
+        ),
+        ("[[support]]", "[[support]]\ndisplacement = [1e200, 0, 0]", "support 1"),
+        (
+            "[[support]]",
+            "[[support]]\ndisplacement = [1, 0, 0]\namplitude = {times = [0], factors = [1e200]}",
+            "support 1",
+        ),
+    ],
+)
+def test_what_is_too_large_to_compute_with_is_refused_by_its_place(
+    write_case: Write, old: str, new: str, what: str
+) -> None:
+    path = write_case((old, new))
+    with pytest.raises(InputError, match=f"{what}: .*too large to compute with; lower it"):
+        _ = load_case(path).problem

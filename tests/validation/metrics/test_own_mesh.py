@@ -234,6 +234,14 @@ def test_a_pressure_beside_a_support_is_taken_where_the_answer_has_moved_it() ->
     assert own_reactions(pressed, pressed, 2.0 * u, doubled, state_of(pressed, u))[0] > 10.0
 
 
+def test_an_answer_sent_finer_than_it_was_solved_does_not_fail_by_its_weight() -> None:
+    # The weight is lumped at other points then, which no support has to carry differently.
+    found = measure("reaction_force", CASE, answer(*same_on_finer()), REFERENCE)
+    assert found.value <= found.uncertainty * (1.0 + 1e-9)
+    # All of the weight, 20 N/m3 of 2 m3, of a support that feels |(60, 20, -50)| N.
+    assert found.uncertainty < 40.0 / 80.6
+
+
 def test_loads_count_in_support_forces_with_their_factor_at_the_end() -> None:
     halved = TabularAmplitude((0.0, 1.0), (0.0, 0.5))
     u = solved((6, 3, 3))[1]
