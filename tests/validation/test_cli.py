@@ -142,6 +142,13 @@ def test_the_version_is_told() -> None:
     assert (done.returncode, done.stdout) == (0, f"palpate {version_of('palpate')}\n")
 
 
+def test_a_mistyped_fault_is_told_the_one_that_was_meant() -> None:
+    done = palpate("gate", "block", "--fault", "softr")
+    assert done.returncode == 2
+    assert "Value error" not in done.stderr
+    assert "Did you mean 'softer'?" in done.stderr
+
+
 def test_help_lists_every_study_and_every_fault_with_a_line() -> None:
     for verb, listed in (
         ("gate", {fault.value: fault.meaning for fault in Fault}),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import io
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -155,7 +157,7 @@ def end_of(error: BaseException) -> int:
         return ExitCode.INCONCLUSIVE
     # typer brings its own copy of click or the real one: known by what they can do.
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
-        _say(error.format_message())
+        _say(_with_suggestion(error.format_message()))
         return ExitCode.UNUSABLE_INPUT
     handle, name = tempfile.mkstemp(prefix="palpate-error-", suffix=".txt", text=True)
     with os.fdopen(handle, "w", encoding="utf-8") as file:
@@ -167,3 +169,13 @@ def end_of(error: BaseException) -> int:
 def _say(line: str) -> None:
     with contextlib.suppress(OSError):
         print(for_terminal_lines(f"palpate: {line}"), file=sys.stderr)
+
+
+def _with_suggestion(message: str) -> str:
+    """A word that is none of a list, with the one that was probably meant."""
+    message = message.replace("Value error, ", "")
+    found = re.search(r"'([^']*)' is not one of (.+)\.$", message)
+    if found is None:
+        return message
+    near = difflib.get_close_matches(found[1], re.findall(r"'([^']*)'", found[2]), n=1)
+    return f"{message} Did you mean '{near[0]}'?" if near else message
