@@ -5,7 +5,7 @@
 1. every test of the judge runs once, and which lines it runs is kept (coverage.py);
 2. mutants are drawn by a fixed seed (draw.py);
 3. each is put into a copy of the sources, and the tests that run its line are run there, those of
-   its own package first, until one fails;
+   its own package first, then the quickest of the others, until one fails;
 4. a mutant that no test notices is a survivor. It needs a test, or a reason in explained.toml why
    nobody can notice it.
 
@@ -36,8 +36,9 @@ from draw import PACKAGES, ROOT, Mutant, all_mutants, draw
 HERE = Path(__file__).parent
 WORK = ROOT / "build" / "mutants"
 TESTS = [f"tests/validation/{name}" for name in (*PACKAGES, "evidence", "simulators", "case")]
-# Longer ones are not the place where a slip of one line should be noticed.
-LONGEST = 20.0
+# Longer tests are not the place where a slip of one line should be noticed, nor are those of other
+# packages beyond so many seconds of them.
+LONGEST, OTHERS = 20.0, 40.0
 # A mutant that makes the tests so many times as long hangs, and that is noticed.
 SLOWER = 5.0
 _PYTEST = ["-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not browser"]
@@ -65,17 +66,12 @@ def environment(tree: Path) -> dict[str, str]:
     return {**os.environ, **asked}
 
 
-def run_once(tree: Path) -> tuple[Lines, dict[str, float]]:
-    """The tests without a mutant: lines run by each, and seconds."""
+def run_once(tree: Path, *, again: bool) -> tuple[Lines, dict[str, float]]:
+    """The tests without a mutant: lines run by each, and seconds; or those of the last run."""
     data, seconds = WORK / "coverage", WORK / "seconds.json"
-    data.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "coverage", "run", f"--data-file={data}"]
-    command += [f"--include={tree}/palpate/validation/*", *_PYTEST, "-p", "watch", *TESTS]
-    asked = {**environment(tree), "PALPATE_SECONDS": str(seconds)}
-    asked["PYTHONPATH"] += os.pathsep + str(HERE)
-    done = subprocess.run(command, cwd=ROOT, env=asked, check=False)
-    if done.returncode != 0:
-        sys.exit(f"the tests fail without any mutant (pytest's exit code {done.returncode})")
+    if not (again and data.is_file() and seconds.is_file()):
+        data.unlink(missing_ok=True)
+        _watch_tests(tree, data, seconds)
     found = coverage.CoverageData(basename=str(data))
     found.read()
     lines: Lines = {}
@@ -84,6 +80,16 @@ def run_once(tree: Path) -> tuple[Lines, dict[str, float]]:
         by_line = found.contexts_by_lineno(file)
         lines[name] = {number: set(contexts) for number, contexts in by_line.items()}
     return lines, json.loads(seconds.read_text())
+
+
+def _watch_tests(tree: Path, data: Path, seconds: Path) -> None:
+    command = [sys.executable, "-m", "coverage", "run", f"--data-file={data}"]
+    command += [f"--include={tree}/palpate/validation/*", *_PYTEST, "-p", "watch", *TESTS]
+    asked = {**environment(tree), "PALPATE_SECONDS": str(seconds)}
+    asked["PYTHONPATH"] += os.pathsep + str(HERE)
+    done = subprocess.run(command, cwd=ROOT, env=asked, check=False)
+    if done.returncode != 0:
+        sys.exit(f"the tests fail without any mutant (pytest's exit code {done.returncode})")
 
 
 def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[str]:
@@ -96,8 +102,15 @@ def tests_of(mutant: Mutant, lines: Lines, seconds: dict[str, float]) -> list[st
     if not found:
         found = set().union(*by_line.values()) - {""}
     quick = [name for name in found if seconds.get(name, 0.0) <= LONGEST]
-    own = f"tests/{Path(mutant.path).parent}/"
-    return sorted(quick, key=lambda name: (not name.startswith(own), seconds.get(name, 0.0)))
+    quick.sort(key=lambda name: seconds.get(name, 0.0))
+    folder = f"tests/{Path(mutant.path).parent}/"
+    own = [name for name in quick if name.startswith(folder)]
+    spent = 0.0
+    for name in quick:
+        spent += 0.0 if name in own else seconds.get(name, 0.0)
+        if name not in own and spent <= OTHERS:
+            own.append(name)
+    return own
 
 
 def is_noticed(mutant: Mutant, tests: list[str], tree: Path, time_limit: float) -> bool:
@@ -141,6 +154,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Mutation tests of the judge.")
     parser.add_argument("--number", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--again", action="store_true", help="lines and seconds of the last run")
     parser.add_argument("--list", action="store_true", help="print the draw and end")
     parser.add_argument("--only", default="", help="mutants whose place holds this text")
     given = parser.parse_args()
@@ -154,7 +168,7 @@ def main() -> int:
     for k in range(given.jobs):
         trees.put(make_tree(WORK / f"tree-{k}"))
     with one_of(trees) as tree:
-        lines, seconds = run_once(tree)
+        lines, seconds = run_once(tree, again=given.again)
     known, outcomes = explained(), defaultdict(list)
 
     def try_one(mutant: Mutant) -> None:
