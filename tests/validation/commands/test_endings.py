@@ -25,6 +25,12 @@ time.sleep(600)
 """
 
 
+def default_signals() -> None:
+    """What a shell ignores for a job in the background is not ignored by what is started here."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 def wait_until(is_so: Callable[[], bool]) -> None:
     """The test's own time limit is the deadline."""
     while not is_so():
@@ -60,6 +66,7 @@ def test_a_signal_ends_the_simulator_and_leaves_nothing(tmp_path: Path, name: st
         text=True,
         env={**os.environ, "TMPDIR": str(scratch)},
         start_new_session=True,  # the shell's Ctrl-C reaches palpate alone here
+        preexec_fn=default_signals,
     ) as process:
         wait_until(ready.exists)
         assert len(group_members(scratch)) == 4  # palpate, supervisor, simulator, its child
@@ -75,8 +82,9 @@ def test_a_signal_ends_the_simulator_and_leaves_nothing(tmp_path: Path, name: st
 
 def run(code: str, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
-    )
+        [sys.executable, "-c", code, *words],
+        capture_output=True, text=True, check=False, preexec_fn=default_signals,
+    )  # fmt: skip
 
 
 def test_a_signal_that_is_ignored_stays_so() -> None:
