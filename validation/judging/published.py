@@ -94,7 +94,7 @@ def compare_published(
 
 
 def _compare(
-    spec: CheckSpec, found: float, unit: str, scale: float, uncertainty: float = 0.0
+    spec: CheckSpec, found: float, unit: str, scale: float, uncertainty: float
 ) -> Comparison:
     """The scale is that of the metric's bar; it and the uncertainty are in the unit."""
     assert spec.expected is not None

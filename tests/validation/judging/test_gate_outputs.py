@@ -42,6 +42,15 @@ def accepted_file(folder: Path, result: CaseResult) -> Path:
     return path
 
 
+def test_the_metrics_are_all_that_compare_with_each_reference(healthy: CaseResult) -> None:
+    told = set(healthy.metrics)
+    assert {f"error.{word}.green.displacement_l2" for word in ("same_mesh", "truth")} <= told
+    # What needs the same mesh is told there, and not of the truth.
+    assert "error.same_mesh.green.displacement_h1" in told
+    assert "error.truth.green.displacement_h1" not in told
+    assert not [name for name in told if "tool_force" in name or "trajectory" in name]
+
+
 def test_nothing_is_annotated_where_all_passed(healthy: CaseResult) -> None:
     assert github_annotations([healthy]) == []
 
