@@ -199,6 +199,24 @@ def test_the_null_answer_has_the_times_and_tools_of_the_reference(problem: Probl
     ]  # fmt: skip
 
 
+def test_spoiled_motions_are_spoiled_as_they_say() -> None:
+    case = load_case("block-motion")
+    references = find_references(case, live=False, progress=lambda _line: None)
+    right = references.states[SAME_MESH, Strain.GREEN].trajectory
+    assert right is not None
+    spoiled = {
+        answer.label: answer.trajectory
+        for answer in spoiled_answers(case.problem, references.states[SAME_MESH, Strain.GREEN])
+    }
+    repeated, halted = spoiled["last state repeated"], spoiled["every second state still"]
+    assert repeated is not None
+    assert halted is not None
+    assert (repeated.displacements == right.displacements[-1]).all()
+    assert (halted.displacements[1:-1:2] == 0.0).all()
+    np.testing.assert_array_equal(halted.displacements[0::2], right.displacements[0::2])
+    assert np.abs(halted.displacements[2::2]).max(axis=(1, 2)).min() > 0.0
+
+
 def test_the_report_shows_the_case_as_it_was_when_read(
     write_case: WriteCase, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -77,6 +77,8 @@ def test_a_value_of_zero_keeps_its_absolute_bar():
     ("change", "words"),
     [
         ({"values": [1.0, 2.0]}, "3 values"),
+        ({"values": [1.0, 1.1, 1.5, 2.7]}, "3 values"),
+        ({"sizes": [1.0, 2.0, 4.0, 8.0]}, "3 values"),
         ({"values": [1.0, math.nan, 2.0]}, "finite"),
         ({"sizes": [1.0, 1.2, 2.4]}, "1.3"),
         ({"sizes": [4.0, 2.0, 1.0]}, "finest first"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import CATALOGUE, make_state, measure
+from palpate.validation.metrics import CATALOGUE, make_state, measure, own_mesh
 from palpate.validation.metrics.elasticity import strain_energy, support_reactions
 from palpate.validation.metrics.own_mesh import MEASURED_ON_OWN_MESH
 from palpate.validation.metrics.own_reactions import own_reactions
@@ -315,3 +317,19 @@ def test_numbers_that_overflow_on_the_own_mesh_never_pass(metric: str, value: fl
         answer(*same_on_finer()), own=OwnMesh(own, u[None]), volume=np.inf, surface_area=np.inf
     )
     assert judged(metric, candidate, 0.1) is Verdict.FAILED
+
+
+def test_the_largest_displacement_of_the_reference_is_known_within_the_doubt_of_reading_it() -> (
+    None
+):
+    # Read as 3 +- 0.5 between the case's points, 2 at most at them: 2.5 to 3.5.
+    three = np.array([[3.0, 0.0, 0.0]])
+    pair: Any = SimpleNamespace(
+        reference=SimpleNamespace(value=three, doubt=np.array([0.5])), displacement=three
+    )
+    candidate: Any = SimpleNamespace(displacement=three)
+    reference: Any = SimpleNamespace(max_displacement=2.0)
+    assert own_mesh._max_displacement(pair, candidate, reference) == (0.0, 0.5)
+    larger: Any = SimpleNamespace(max_displacement=3.2)
+    error, doubt = own_mesh._max_displacement(pair, candidate, larger)
+    assert (error, doubt) == (pytest.approx(0.35), pytest.approx(0.15))

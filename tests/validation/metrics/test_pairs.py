@@ -62,6 +62,18 @@ def test_where_nothing_changes_the_scale_is_part_of_the_rest_value() -> None:
     assert metrics.displacement_l2(MESH, rest, rest).value == 0.0
 
 
+@pytest.mark.parametrize("metric", ["volume", "surface_area"])
+def test_the_scale_of_a_change_says_what_it_is(metric: str) -> None:
+    # 10 % longer all round: 33.1 % of the volume, 21 % of the area; a millionth: below 0.1 %.
+    word = "volume" if metric == "volume" else "area"
+    for stretch, name in (
+        (0.1, f"the reference's change of {word}"),
+        (1e-6, f"0.1 % of the rest {word}"),
+    ):
+        reference, candidate = state(stretch * MESH.points), state(0.5 * stretch * MESH.points)
+        assert metrics.COMPARISONS[metric](MESH, candidate, reference).scale_name == name
+
+
 @pytest.mark.parametrize(
     ("error", "bar", "limit", "verdict"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
@@ -18,3 +19,8 @@ def test_the_provenance_of_a_result_names_palpates_own() -> None:
     told = judge_case(load_case("confined")).provenance
     assert told["palpate"] == version_of("palpate")
     assert told["numpy"] == np.__version__
+
+
+def test_the_provenance_of_a_result_holds_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["/usr/bin/palpate", "gate", "confined"])
+    assert judge_case(load_case("confined")).provenance["command"] == "palpate gate confined"
