@@ -11,6 +11,7 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
+from palpate.validation.references.changes import describe_changes
 from palpate.validation.references.errors import (
     MissingReferenceError,
     UnsoundReferenceError,
@@ -150,3 +151,33 @@ def test_a_header_of_the_wrong_types_with_its_right_hash_is_an_input_error(path,
     assert isinstance(found.provenance, dict)
     assert isinstance(found.provenance.get("versions", {}), dict)
     assert key not in ("schema", "key")
+
+
+def test_a_motion_that_was_altered_late_is_not_renewed(tmp_path):
+    path = tmp_path / "block-motion.npz"
+    shutil.copy(references_folder() / "block-motion.npz", path)
+
+    def bend(arrays, header):
+        number = [state["label"] for state in header["states"]].index(SAME_MESH)
+        arrays[f"displacements_{number}"][40] *= 1.02
+
+    rewrite(path, change=bend, drops_hash=True)
+    with pytest.raises(UnsoundReferenceError):
+        renew_reference(path, "block-motion", load_case("block-motion").problem)
+
+
+def test_a_change_from_nothing_at_all_is_all_of_it(path, tmp_path):
+    still = tmp_path / "still.npz"
+    shutil.copy(path, still)
+
+    def stop(arrays, _header):
+        for name in arrays:
+            if name.startswith("displacement"):
+                arrays[name] = 0.0 * arrays[name]
+
+    rewrite(still, change=stop, drops_hash=True)
+    lines = [line for line in describe_changes(still, path) if "displacement: at most" in line]
+    assert lines
+    assert all(line.endswith(" 1 of the largest") for line in lines)
+    nothing = [line for line in describe_changes(still, still) if "displacement: at most" in line]
+    assert all(line.endswith(" 0 of the largest") for line in nothing)

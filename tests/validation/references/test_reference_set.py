@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -110,3 +111,14 @@ def test_a_case_without_any_reference_says_what_to_do(
     with pytest.raises(InputError, match="no reference is stored") as caught:
         judge_case(load_case(str(write_case())), live=live)
     assert words in str(caught.value)
+
+
+@pytest.mark.dolfinx
+def test_a_motion_solved_here_comes_as_a_set_of_motions() -> None:
+    problem = load_case("wave").problem
+    assert problem.time is not None
+    span = dataclasses.replace(problem.time, end_time=problem.time.end_time / 50, num_outputs=2)
+    short = dataclasses.replace(problem, time=span)
+    found = solve_live(short, lambda _line: None, wanted={"same_mesh"})
+    states = [found.states[SAME_MESH, strain] for strain in Strain]
+    assert all(state.trajectory is not None for state in states)
