@@ -47,8 +47,11 @@ def spoiled_answers(problem: Problem, reference: State) -> Iterator[State]:
     yield _from(problem, reference, "twice as large", lambda u: 2.0 * u)
     yield _from(problem, reference, "axes exchanged", lambda u: u[..., [1, 2, 0]])
     if reference.trajectory is not None:
-        yield _from(problem, reference, "last state repeated", _last_repeated)
-        yield _from(problem, reference, "every second state still", _every_second_still)
+        for label, spoil in (
+            ("last state repeated", _last_repeated),
+            ("every second state still", _every_second_still),
+        ):
+            yield _from(problem, reference, label, spoil, keeps_tool_forces=True)
 
 
 def _last_repeated(states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,9 +66,15 @@ def _every_second_still(states: NDArray[np.float64]) -> NDArray[np.float64]:
     return spoiled
 
 
-def _from(problem: Problem, reference: State, label: str, spoil: _Spoil) -> State:
+def _from(
+    problem: Problem,
+    reference: State,
+    label: str,
+    spoil: _Spoil,
+    *,
+    keeps_tool_forces: bool = False,
+) -> State:
     motion, forces = reference.trajectory, reference.tool_forces
-    is_motion_only = label in ("last state repeated", "every second state still")
     return make_state(
         problem.mesh,
         spoil(reference.displacement),
@@ -75,5 +84,5 @@ def _from(problem: Problem, reference: State, label: str, spoil: _Spoil) -> Stat
         trajectory=None
         if motion is None
         else Trajectory(motion.times, spoil(motion.displacements)),
-        tool_forces=forces if forces is None or is_motion_only else spoil(forces),
+        tool_forces=forces if forces is None or keeps_tool_forces else spoil(forces),
     )
