@@ -27,6 +27,22 @@ class Strain(StrEnum):
     GREEN = "green"
 
 
+class Element(StrEnum):
+    """Linear tetrahedra: plain (the paper's), or with strains smoothed over edges and nodes.
+
+    Both have the same points and the same unknowns. A case does not say which: whoever solves it
+    does. Smoothing goes over cells of the same elastic constants only (Young's modulus and
+    Poisson's ratio): where other ones meet at an edge or a node, each has an average of its own.
+
+    >>> from palpate.meshes.problem import Element
+    >>> Element("smoothed") is Element.SMOOTHED
+    True
+    """
+
+    LINEAR = "linear"
+    SMOOTHED = "smoothed"
+
+
 @dataclass(frozen=True)
 class Material:
     """Isotropic elastic solid; with Green strain the Saint-Venant-Kirchhoff material.
