@@ -11,6 +11,7 @@ from palpate.fastsim.contact.tool_contact import core_shape, gaps_at, poses_at
 from palpate.meshes import transforms
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -25,7 +26,6 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.shapes import shape_box
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.benchmarks.bodies import brick_box
 
 _BOX = shape_box((0.6, 1.0, 1.6), edge_length=0.4)
 # No mirror image of itself.

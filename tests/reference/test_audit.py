@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.shapes import shape_box
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.result import Audit
-from palpate.validation.benchmarks.bodies import brick_box
 
 pytestmark = pytest.mark.dolfinx
 

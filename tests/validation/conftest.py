@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem
-from palpate.validation.benchmarks.bodies import brick_box
 
 BLOCK = """
 schema = 1

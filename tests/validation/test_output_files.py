@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.kidney import shape_kidney
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.output_files import OutputError, input_files, require_outputs

@@ -22,7 +22,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.child import ChildFailedError
-from palpate.validation.benchmarks.interpreters import interpreters
+from palpate.validation.simulators.interpreters import interpreters
 
 FOLDER = Path(__file__).parent / "rivals"
 TIME_LIMIT = 300.0  # of one set-up or one timing [s]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.collision.surface_detection import edges_of
 from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.benchmarks.bodies import brick_box
 
 # Steps before the motion comes round again.
 NUM_FRAMES = 6

@@ -16,7 +16,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.child import ChildFailedError, run_program, run_tool
 from palpate.validation.benchmarks.delaunay_tools import NEEDS, PROGRAMS, TOOLS, compile_program
-from palpate.validation.benchmarks.interpreters import interpreter_with
+from palpate.validation.simulators.interpreters import interpreter_with
 
 SIZES = (10_000, 100_000, 1_000_000)
 RIVALS = {

@@ -19,9 +19,9 @@ from palpate.meshes.temporaries import scratch_folder
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.benchmarks.child import ChildFailedError, run_tool
-from palpate.validation.benchmarks.interpreters import interpreter_with
 from palpate.validation.benchmarks.mesh_surfaces import make_surface
 from palpate.validation.benchmarks.mesh_tools import NEEDS, TOOLS
+from palpate.validation.simulators.interpreters import interpreter_with
 
 SIZES = (2_000, 10_000, 50_000)
 RIVALS = {

@@ -17,7 +17,7 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.benchmarks.child import run_tool
-from palpate.validation.benchmarks.interpreters import interpreter_with
+from palpate.validation.simulators.interpreters import interpreter_with
 
 _MODULE = "palpate.validation.benchmarks.mesh_surfaces"
 KINDS = ("gmsh", "decimated", "marching cubes")

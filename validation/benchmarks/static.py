@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.fastsim.forces import external_force
 from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.benchmarks.children import TimedChild, started, take_turns
 from palpate.validation.case import load_case
 

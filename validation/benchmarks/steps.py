@@ -11,10 +11,10 @@ import numpy as np
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import SAFETY, Precision
 from palpate.fastsim.mesher import mesh_surface
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.benchmarks.children import TimedChild, started, take_turns
 
 KIDNEY = 20_000

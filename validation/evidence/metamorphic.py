@@ -16,10 +16,10 @@ import numpy as np
 
 from palpate.meshes import transforms
 from palpate.meshes.arrays import Points
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import Case
 from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.diagnosis.asked import turned_otherwise

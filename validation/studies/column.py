@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.studies.manufactured import gauss_rule
 from palpate.validation.studies.validity_modes import stretch_under
 

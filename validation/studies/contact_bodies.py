@@ -12,10 +12,10 @@ from palpate.fastsim.contact.body_contact import overlap_depths
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import connected_parts
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 
 MATERIAL = Material(1e4, 0.3, 1000.0)
 # Penalties of the bar [Pa/m], after the one that the time step bears by itself.

@@ -15,8 +15,8 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.metrics.pairs import l2_norm
 from palpate.validation.studies.error_family import ErrorFamily
 

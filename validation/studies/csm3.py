@@ -23,9 +23,9 @@ from rich.console import Console
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.report.study_page import StudyFigure, StudyTable
 from palpate.validation.studies.study_folder import judged, leave_study
 

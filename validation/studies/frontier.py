@@ -23,9 +23,8 @@ from rich.console import Console
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.benchmarks.bodies import brick_box
-from palpate.validation.benchmarks.interpreters import interpreter_with
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.metrics import l2_norm
@@ -38,6 +37,7 @@ from palpate.validation.report.study_page import (
 )
 from palpate.validation.run_folder import RESULTS
 from palpate.validation.simulators import CandidateFailedError, adapters
+from palpate.validation.simulators.interpreters import interpreter_with
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.states import Verdict
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import PointForce, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.benchmarks.bodies import brick_box
 
 MATERIAL = Material(1.0, 0.3)
 # Strains up to about a third: the quadratic part of Green strain counts.

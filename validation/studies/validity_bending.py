@@ -17,9 +17,9 @@ from palpate.fastsim.errors import EquilibriumLostError
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.metrics.pairs import l2_norm
 
 # Errors of linear strain that the map is about.

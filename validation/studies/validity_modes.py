@@ -22,9 +22,9 @@ from palpate.fastsim.errors import EquilibriumLostError
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.metrics.pairs import l2_norm
 from palpate.validation.studies.validity_bending import volume_change
 

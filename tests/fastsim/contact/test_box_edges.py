@@ -10,10 +10,10 @@ from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, ToolPath
 from palpate.reference.availability import is_available
-from palpate.validation.benchmarks.bodies import brick_box
 
 # How far inside a side of the box a row of vertices lies, over its half width.
 MARGINS = [0.0, 1e-9, 1e-6, 1e-4, 1e-3, 5e-3, 1e-2]

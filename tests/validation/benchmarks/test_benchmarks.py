@@ -7,18 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Strain
 from palpate.validation.benchmarks import children, static, steps
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 
 RIVALS = children.FOLDER
-
-
-def test_boxes_fill_their_volume_with_good_cells():
-    mesh = brick_box((4, 3, 3), (2.0, 1.0, 1.0), ragged=0.15)
-    assert mesh.num_cells == 6 * 4 * 3 * 3
-    assert mesh.volume == pytest.approx(2.0, rel=1e-13)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_sphere
 from palpate.validation.benchmarks import delaunay, mesh
-from palpate.validation.benchmarks.interpreters import interpreter_with, interpreters
+from palpate.validation.simulators.interpreters import interpreter_with, interpreters
 
 # A tetgen that joins a convex surface's facets to its middle.
 TETGEN = """

@@ -15,10 +15,10 @@ import pytest
 from pydantic import BaseModel
 
 import palpate as palpate_api
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.shapes import shape_sphere
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import builtin_cases, builtin_folder, load_case
 from palpate.validation.case.annotated import _tables_of
 from palpate.validation.case.editor_schema import editor_schema

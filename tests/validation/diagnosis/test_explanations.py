@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis import Cause, Diagnosis, Explanation, diagnose
 from palpate.validation.diagnosis.answers import answer_explanations

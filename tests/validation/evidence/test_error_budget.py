@@ -15,10 +15,10 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.newton import Iteration, Newton
 from palpate.fastsim.statics import solve_static
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.diagnosis.diagnose import equations_left
 from palpate.validation.evidence.error_budget import (

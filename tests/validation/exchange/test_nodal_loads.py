@@ -7,9 +7,9 @@ import numpy as np
 from palpate.fastsim import forces
 from palpate.fastsim.body import Body
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.exchange import nodal_loads
 
 ONE_CELL = TetMesh(

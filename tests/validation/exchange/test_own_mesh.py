@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFileError, read_result
 from palpate.validation.states import CandidateFailedError

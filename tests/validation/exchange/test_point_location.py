@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.validation.benchmarks.bodies import brick_box
+from palpate.meshes.bricks import brick_box
 from palpate.validation.exchange.point_location import locate
 
 MESH = brick_box((4, 3, 5), (2.0, 0.9, 1.1), ragged=0.25)

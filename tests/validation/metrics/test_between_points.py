@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.refinement import refine_uniformly
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.metrics.between_points import read_between, recovered_gradients
 
 Field = NDArray[np.float64]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.body import Body
 from palpate.meshes.boundary_conditions import Pressure, Support
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import CATALOGUE, elasticity, fields, make_state, measure

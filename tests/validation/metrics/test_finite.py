@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import CATALOGUE, Difference, make_state

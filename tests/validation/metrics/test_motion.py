@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.states import State, Trajectory
 

@@ -20,10 +20,10 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.judging.checks import judge_check

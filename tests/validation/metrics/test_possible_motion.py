@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.exchange.time_reading import read_at
 from palpate.validation.metrics import make_state, possible_motion
 from palpate.validation.metrics.possible_motion import (

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import Support, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.rounding import (

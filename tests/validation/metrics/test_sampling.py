@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.time_reading import read_at

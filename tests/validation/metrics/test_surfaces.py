@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.shapes import shape_sphere
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.surfaces import distances_to_surface, surface_distances
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Problem
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.preview.acting import acting
 from palpate.validation.preview.costs import expected_costs

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Strain
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import Convergence, GridConvergence
 from palpate.validation.references.sequences import assess_metrics, at_points_of, bar_of, widen

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import BodyForce
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Problem
-from palpate.validation.benchmarks.bodies import brick_box
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult

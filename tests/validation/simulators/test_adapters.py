@@ -14,9 +14,9 @@ import pytest
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.benchmarks.interpreters import interpreter_with, interpreters
 from palpate.validation.simulators import adapters
 from palpate.validation.simulators.candidate import outside_candidate
+from palpate.validation.simulators.interpreters import interpreter_with, interpreters
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.studies import frontier
 

@@ -1,4 +1,4 @@
-"""Bodies for benchmarks: boxes of bricks cut into six tetrahedra."""
+"""A box of bricks, each cut into six tetrahedra: bodies for tests, studies and benchmarks."""
 
 from __future__ import annotations
 
