@@ -28,11 +28,10 @@ from palpate.validation.metrics.grid_convergence import (
 )
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
 from palpate.validation.references.motion_runs import solve_explicit, solve_implicit
-from palpate.validation.references.sequences import as_data, bar_of
+from palpate.validation.references.sequences import SAFETY_FACTOR, as_data, bar_of
 from palpate.validation.references.sets import (
     BOTH,
     QUADRATIC,
-    SAFETY_FACTOR,
     SAME_MESH,
     SHARPER,
     TRUTH,

@@ -24,6 +24,9 @@ from palpate.validation.states import State
 EXPECTED_ORDER = 2.0
 # Relative: what solves to 1e-10 of the forces may leave in a number.
 NOISE = 1e-8
+# Two grids only: Roache's factor of safety (ASME J. Fluids Eng. 116, 1994), with first order
+# assumed, since clamped edges are singular; then GCI = 3 |f2 - f1| / (2^1 - 1).
+SAFETY_FACTOR = 3.0
 SIGNED = ("volume", "surface_area", "max_displacement")
 
 
@@ -71,6 +74,35 @@ def assess_metrics(mesh: TetMesh, states: Sequence[State]) -> dict[str, GridConv
 def bar_of(convergence: GridConvergence) -> float:
     """The error bar, infinite where nothing can be concluded."""
     return math.inf if convergence.error_bar is None else convergence.error_bar
+
+
+def bar_of_two(
+    mesh: TetMesh,
+    truth: State,
+    coarser: State,
+    others: Sequence[State],
+    found: Mapping[str, GridConvergence],
+) -> dict[str, float]:
+    """Bars of a truth on two meshes, held against a sequence of lower degree on three.
+
+    Args:
+        mesh: The coarsest, at whose points the states are.
+        truth: On the finer of the two.
+        coarser: On the other.
+        others: The sequence of lower degree, finest first.
+        found: What `assess_metrics` says of it.
+
+    Returns:
+        By metric: Roache's rule for two grids, widened by what the sequence says.
+    """
+    bars = {}
+    for metric, compare in COMPARISONS.items():
+        bar = SAFETY_FACTOR * compare(mesh, coarser, truth).value
+        # The unit that `assess_metrics` gives the sequence's own values in.
+        scale = compare(mesh, others[1], others[0]).scale
+        value = getattr(truth, metric) / scale if metric in SIGNED and scale else 0.0
+        bars[metric] = widen(bar, value, found[metric], metric)
+    return bars
 
 
 def widen(bar: float, truth: float, other: GridConvergence, metric: str) -> float:

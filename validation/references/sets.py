@@ -15,12 +15,11 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.metrics import COMPARISONS
 from palpate.validation.references.sequences import (
-    SIGNED,
     as_data,
     assess_metrics,
     at_points_of,
     bar_of,
-    widen,
+    bar_of_two,
 )
 from palpate.validation.states import REFERENCE, State
 
@@ -28,9 +27,6 @@ SAME_MESH = "reference P1"
 QUADRATIC = "reference P2"
 # P2 on the case's mesh cut in eight, once or twice: only stored references have it.
 TRUTH = "reference P2, refined"
-# Two grids only: Roache's factor of safety (ASME J. Fluids Eng. 116, 1994), with first order
-# assumed, since clamped edges are singular; then GCI = 3 |f2 - f1| / (2^1 - 1).
-SAFETY_FACTOR = 3.0
 # Cells of the finest of three meshes for P2; more of them take hours.
 LARGEST_QUADRATIC = 40_000
 
@@ -237,13 +233,10 @@ def solve_for_storing(
                 bars[metric, strain] = bar_of(found[metric])
         else:
             truth = middle
-            series = [solve(p, strain, 1, SAME_MESH) for p in (finest, finer)]
-            found = assess_metrics(mesh, (*series, linear))
-            for metric, compare in COMPARISONS.items():
-                bar = SAFETY_FACTOR * compare(mesh, coarse, truth).value
-                scale = compare(mesh, series[1], series[0]).scale
-                value = getattr(truth, metric) / scale if metric in SIGNED and scale else 0.0
-                bars[metric, strain] = widen(bar, value, found[metric], metric)
+            series = [*(solve(p, strain, 1, SAME_MESH) for p in (finest, finer)), linear]
+            found = assess_metrics(mesh, series)
+            of_two = bar_of_two(mesh, truth, coarse, series, found)
+            bars |= {(metric, strain): bar for metric, bar in of_two.items()}
         convergence[strain.value] = as_data(found)
         states |= {(s.label, strain): s for s in (linear, coarse, truth)}
     cut = "twice" if is_small else "once"

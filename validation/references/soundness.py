@@ -19,10 +19,9 @@ from palpate.validation.metrics.elasticity import out_of_balance
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
 from palpate.validation.references.replay import held_places, replay_motion, steps_per_output
-from palpate.validation.references.sequences import NOISE
+from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import (
     QUADRATIC,
-    SAFETY_FACTOR,
     SAME_MESH,
     TRUTH,
     ReferenceSet,

@@ -11,7 +11,13 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import Convergence, GridConvergence
-from palpate.validation.references.sequences import assess_metrics, at_points_of, bar_of, widen
+from palpate.validation.references.sequences import (
+    assess_metrics,
+    at_points_of,
+    bar_of,
+    bar_of_two,
+    widen,
+)
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import State
 
@@ -72,6 +78,17 @@ def test_two_sequences_that_do_not_meet_widen_the_bar():
     assert widen(0.01, 1.04, other, "volume") == 0.01
     assert widen(0.01, 1.00, other, "volume") == pytest.approx(0.03)
     assert widen(0.01, 0.0, other, "displacement_l2") == 0.01
+
+
+def test_two_sequences_are_compared_in_one_unit():
+    # Linear tetrahedra 0.3 - 0.01 h^2: limit 0.3, finest 0.29, which is the unit; index 0.0125.
+    others = [state(0.3 - 0.01 * h**2) for h in (1, 2, 4)]
+    found = assess_metrics(MESH, others)
+    bars = bar_of_two(MESH, state(0.4), state(0.399), others, found)
+    # They are 0.4 - 0.3 apart: more than the index, and more than three times 0.4 - 0.399.
+    assert bars["max_displacement"] == pytest.approx((0.4 - 0.3 - 0.0125) / 0.29)
+    # Fields are not told apart by their values: three times the difference, of the truth's size.
+    assert bars["displacement_l2"] == pytest.approx(3.0 * 0.001 / 0.4)
 
 
 def test_refined_states_are_read_at_the_first_points():
