@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 
@@ -58,7 +58,7 @@ class Histories:
     def __len__(self) -> int:
         return 1 + len(self._functions)
 
-    def at(self, times: Sequence[float] | Points) -> Points:
+    def at(self, times: Sequence[float] | Points) -> Floats:
         """Factors [-], shape (num_times, num_histories).
 
         Raises:

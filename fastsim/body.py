@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
 from palpate.fastsim.errors import SeveralMaterialsError
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -79,7 +79,7 @@ class Body:
         return _MEASURE[self.strain]
 
     @cached_property
-    def lumped_mass(self) -> Points:
+    def lumped_mass(self) -> Floats:
         """Diagonal of M: a quarter of each cell's mass to its corners [kg], (num_points,)."""
         mass = np.zeros(self.mesh.num_points)
         quarter = self.material.density * signed_volumes(self.mesh.points, self.mesh.cells) / 4.0
@@ -88,7 +88,7 @@ class Body:
         return mass
 
     @cached_property
-    def shape_gradients(self) -> Points:
+    def shape_gradients(self) -> Floats:
         """Gradients of the four shape functions in each cell [1/m], shape (num_cells, 4, 3)."""
         rest = self.core.shape_gradients().reshape(-1, 3, 3)
         gradients: Points = np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1)
@@ -114,11 +114,11 @@ class Body:
         """Integral of lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
         return self.core.strain_energy(self.checked(displacement))
 
-    def displacement_gradients(self, displacement: ArrayLike) -> Points:
+    def displacement_gradients(self, displacement: ArrayLike) -> Floats:
         """H = du/dX of each cell [-], shape (num_cells, 3, 3)."""
         return self.core.displacement_gradients(self.checked(displacement)).reshape(-1, 3, 3)
 
-    def det_f(self, displacement: ArrayLike) -> Points:
+    def det_f(self, displacement: ArrayLike) -> Floats:
         """Volume over rest volume of each cell [-], shape (num_cells,); <= 0 if inverted."""
         return self.core.det_f(self.checked(displacement))
 
@@ -159,7 +159,7 @@ class Body:
         self,
         *,
         displacement: Points | None = None,
-        mass: Points | None = None,
+        mass: Floats | None = None,
         relative_tolerance: float = 1e-4,
         max_iterations: int = 2000,
     ) -> float:

@@ -26,7 +26,7 @@ from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.forces import constraints
 from palpate.fastsim.newton import rounding_error
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 
@@ -64,7 +64,7 @@ class RelaxationResult:
     history: tuple[tuple[int, float], ...]
     smallest_det_f: float
     starts: int
-    tool_forces: Points = field(default_factory=lambda: np.zeros((0, 3)))
+    tool_forces: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def relax(
@@ -250,8 +250,8 @@ class _Relaxation:
             scale = max(scale, float(np.linalg.norm(force[~self._is_free])))
         return max(scale, float(np.finfo(float).tiny))
 
-    def _gershgorin(self) -> Points:
+    def _gershgorin(self) -> Floats:
         """Masses for which omega_max <= 2 at rest, the largest of each point's three."""
         self.body.core.assemble_tangent(np.zeros_like(self.last_good))
-        bound: Points = 0.25 * self.body.core.absolute_row_sums().max(axis=1)
+        bound: Floats = 0.25 * self.body.core.absolute_row_sums().max(axis=1)
         return bound

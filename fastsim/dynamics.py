@@ -11,7 +11,7 @@ from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ToolTrack
 from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 
@@ -33,10 +33,10 @@ class Energies:
     work counts dead loads, follower pressure and supports that move.
     """
 
-    strain: Points
-    kinetic: Points
-    external_work: Points
-    damping_loss: Points
+    strain: Floats
+    kinetic: Floats
+    external_work: Floats
+    damping_loss: Floats
 
     @property
     def balance(self) -> Points:
@@ -60,8 +60,8 @@ class DynamicResult:
         tools: Where each tool was, and what acted on it.
     """
 
-    times: Points
-    displacements: Points
+    times: Floats
+    displacements: Floats
     velocity: Points
     time_step: float
     critical_time_step: float

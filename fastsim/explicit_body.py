@@ -22,7 +22,7 @@ from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_diagnosis import diagnose
 from palpate.fastsim.explicit_loads import ExplicitLoads
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import ToolPath
@@ -110,7 +110,7 @@ class ExplicitBody:
         tracks_energy: bool = False,
         contact: ContactLaw | None = None,
         body_contact: ContactLaw | None = None,
-        mass: Points | None = None,
+        mass: Floats | None = None,
         tools: ExplicitTools | None = None,
     ) -> None:
         if num_threads < 1:

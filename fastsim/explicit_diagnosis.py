@@ -7,7 +7,7 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.fastsim.errors import BlowUpError
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 
 _REASONS = {
     _core.StopReason.inverted_cell: "a cell inverted",
@@ -24,7 +24,7 @@ def diagnose(
     *,
     displacement: Points,
     increment: Points,
-    mass: Points,
+    mass: Floats,
     steps: int,
     time_step: float,
 ) -> BlowUpError:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Amplitudes, Histories
 from palpate.fastsim.forces import constraints, external_force
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -75,7 +75,7 @@ class ExplicitLoads:
         self._applied = total
         run.set_dead_load(0, self._dead[0] + total)
 
-    def factors(self, times: Points) -> Points:
+    def factors(self, times: Floats) -> Floats:
         """Of the histories [-], shape (num_times, num_histories)."""
         return self._histories.at(times)
 

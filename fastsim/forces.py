@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
@@ -50,7 +50,7 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
     return force
 
 
-def lumped_areas(mesh: TetMesh, facets: Indices) -> Points:
+def lumped_areas(mesh: TetMesh, facets: Indices) -> Floats:
     """A third of the rest area of each of these facets to its corners [m2], (num_points,)."""
     areas = np.zeros(mesh.num_points)
     third = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.body import Body
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 # Inverse iterations for the softest direction, whose ratio falls apart from the next near a limit.
@@ -42,11 +42,11 @@ class Softening:
     stretched_cell: int
 
 
-def smallest_stretches(body: Body, displacement: Points) -> Points:
+def smallest_stretches(body: Body, displacement: Points) -> Floats:
     """Smallest principal stretch of each cell [-], shape (num_cells,): sqrt of C's eigenvalue."""
     F = body.displacement_gradients(displacement) + np.eye(3)
     C = F.transpose(0, 2, 1) @ F
-    stretches: Points = np.sqrt(np.maximum(np.linalg.eigvalsh(C)[:, 0], 0.0))
+    stretches: Floats = np.sqrt(np.maximum(np.linalg.eigvalsh(C)[:, 0], 0.0))
     return stretches
 
 
@@ -112,14 +112,14 @@ class _MaterialStiffness:
         np.add.at(product, cells, self._body.shape_gradients @ P.transpose(0, 2, 1))
         return product
 
-    def densities(self, x: Points) -> Points:
+    def densities(self, x: Points) -> Floats:
         strain = self._strain_rates(x)
         trace = np.trace(strain, axis1=1, axis2=2)
         squares = (strain**2).sum(axis=(1, 2))
         values: Points = self._body.lmbda * trace**2 + 2.0 * self._body.mu * squares
         return values
 
-    def _strain_rates(self, x: Points) -> Points:
+    def _strain_rates(self, x: Points) -> Floats:
         product = self._F.transpose(0, 2, 1) @ self._body.displacement_gradients(x)
         rates: Points = 0.5 * (product + product.transpose(0, 2, 1))
         return rates

@@ -91,12 +91,12 @@ def points_with_several_fans(facets: Indices) -> Integers:
     uses = edge_uses(facets)
     # The two uses of an edge, as rows of `directed`.
     first, second = np.argsort(uses.edge, kind="stable").reshape(-1, 2).T
-    twin = np.empty(len(uses.edge), dtype=np.int64)
-    twin[first], twin[second] = second, first
+    opposite = np.empty(len(uses.edge), dtype=np.int64)
+    opposite[first], opposite[second] = second, first
     # Around a point, from corner k of a facet over the facet's side k - 1 -> k.
     corner = np.arange(len(uses.edge))
     before = corner - 1 + 3 * (corner % 3 == 0)
-    after = twin[before]
+    after = opposite[before]
     label = corner.copy()
     # Pointer doubling: after n rounds a label is the smallest of 2^n corners ahead.
     while True:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.facet_topology import edge_uses
 
 
@@ -53,7 +52,7 @@ def fill_loop(points: Points, loop: list[int], taken: set[tuple[int, int]]) -> I
     """
     n = len(loop)
     place = points[loop]
-    cost: NDArray[np.float64] = np.full((n, n), np.inf)
+    cost: Floats = np.full((n, n), np.inf)
     split = np.full((n, n), -1)
     np.fill_diagonal(cost[:, 1:], 0.0)
     for span in range(2, n):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.rings import flip_to_delaunay, stitch_rings
 from palpate.meshes.shapes import require_positive
@@ -95,7 +95,7 @@ def _rings_on_sphere(spacing: float) -> tuple[Points, Indices]:
     return np.vstack(directions), np.array(facets, dtype=np.int32)
 
 
-def _direction(polar: Points, around: Points) -> Points:
+def _direction(polar: Floats, around: Floats) -> Points:
     return np.column_stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
     )

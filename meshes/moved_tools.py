@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -20,7 +19,7 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.tri_surface import TriSurface
 
-Matrix = NDArray[np.float64]
+Matrix = Floats
 
 # Every shape but a surface is its own mirror image along x of its frame; a surface is mirrored.
 _ALONG_X = np.diag([-1.0, 1.0, 1.0])
@@ -89,7 +88,7 @@ def _mirrored(shape: ToolShape) -> ToolShape:
     return SurfaceShape(TriSurface(surface.points @ _ALONG_X, surface.facets[:, [0, 2, 1]]))
 
 
-def _quaternion(rotation: Matrix) -> Points:
+def _quaternion(rotation: Matrix) -> Floats:
     """Unit quaternion (w, x, y, z) of a rotation matrix.
 
     The largest eigenvector of a symmetric matrix (I. Y. Bar-Itzhack, J. Guidance 23, 2000), which
@@ -105,11 +104,11 @@ def _quaternion(rotation: Matrix) -> Points:
         ]
     )
     vector = np.linalg.eigh(K)[1][:, -1]
-    found: Points = vector[[3, 0, 1, 2]]
+    found: Floats = vector[[3, 0, 1, 2]]
     return found
 
 
-def _product(first: Points, rows: Points) -> Points:
+def _product(first: Floats, rows: Floats) -> Floats:
     """Hamilton's product of one quaternion with many: turn by these, then by that."""
     w, v = first[0], first[1:]
     scalar = w * rows[:, 0] - rows[:, 1:] @ v

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
 
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
@@ -14,7 +14,7 @@ _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 _OPPOSITE = np.array([[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]])
 
 
-def dihedral_angles(points: Points, cells: Indices) -> Points:
+def dihedral_angles(points: Points, cells: Indices) -> Floats:
     """Angle between the two facets at each of the six edges [rad], shape (num_cells, 6).
 
     A regular tetrahedron has arccos(1/3) = 70.53 degrees everywhere.
@@ -25,36 +25,36 @@ def dihedral_angles(points: Points, cells: Indices) -> Points:
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     pair = normals[:, _OPPOSITE]
     cosine = -np.einsum("ijk,ijk->ij", pair[:, :, 0], pair[:, :, 1])
-    angles: Points = np.arccos(np.clip(cosine, -1.0, 1.0))
+    angles: Floats = np.arccos(np.clip(cosine, -1.0, 1.0))
     return angles
 
 
-def edge_lengths(points: Points, cells: Indices) -> Points:
+def edge_lengths(points: Points, cells: Indices) -> Floats:
     """Lengths of the six edges of each cell [m], shape (num_cells, 6)."""
     ends = points[cells[:, _EDGES]]
-    lengths: Points = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+    lengths: Floats = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     return lengths
 
 
-def mean_ratio(points: Points, cells: Indices) -> Points:
+def mean_ratio(points: Points, cells: Indices) -> Floats:
     """12 (3 V)^(2/3) / sum of squared edge lengths [-]: 1 regular, 0 flat, < 0 inverted.
 
     Liu and Joe 1994, eq. (4.1). Shape (num_cells,).
     """
     volumes = signed_volumes(points, cells)
     squared = (edge_lengths(points, cells) ** 2).sum(axis=1)
-    ratio: Points = np.sign(volumes) * 12.0 * np.cbrt(3.0 * np.abs(volumes)) ** 2 / squared
+    ratio: Floats = np.sign(volumes) * 12.0 * np.cbrt(3.0 * np.abs(volumes)) ** 2 / squared
     return ratio
 
 
-def edge_length_deviation(points: Points, cells: Indices) -> Points:
+def edge_length_deviation(points: Points, cells: Indices) -> Floats:
     """Standard deviation of a cell's edge lengths over their mean [-], shape (num_cells,).
 
     The paper's measure of a sliver (section II, step 5). A flat square of four points scores
     only 0.19, so it is read together with the dihedral angle.
     """
     lengths = edge_lengths(points, cells)
-    deviation: Points = lengths.std(axis=1) / lengths.mean(axis=1)
+    deviation: Floats = lengths.std(axis=1) / lengths.mean(axis=1)
     return deviation
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tri_surface import TriSurface
 
@@ -104,7 +104,7 @@ class SurfaceShape:
 ToolShape: TypeAlias = SphereShape | CapsuleShape | BoxShape | PlaneShape | SurfaceShape
 
 
-def _identity_rotations() -> Points:
+def _identity_rotations() -> Floats:
     return np.zeros((0, 4))
 
 
@@ -126,9 +126,9 @@ class ToolPath:
     [0.0, 0.0, 0.02]
     """
 
-    times: Points
+    times: Floats
     positions: Points
-    rotations: Points = field(default_factory=_identity_rotations)
+    rotations: Floats = field(default_factory=_identity_rotations)
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64)
@@ -165,7 +165,7 @@ class ToolPath:
             rows.setflags(write=False)
             object.__setattr__(self, name, rows)
 
-    def pose_at(self, time: float) -> tuple[Points, Points]:
+    def pose_at(self, time: float) -> tuple[Floats, Floats]:
         """Position [m], shape (3,), and rotation matrix, shape (3, 3), at a time [s]."""
         after = int(np.searchsorted(self.times, time, side="right"))
         if after == 0:
@@ -252,7 +252,7 @@ class RigidTool:
             raise ToolError("a tool driven by a force takes a path of one pose, where it starts")
 
 
-def rotation_matrix(quaternion: NDArray[Any]) -> Points:
+def rotation_matrix(quaternion: NDArray[Any]) -> Floats:
     """Rotation matrix, shape (3, 3), of a unit quaternion (w, x, y, z)."""
     w, x, y, z = (float(q) for q in quaternion)
     return np.array(
@@ -264,7 +264,7 @@ def rotation_matrix(quaternion: NDArray[Any]) -> Points:
     )
 
 
-def _between(start: Points, end: Points, s: float) -> Points:
+def _between(start: Floats, end: Floats, s: float) -> Floats:
     """The turn at constant rate, the shorter way round (Shoemake 1985, slerp)."""
     cosine = float(start @ end)
     if cosine < 0.0:
@@ -272,7 +272,7 @@ def _between(start: Points, end: Points, s: float) -> Points:
     angle = math.acos(min(cosine, 1.0))
     if angle < 1e-9:
         return start
-    turned: Points = (math.sin((1 - s) * angle) * start + math.sin(s * angle) * end) / math.sin(
+    turned: Floats = (math.sin((1 - s) * angle) * start + math.sin(s * angle) * end) / math.sin(
         angle
     )
     return turned

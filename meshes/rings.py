@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 
 
 def stitch_rings(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> list[list[int]]:
@@ -48,8 +48,8 @@ def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> I
         for (a, b), k in place.items():
             if a > b:
                 continue
-            twin = place[(b, a)]
-            (s, side), (t, other) = divmod(k, 3), divmod(twin, 3)
+            opposite = place[(b, a)]
+            (s, side), (t, other) = divmod(k, 3), divmod(opposite, 3)
             if touched[s] or touched[t]:
                 continue
             # Opposite angles alpha + beta > pi  <=>  cos alpha + cos beta < 0.
@@ -69,13 +69,13 @@ def flip_to_delaunay(points: Points, facets: Indices, max_passes: int = 20) -> I
     return result
 
 
-def _corner_cosines(points: Points, facets: NDArray[np.int64]) -> Points:
+def _corner_cosines(points: Points, facets: NDArray[np.int64]) -> Floats:
     """Cosine of the angle at each corner, shape (num_facets, 3)."""
     corners = points[facets]
     to_next = corners[:, [1, 2, 0]] - corners
     to_last = corners[:, [2, 0, 1]] - corners
     dots = np.einsum("ijk,ijk->ij", to_next, to_last)
-    cosines: Points = dots / (
+    cosines: Floats = dots / (
         np.linalg.norm(to_next, axis=2) * np.linalg.norm(to_last, axis=2) + np.finfo(float).tiny
     )
     return cosines

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import OrientationError
 from palpate.meshes.facet_topology import facet_parts
 from palpate.meshes.tri_surface import TriSurface
@@ -106,7 +106,7 @@ def require_nested(surface: TriSurface) -> list[Shell]:
     return shells
 
 
-def winding_numbers(surface: TriSurface, places: Points) -> NDArray[np.float64]:
+def winding_numbers(surface: TriSurface, places: Points) -> Floats:
     """How often an oriented surface winds around places: its solid angle / 4 pi.
 
     Args:

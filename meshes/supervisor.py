@@ -35,11 +35,11 @@ def main() -> int:
     signal.set_wakeup_fd(wake)
     for number in (signal.SIGCHLD, *_STOPS):
         signal.signal(number, lambda *_: None)
-    watched = [caller, woken, *_caller_process(int(sys.argv[3]))]
+    awaited = [caller, woken, *_caller_process(int(sys.argv[3]))]
     child = _start(sys.argv[4:], trouble)
     os.close(trouble)
     while not _has_ended(child):
-        ready, _, _ = select.select(watched, [], [])
+        ready, _, _ = select.select(awaited, [], [])
         if ready != [woken] or set(os.read(woken, 4096)) & set(_STOPS):
             break
     return _end_as(_end_all(child))

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points, checked_indices, checked_points
+from palpate.meshes.arrays import Floats, Indices, Points, checked_indices, checked_points
 from palpate.meshes.errors import InvertedCellError, MeshError
 from palpate.meshes.tri_surface import TriSurface
 
@@ -17,11 +17,11 @@ from palpate.meshes.tri_surface import TriSurface
 CELL_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.int32)
 
 
-def signed_volumes(points: Points, cells: Indices) -> Points:
+def signed_volumes(points: Points, cells: Indices) -> Floats:
     """Signed volume of each cell, det(x1 - x0, x2 - x0, x3 - x0) / 6 [m3], shape (num_cells,)."""
     origin = points[cells[:, 0]]
     a, b, c = (points[cells[:, k]] - origin for k in (1, 2, 3))
-    volumes: Points = np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0
+    volumes: Floats = np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0
     return volumes
 
 

@@ -10,9 +10,8 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     Load,
@@ -27,7 +26,7 @@ from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 
 Back = Callable[[Points], Points]
-Matrix = NDArray[np.float64]
+Matrix = Floats
 
 
 def rotation(axis: tuple[float, float, float], angle_deg: float) -> Matrix:

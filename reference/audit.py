@@ -12,9 +12,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
@@ -22,7 +21,7 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx, linear_elasticity
 from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.deformed_state import DetFSampler, measure_state
-from palpate.reference.equilibrium import Equilibrium
+from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.result import Audit
 
@@ -62,24 +61,24 @@ def audit_displacement(
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
     require_supported(problem)
     require_no_tools(problem, "the audit")
-    equilibrium = Equilibrium(problem, strain=Strain(strain), degree=degree)
-    u = equilibrium.space.from_points(displacement)
+    discrete = DiscreteProblem(problem, strain=Strain(strain), degree=degree)
+    u = discrete.space.from_points(displacement)
     if progress:
-        num_dofs = 3 * equilibrium.space.num_global_blocks
+        num_dofs = 3 * discrete.space.num_global_blocks
         progress(f"audit on degree {degree}: {num_dofs} degrees of freedom")
-    sampler = DetFSampler(equilibrium)
+    sampler = DetFSampler(discrete)
     smallest_det_f = sampler.smallest(u)
-    internal, external = equilibrium.internal_force(u), equilibrium.external_force(u)
+    internal, external = discrete.internal_force(u), discrete.external_force(u)
     residual = external - internal
-    residual_norm, lifted = _dual_norm(equilibrium, residual)
-    state = measure_state(equilibrium, u)
+    residual_norm, lifted = _dual_norm(discrete, residual)
+    state = measure_state(discrete, u)
     scale = math.sqrt(2.0 * state.strain_energy) if state.strain_energy > 0.0 else 0.0
-    force, moment = _imbalance(equilibrium, u, residual)
-    held = equilibrium.held
-    errors = _estimate_errors(equilibrium, u, residual, smallest_det_f, problem.mesh.volume)
+    force, moment = _imbalance(discrete, u, residual)
+    held = discrete.held
+    errors = _estimate_errors(discrete, u, residual, smallest_det_f, problem.mesh.volume)
     return Audit(
         degree=degree,
-        strain=equilibrium.strain,
+        strain=discrete.strain,
         residual_norm=residual_norm,
         relative_residual_norm=residual_norm / scale if scale else math.inf,
         support_gap=fenicsx.largest(float(np.max(np.abs(u[held.dofs] - held.values), initial=0.0))),
@@ -89,99 +88,99 @@ def audit_displacement(
         strain_energy=state.strain_energy,
         volume=state.volume,
         smallest_det_f=smallest_det_f,
-        is_stable=_is_stable(equilibrium, u, smallest_det_f),
+        is_stable=_is_stable(discrete, u, smallest_det_f),
         displacement_error=errors[0],
         volume_error=errors[1],
-        cell_errors=_cell_errors(equilibrium, lifted),
+        cell_errors=_cell_errors(discrete, lifted),
     )
 
 
-def _solver(equilibrium: Equilibrium, *, is_symmetric: bool) -> LinearSolver:
-    return LinearSolver(equilibrium.space.coordinates, is_symmetric=is_symmetric)
+def _solver(discrete: DiscreteProblem, *, is_symmetric: bool) -> LinearSolver:
+    return LinearSolver(discrete.space.coordinates, is_symmetric=is_symmetric)
 
 
-def _dual_norm(equilibrium: Equilibrium, residual: Points) -> tuple[float, Points]:
+def _dual_norm(discrete: DiscreteProblem, residual: Floats) -> tuple[float, Floats]:
     """sqrt(r . K^-1 r) over the free entries, with the stiffness at rest."""
-    rest = np.zeros(equilibrium.num_dofs)
-    matrix = equilibrium.tangent(rest, 0.0)
-    held = equilibrium.held.dofs
-    lifted = _solver(equilibrium, is_symmetric=True).solve(
+    rest = np.zeros(discrete.num_dofs)
+    matrix = discrete.tangent(rest, 0.0)
+    held = discrete.held.dofs
+    lifted = _solver(discrete, is_symmetric=True).solve(
         matrix, residual, held, np.zeros(len(held)), tolerance=_SOLVE_TOLERANCE
     )
-    free = equilibrium.free
+    free = discrete.free
     work = fenicsx.total(float(residual[free] @ lifted[free]))
     return math.sqrt(max(work, 0.0)), lifted
 
 
-def _cell_errors(equilibrium: Equilibrium, lifted: Points) -> NDArray[np.float64]:
+def _cell_errors(discrete: DiscreteProblem, lifted: Floats) -> Floats:
     """Root of twice each cell's elastic energy in a displacement, in the TetMesh's order."""
-    transferred = equilibrium.space.transferred
-    density = linear_elasticity.energy_density(equilibrium.u, *equilibrium.lame)
+    transferred = discrete.space.transferred
+    density = linear_elasticity.energy_density(discrete.u, *discrete.lame)
     # Four points, exact for quadratics (Hammer, Marlowe, Stroud 1956).
     a, b = (5.0 + 3.0 * math.sqrt(5.0)) / 20.0, (5.0 - math.sqrt(5.0)) / 20.0
     places = np.array([[b, b, b], [a, b, b], [b, a, b], [b, b, a]])
     sample = fenicsx.evaluate_in_cells(transferred.mesh, density, places)
-    equilibrium.set_displacement(lifted)
+    discrete.set_displacement(lifted)
     mean = np.asarray(sample()).reshape(len(transferred.cell_of_cell), -1).mean(axis=1)
     source = transferred.source
     squared = np.zeros(source.num_cells)
     volumes = signed_volumes(source.points, source.cells)
     squared[transferred.cell_of_cell] = 2.0 * mean * volumes[transferred.cell_of_cell]
-    errors: NDArray[np.float64] = np.sqrt(np.maximum(fenicsx.total(squared), 0.0))
+    errors: Floats = np.sqrt(np.maximum(fenicsx.total(squared), 0.0))
     return errors
 
 
-def _imbalance(equilibrium: Equilibrium, u: Points, residual: Points) -> tuple[float, float]:
+def _imbalance(discrete: DiscreteProblem, u: Floats, residual: Floats) -> tuple[float, float]:
     """Internal forces balance themselves; what is left over is the residual at free entries.
 
     Reactions are what holds the held entries, so there nothing is left over.
     """
     loose = np.zeros_like(residual)
-    loose[equilibrium.free] = residual[equilibrium.free]
+    loose[discrete.free] = residual[discrete.free]
     forces = loose.reshape(-1, 3)
-    places = equilibrium.space.coordinates
-    if equilibrium.strain is Strain.GREEN:
+    places = discrete.space.coordinates
+    if discrete.strain is Strain.GREEN:
         places = places + u.reshape(-1, 3)
     total = np.linalg.norm(fenicsx.total(forces.sum(axis=0)))
     moment = np.linalg.norm(fenicsx.total(np.cross(places, forces).sum(axis=0)))
     return float(total), float(moment)
 
 
-def _is_stable(equilibrium: Equilibrium, u: Points, smallest_det_f: float) -> bool | None:
-    if equilibrium.strain is Strain.LINEAR or equilibrium.has_followers or not smallest_det_f > 0.0:
+def _is_stable(discrete: DiscreteProblem, u: Floats, smallest_det_f: float) -> bool | None:
+    if discrete.strain is Strain.LINEAR or discrete.has_followers or not smallest_det_f > 0.0:
         return None
-    solver = _solver(equilibrium, is_symmetric=True)
-    return solver.is_positive_definite(equilibrium.tangent(u, 1.0), equilibrium.held.dofs)
+    solver = _solver(discrete, is_symmetric=True)
+    return solver.is_positive_definite(discrete.tangent(u, 1.0), discrete.held.dofs)
 
 
 def _estimate_errors(
-    equilibrium: Equilibrium,
-    u: Points,
-    residual: Points,
+    discrete: DiscreteProblem,
+    u: Floats,
+    residual: Floats,
     smallest_det_f: float,
     rest_volume: float,
 ) -> tuple[float | None, float | None]:
     """One Newton step from the displacement: what it changes is the estimate."""
-    if equilibrium.strain is Strain.GREEN and not smallest_det_f > 0.0:
+    if discrete.strain is Strain.GREEN and not smallest_det_f > 0.0:
         return None, None
-    held = equilibrium.held
-    matrix = equilibrium.tangent(u, 1.0)
-    solver = _solver(equilibrium, is_symmetric=not equilibrium.has_followers)
+    held = discrete.held
+    matrix = discrete.tangent(u, 1.0)
+    solver = _solver(discrete, is_symmetric=not discrete.has_followers)
     try:
         step = solver.solve(
             matrix, residual, held.dofs, held.values - u[held.dofs], tolerance=_SOLVE_TOLERANCE
         )
     except LinearSolveError:
         return None, None
-    at_points = equilibrium.space.at_points
+    at_points = discrete.space.at_points
     size = float(np.linalg.norm(at_points(u + step)))
     displacement_error = float(np.linalg.norm(at_points(step))) / size if size else None
-    before = measure_state(equilibrium, u).volume - rest_volume
-    if equilibrium.strain is Strain.LINEAR:
-        after = measure_state(equilibrium, u + step).volume - rest_volume
+    before = measure_state(discrete, u).volume - rest_volume
+    if discrete.strain is Strain.LINEAR:
+        after = measure_state(discrete, u + step).volume - rest_volume
     else:
         # To first order: a finite step turns sections along their tangent, which adds volume that
         # the body does not gain.
-        ends = [measure_state(equilibrium, u + t * _SMALL * step).volume for t in (1.0, -1.0)]
+        ends = [measure_state(discrete, u + t * _SMALL * step).volume for t in (1.0, -1.0)]
         after = before + (ends[0] - ends[1]) / (2.0 * _SMALL)
     return displacement_error, before / after - 1.0 if after else None

@@ -16,14 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.equilibrium import Equilibrium
+from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 
 _MAX_CORRECTIONS = 10
@@ -121,7 +121,7 @@ def follow_path(
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    u: Points
+    u: Floats
     t: float
     det_f: float
 
@@ -130,12 +130,12 @@ class _Arc:
     """The equations of one problem with the load factor among the unknowns."""
 
     def __init__(self, problem: Problem, degree: int, relative_tolerance: float) -> None:
-        self.equilibrium = Equilibrium(problem, strain=Strain.GREEN, degree=degree)
-        self._sampler = DetFSampler(self.equilibrium)
+        self._discrete = DiscreteProblem(problem, strain=Strain.GREEN, degree=degree)
+        self._sampler = DetFSampler(self._discrete)
         self._tolerance = relative_tolerance
         self._linear = LinearSolver(
-            self.equilibrium.space.coordinates,
-            is_symmetric=not self.equilibrium.has_followers,
+            self._discrete.space.coordinates,
+            is_symmetric=not self._discrete.has_followers,
             is_always_direct=True,
         )
         self._iterations = 0
@@ -143,7 +143,7 @@ class _Arc:
 
     def follow(self, most_points: int, progress: Progress) -> EquilibriumPath:
         """From rest on; see `follow_path`."""
-        now = _State(np.zeros(self.equilibrium.num_dofs), 0.0, 1.0)
+        now = _State(np.zeros(self._discrete.num_dofs), 0.0, 1.0)
         points = [self._point(now)]
         try:
             answer = self._answer_of_load(now)
@@ -184,26 +184,26 @@ class _Arc:
             reason = f"no end in {most_points} points"
         return EquilibriumPath(tuple(points), reason, self._iterations)
 
-    def _dot(self, a: tuple[Points, float], b: tuple[Points, float]) -> float:
+    def _dot(self, a: tuple[Floats, float], b: tuple[Floats, float]) -> float:
         return float(fenicsx.total(float(a[0] @ b[0]))) / self._size**2 + a[1] * b[1]
 
-    def _tangent(self, answer: Points) -> tuple[Points, float]:
+    def _tangent(self, answer: Floats) -> tuple[Floats, float]:
         length = math.sqrt(self._dot((answer, 1.0), (answer, 1.0)))
         return answer / length, 1.0 / length
 
-    def _answer_of_load(self, state: _State) -> Points:
+    def _answer_of_load(self, state: _State) -> Floats:
         """K^-1 f: what more load would do."""
-        eq = self.equilibrium
+        eq = self._discrete
         force = eq.external_force(state.u)
         matrix = eq.tangent(state.u, state.t)
         self._iterations += 1
         return self._linear.solve(matrix, force, eq.held.dofs, eq.held.values, tolerance=1e-12)
 
     def _correct(
-        self, start: _State, tangent: tuple[Points, float], step: float
+        self, start: _State, tangent: tuple[Floats, float], step: float
     ) -> tuple[_State | None, str, int]:
         """Newton's method on the plane across the tangent, a step ahead of the start."""
-        eq = self.equilibrium
+        eq = self._discrete
         u, t, det_f = start.u + step * tangent[0], start.t + step * tangent[1], start.det_f
         if not self._sampler.smallest(u) > _SHRINK_PER_STEP * det_f:
             return None, "a cell would invert", 0
@@ -241,7 +241,7 @@ class _Arc:
 
     def _at_full_load(self, before: _State, after: _State) -> PathPoint | None:
         """The equilibrium at t = 1 between two points: Newton's method at a fixed load."""
-        eq = self.equilibrium
+        eq = self._discrete
         s = (1.0 - before.t) / (after.t - before.t)
         u = before.u + s * (after.u - before.u)
         for _ in range(_MAX_CORRECTIONS):
@@ -262,7 +262,7 @@ class _Arc:
         return None
 
     def _point(self, state: _State) -> PathPoint:
-        eq = self.equilibrium
+        eq = self._discrete
         is_stable = None
         if not eq.has_followers:
             matrix = eq.tangent(state.u, state.t)

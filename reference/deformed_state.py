@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.reference import fenicsx
-from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import ufl
 from palpate.reference.kinematics import cofactor, deformation_gradient
-from palpate.reference.mixed_form import MixedEquilibrium
-
-Body: TypeAlias = ElasticBody | MixedEquilibrium
 
 
 def lattice(order: int) -> Points:
@@ -34,7 +30,7 @@ class DetFSampler:
     that determines it, with the vertices among its points.
     """
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: ElasticBody) -> None:
         self._body = body
         mesh = body.space.transferred.mesh
         points = lattice(3 * (body.space.degree - 1))
@@ -43,18 +39,18 @@ class DetFSampler:
         gradient = ufl.grad(body.u)
         self._gradient = fenicsx.evaluate_in_cells(mesh, ufl.inner(gradient, gradient), points)
 
-    def smallest(self, displacement: Points) -> float:
+    def smallest(self, displacement: Floats) -> float:
         """Smallest det F at the sample points [-]."""
         self._body.set_displacement(displacement)
         return fenicsx.smallest(float(np.min(self._det_f())))
 
-    def largest_gradient(self, displacement: Points) -> float:
+    def largest_gradient(self, displacement: Floats) -> float:
         """Largest Frobenius norm of grad u at the sample points [-]."""
         self._body.set_displacement(displacement)
         return fenicsx.largest(float(np.sqrt(np.max(self._gradient()))))
 
 
-def find_smallest_stretch(body: Body, displacement: Points) -> tuple[float, Points]:
+def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[float, Points]:
     """Smallest principal stretch at the sample points [-], and its place at rest [m], shape (3,).
 
     The root of the smallest eigenvalue of F^T F.
@@ -84,7 +80,7 @@ class DeformedState:
     strain_energy: float
 
 
-def measure_state(body: Body, displacement: Points) -> DeformedState:
+def measure_state(body: ElasticBody, displacement: Floats) -> DeformedState:
     """Integrate over the rest body: volume of det F, area of |cof(F) N|, energy of psi.
 
     det F and psi are polynomials and integrated exactly. |cof(F) N| is constant on a facet for

@@ -19,12 +19,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.availability import versions
 from palpate.reference.contact.tool_contact import require_no_tools
-from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.errors import ReferenceStepError
 from palpate.reference.fenicsx import PETSc
 from palpate.reference.generalised_alpha import AlphaMethod, Motion, State, StepLostError
@@ -133,7 +133,7 @@ def simulate_implicit(
     )
 
 
-def _flat(space: TransferredSpace, given: Field) -> Points:
+def _flat(space: TransferredSpace, given: Field) -> Floats:
     if given is None:
         return np.zeros(3 * space.num_blocks)
     if not callable(given):

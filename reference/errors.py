@@ -11,7 +11,7 @@ import signal
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 
 
 class ReferenceFailedError(RuntimeError):
@@ -53,7 +53,7 @@ class ReferenceNotConvergedError(ReferenceFailedError):
         smallest_det_f: float = 1.0,
         displacement: Points | None = None,
         smallest_stretch: float = 1.0,
-        place: Points | None = None,
+        place: Floats | None = None,
     ) -> None:
         self.load_factor = load_factor
         self.reason = reason

@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.forward_increments import SteppedTools
-from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
 from palpate.reference.fenicsx import ufl
 from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
@@ -108,12 +108,12 @@ class _Assembly:
         self._loads = LoadsOverTime(self.body, problem, loads_by, supports_by)
         self.at_supports, self.held = self._loads.at_supports, self._loads.held
 
-    def force(self, displacement: Points, time: float) -> Points:
+    def force(self, displacement: Floats, time: float) -> Floats:
         """F(t) - R(a) [N]."""
         return self._loads.force(displacement, time) - self.body.internal_force(displacement)
 
 
-def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Points:
+def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:
     """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
     transferred = body.space.transferred
     mesh = transferred.mesh

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.reference.availability import require_available
 from palpate.reference.jit_cache import cache_folder, locked, remove_unfinished
 
@@ -118,9 +118,9 @@ def _compiling() -> Iterator[dict[str, Any]]:
 def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     """Return a dolfinx mesh of linear tetrahedra, spread over the ranks; it renumbers both."""
     # Rank 0 brings everything; dolfinx spreads it.
-    share = slice(None) if COMM.rank == 0 else slice(0)
-    x = np.ascontiguousarray(points[share], dtype=np.float64)
-    rows = np.ascontiguousarray(cells[share], dtype=np.int64)
+    own_rows = slice(None) if COMM.rank == 0 else slice(0)
+    x = np.ascontiguousarray(points[own_rows], dtype=np.float64)
+    rows = np.ascontiguousarray(cells[own_rows], dtype=np.int64)
     with _compiling():
         if _IS_OLD:
             shape = ufl.Cell("tetrahedron", geometric_dimension=3)
@@ -171,7 +171,7 @@ def displacements_of(mixed: Any) -> tuple[Any, np.ndarray[Any, Any]]:
     return space, np.asarray(dofs, dtype=np.int32).ravel()
 
 
-def cell_function(mesh: Any, values: Points) -> Any:
+def cell_function(mesh: Any, values: Floats) -> Any:
     """Return the function with a constant value in each cell, dolfinx numbering."""
     with _compiling():
         if _IS_OLD:
@@ -202,7 +202,7 @@ def assemble_into_matrix(matrix: Any, compiled: Any) -> None:
     matrix.assemble()
 
 
-def assemble_vector(compiled: Any) -> Points:
+def assemble_vector(compiled: Any) -> Floats:
     """Assemble a compiled linear form, flat, the entries this rank owns."""
     vector = fem.assemble_vector(compiled)
     space = compiled.function_spaces[0]
@@ -239,7 +239,7 @@ def last_of_ranks(value: Any, is_offered: bool) -> Any:
     return [v for v in COMM.allgather(value if is_offered else None) if v is not None][-1]
 
 
-def norm(values: Points) -> float:
+def norm(values: Floats) -> float:
     """Euclidean norm of a flat vector over all ranks."""
     if COMM.size == 1:
         return float(np.linalg.norm(values))

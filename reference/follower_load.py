@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc, fem, ufl
 
@@ -25,7 +25,7 @@ class FollowerLoad:
         self._factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
         self._tangent = fenicsx.form(-self._factor * ufl.derivative(work, unknown, trial))
 
-    def force(self) -> Points:
+    def force(self) -> Floats:
         """Nodal forces of the full load [N], flat."""
         return fenicsx.assemble_vector(self._force)
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.explicit import row_sums_of_mass
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
@@ -65,9 +65,9 @@ class AlphaMethod:
 class State:
     """Displacement [m], velocity, acceleration, all flat, and works since the start [J]."""
 
-    u: Points
-    v: Points
-    a: Points
+    u: Floats
+    v: Floats
+    a: Floats
     external_work: float = 0.0
     damping_work: float = 0.0
 
@@ -114,36 +114,36 @@ class Motion:
         self._inertia = fenicsx.form(density * ufl.inner(self._w, body.v) * dx)
         self._row_sums = row_sums_of_mass(body, problem) if is_mass_lumped else None
         du = ufl.TrialFunction(space.space)
-        self._mass_share = fem.Constant(mesh, PETSc.ScalarType(0.0))
-        self._stiffness_share = fem.Constant(mesh, PETSc.ScalarType(0.0))
-        tangent = self._stiffness_share * ufl.derivative(body.virtual_work, body.u, du)
+        self._mass_factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
+        self._stiffness_factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
+        tangent = self._stiffness_factor * ufl.derivative(body.virtual_work, body.u, du)
         if not is_mass_lumped:
-            tangent += self._mass_share * density * ufl.inner(du, body.v) * dx
+            tangent += self._mass_factor * density * ufl.inner(du, body.v) * dx
         self._tangent = fenicsx.form(tangent)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.solver = LinearSolver(space.coordinates, is_symmetric=not self.loads.has_followers)
         self.iterations = 0
 
-    def inertia(self, acceleration: Points) -> Points:
+    def inertia(self, acceleration: Floats) -> Floats:
         """M a [N], flat."""
         if self._row_sums is not None:
-            force: Points = self._row_sums * acceleration
+            force: Floats = self._row_sums * acceleration
             return force
         self._w.x.array[: len(acceleration)] = acceleration
         self._w.x.scatter_forward()
         return fenicsx.assemble_vector(self._inertia)
 
-    def kinetic_energy(self, velocity: Points) -> float:
+    def kinetic_energy(self, velocity: Floats) -> float:
         """Half of v . M v [J]."""
         return 0.5 * float(fenicsx.total(float(velocity @ self.inertia(velocity))))
 
     def _solve(
-        self, u: Points, rhs: Points, gap: Points, mass: float, stiffness: float, time: float
-    ) -> Points:
+        self, u: Floats, rhs: Floats, gap: Floats, mass: float, stiffness: float, time: float
+    ) -> Floats:
         """Solve (mass M + stiffness K(u)) du = rhs, du = gap where held."""
         self.body.set_displacement(u)
-        self._mass_share.value, self._stiffness_share.value = mass, stiffness
+        self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
         if stiffness:
@@ -158,7 +158,7 @@ class Motion:
             self._matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance
         )
 
-    def start(self, u: Points, v: Points) -> State:
+    def start(self, u: Floats, v: Floats) -> State:
         """The state at time 0, with the acceleration that balances it."""
         u = self.loads.at_supports(u, 0.0)
         force = self.loads.force(u, 0.0) - self.body.internal_force(u)
@@ -222,10 +222,10 @@ class Motion:
             state.damping_work + float(fenicsx.total(lost)),
         )
 
-    def _is_sound(self, u: Points) -> bool:
+    def _is_sound(self, u: Floats) -> bool:
         return self.body.strain is Strain.LINEAR or self.sampler.smallest(u) > 0.0
 
-    def _size(self, u: Points) -> float:
+    def _size(self, u: Floats) -> float:
         source = self.body.space.transferred.source
         cell = (source.volume / source.num_cells) ** (1.0 / 3.0)
         return float(max(fenicsx.largest(float(np.max(np.abs(u), initial=0.0))), cell))

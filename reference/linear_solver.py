@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc
 
@@ -68,8 +68,8 @@ class LinearSolver:
         return f"{'CG' if self._is_symmetric else 'FGMRES'} with GAMG"
 
     def solve(
-        self, matrix: Any, rhs: Points, held: Indices, values: Points, *, tolerance: float
-    ) -> Points:
+        self, matrix: Any, rhs: Floats, held: Indices, values: Floats, *, tolerance: float
+    ) -> Floats:
         """Return du with matrix du = rhs on the free entries and du = values on the held ones.
 
         Overwrites the held rows and columns of the matrix.
@@ -97,7 +97,7 @@ class LinearSolver:
                 self._run(b, x)
             except PreconditionerError:
                 self._factor_instead(matrix, b, x)
-            solution: Points = np.array(x.array)
+            solution: Floats = np.array(x.array)
         finally:
             x.destroy()
             b.destroy()

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.newton import Newton, NewtonOutcome
 
@@ -27,14 +27,14 @@ class Stage(Protocol):
     """Equilibria by a parameter from 0 to 1, of a load or along a tool's path."""
 
     def solve(
-        self, start: Points, parameter: float, *, report: Report | None = None
+        self, start: Floats, parameter: float, *, report: Report | None = None
     ) -> NewtonOutcome:
         """Iterate from a displacement to the equilibrium at a parameter."""
 
-    def is_stable(self, displacement: Points, parameter: float) -> bool:
+    def is_stable(self, displacement: Floats, parameter: float) -> bool:
         """Whether an equilibrium is stable."""
 
-    def keep(self, displacement: Points, parameter: float) -> None:
+    def keep(self, displacement: Floats, parameter: float) -> None:
         """Go on from a stable equilibrium: called once for each step of the way."""
 
 
@@ -50,7 +50,7 @@ class LoadPath:
         reason: Why the path ended before 1; empty when it did not.
     """
 
-    displacement: Points
+    displacement: Floats
     load_factors: tuple[float, ...]
     relative_residual: float
     iterations: int
@@ -80,10 +80,10 @@ def follow_load(
 def follow(
     stage: Stage,
     sampler: DetFSampler,
-    start: Points,
+    start: Floats,
     step: float,
     *,
-    guess: Points | None = None,
+    guess: Floats | None = None,
     name: str = "load",
     few_iterations: int = _FEW_ITERATIONS,
     largest_step: float = 1.0,
@@ -103,9 +103,9 @@ def follow(
         name: Of the parameter, for the log.
         few_iterations: A step that takes no more linear solves was easy.
         largest_step: In (0, 1].
-        progress: Told of every iteration.
+        progress: Called with one line of text for every iteration.
     """
-    path: list[tuple[float, Points]] = [(0.0, start)]
+    path: list[tuple[float, Floats]] = [(0.0, start)]
     reached: list[float] = []
     iterations, residual = 0, 0.0
     while path[-1][0] < 1.0:
@@ -138,8 +138,8 @@ def follow(
 
 
 def _first_step(
-    newton: Newton, sampler: DetFSampler, rest: Points
-) -> tuple[float, Points | None, int]:
+    newton: Newton, sampler: DetFSampler, rest: Floats
+) -> tuple[float, Floats | None, int]:
     """Choose the first step by the size of the linear answer; that answer is its start."""
     linear = newton.linearise(rest)
     if linear is None:
@@ -153,12 +153,12 @@ def _first_step(
     return step, (start if sampler.smallest(start) > 0.0 else None), 1
 
 
-def _extrapolate(path: list[tuple[float, Points]], target: float, sampler: DetFSampler) -> Points:
+def _extrapolate(path: list[tuple[float, Floats]], target: float, sampler: DetFSampler) -> Floats:
     last, u_last = path[-1]
     if len(path) < 2:
         return u_last
     before, u_before = path[-2]
-    ahead: Points = u_last + (target - last) / (last - before) * (u_last - u_before)
+    ahead: Floats = u_last + (target - last) / (last - before) * (u_last - u_before)
     return ahead if sampler.smallest(ahead) > 0.5 * sampler.smallest(u_last) else u_last
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Points, checked_indices
+from palpate.meshes.arrays import Floats, checked_indices
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
@@ -32,7 +32,7 @@ class Loads:
         followers: Virtual work [J] of each load that does, as UFL forms of u and v.
     """
 
-    dead: Points
+    dead: Floats
     followers: tuple[Any, ...]
 
 
@@ -103,7 +103,7 @@ def pressure_work(space: TransferredSpace, load: Pressure, u: Any, v: Any, what:
     return -pressure * ufl.inner(area_vector, v) * area
 
 
-def _point_forces(space: TransferredSpace, load: PointForce, what: str) -> Points:
+def _point_forces(space: TransferredSpace, load: PointForce, what: str) -> Floats:
     points = checked_indices(
         load.points, 1, space.transferred.source.num_points, f"points of {what}"
     )

@@ -7,10 +7,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import ufl
 from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.loads import apply_loads
@@ -43,7 +43,7 @@ class LoadsOverTime:
     ) -> None:
         space = body.space
         self._body = body
-        self._dead: list[tuple[Amplitude, Points]] = []
+        self._dead: list[tuple[Amplitude, Floats]] = []
         self._followers: list[tuple[Amplitude, FollowerLoad]] = []
         own: Amplitudes = [load.amplitude for load in problem.loads]
         factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
@@ -61,7 +61,7 @@ class LoadsOverTime:
         factors = _one_each(
             own if supports_by is None else supports_by, len(problem.supports), "supports"
         )
-        self._held: list[tuple[Amplitude, Indices, Points]] = []
+        self._held: list[tuple[Amplitude, Indices, Floats]] = []
         for support, factor in zip(problem.supports, factors, strict=True):
             held = hold(space, [support])
             self._held.append((factor, held.dofs, held.values))
@@ -71,7 +71,7 @@ class LoadsOverTime:
         """Whether a load's direction follows the body, which makes tangents unsymmetric."""
         return bool(self._followers)
 
-    def force(self, displacement: Points, time: float) -> Points:
+    def force(self, displacement: Floats, time: float) -> Floats:
         """Nodal forces of all loads [N], flat."""
         force = np.zeros_like(displacement)
         for factor, dead in self._dead:
@@ -82,12 +82,12 @@ class LoadsOverTime:
             force += factor(time) * follower.force()
         return force
 
-    def add_tangent(self, matrix: Any, share: float, time: float) -> None:
-        """Add minus the derivative of the forces, times a share; the body holds its place."""
+    def add_tangent(self, matrix: Any, weight: float, time: float) -> None:
+        """Add minus the derivative of the forces, times a weight; the body holds its place."""
         for factor, follower in self._followers:
-            follower.add_tangent(matrix, share * factor(time))
+            follower.add_tangent(matrix, weight * factor(time))
 
-    def at_supports(self, displacement: Points, time: float) -> Points:
+    def at_supports(self, displacement: Floats, time: float) -> Floats:
         """The displacement with its held components where they are at that time [m]."""
         moved = displacement.copy()
         for factor, dofs, values in self._held:

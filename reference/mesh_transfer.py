@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points, checked_indices
+from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.errors import InputError, MeshError
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.reference import fenicsx
@@ -193,7 +193,7 @@ class TransferredSpace:
         everywhere: Points = picked if fenicsx.COMM.size == 1 else fenicsx.total(picked)
         return everywhere
 
-    def from_points(self, values: Points) -> Points:
+    def from_points(self, values: Points) -> Floats:
         """Return the flat vector of a field that is linear between the TetMesh's points."""
         nodal = np.asarray(values, dtype=np.float64)
         if nodal.shape != (self.transferred.source.num_points, 3):
@@ -214,7 +214,7 @@ class TransferredSpace:
         low.x.array.reshape(-1, 3)[linear.dof_of_point[known]] = nodal[known]
         high = fenicsx.fem.Function(self.space)
         high.interpolate(low)
-        interpolated: Points = np.array(high.x.array[: 3 * self.num_blocks])
+        interpolated: Floats = np.array(high.x.array[: 3 * self.num_blocks])
         return interpolated
 
 

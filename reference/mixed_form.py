@@ -17,8 +17,6 @@ are forces like those of displacement, and one tolerance serves both.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from palpate.meshes.arrays import Points
@@ -27,8 +25,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import require_no_tools
+from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.kinematics import (
     deformation_gradient,
     engineering_strain,
@@ -40,8 +38,8 @@ from palpate.reference.mesh_transfer import map_points, transfer
 from palpate.reference.supports import HeldDofs, hold
 
 
-class MixedEquilibrium:
-    """The balance of forces with pressure among the unknowns; used like `Equilibrium`.
+class MixedProblem(DiscreteProblem):
+    """A discrete problem with pressure among its unknowns.
 
     Flat vectors hold displacements and pressures, in the order of the mixed space.
 
@@ -53,8 +51,6 @@ class MixedEquilibrium:
     Raises:
         InputError: Degree 1, a tool, Poisson's ratio not above 0, or more than one rank.
     """
-
-    contacts: tuple[()] = ()
 
     def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
         if degree < 2:
@@ -75,8 +71,8 @@ class MixedEquilibrium:
         self.num_pressures = self.num_dofs - len(self._dofs)
 
         self.lame = lmbda, mu = lame_by_cell(transferred, problem.material, problem.inclusions)
-        self._state = fem.Function(self._mixed)
-        self.u, scaled = ufl.split(self._state)
+        self._unknown = fem.Function(self._mixed)
+        self.u, scaled = ufl.split(self._unknown)
         both = ufl.TestFunction(self._mixed)
         v, _ = ufl.split(both)
         source = problem.mesh
@@ -95,10 +91,8 @@ class MixedEquilibrium:
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
         potential = (mu * ufl.inner(E, E) + p * ufl.tr(E) - p**2 / (2 * lmbda)) * dx
         self.energy = (mu * ufl.inner(E, E) + p**2 / (2 * lmbda)) * dx
-        work = ufl.derivative(potential, self._state, both)
-        self._force = fenicsx.form(work)
-        trial = ufl.TrialFunction(self._mixed)
-        self._tangent = fenicsx.form(ufl.derivative(work, self._state, trial))
+        virtual_work = ufl.derivative(potential, self._unknown, both)
+        self._force = fenicsx.form(virtual_work)
 
         held = hold(self.space, problem.supports)
         where = self._dofs[held.dofs]
@@ -112,47 +106,9 @@ class MixedEquilibrium:
         self.dead_force = np.zeros(self.num_dofs)
         self.dead_force[self._dofs] = plain.dead
         works = apply_loads(self.space, followers, self.u, v, strain).followers
-        self.has_followers = bool(works)
-        self._followers = [FollowerLoad(mesh, w, self._state, trial) for w in works]
-        self._matrix = fenicsx.create_matrix(self._tangent)
-        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.contacts = ()
+        self._linearise(virtual_work, works, ufl.TrialFunction(self._mixed))
 
     def at_points(self, values: Points) -> Points:
         """Displacement of a flat vector at the TetMesh's points [m], shape (num_points, 3)."""
         return self.space.at_points(values[self._dofs])
-
-    def set_displacement(self, displacement: Points) -> None:
-        """Make `u` and the pressure those of a flat vector."""
-        self._state.x.array[: self.num_dofs] = displacement
-
-    def internal_force(self, displacement: Points) -> Points:
-        """Nodal internal forces, and what is left of the pressure's equation [N], flat."""
-        self.set_displacement(displacement)
-        return fenicsx.assemble_vector(self._force)
-
-    def strain_energy(self, displacement: Points) -> float:
-        """Integral of mu E : E + p^2 / (2 lmbda) [J]."""
-        self.set_displacement(displacement)
-        return fenicsx.assemble_scalar(fenicsx.form(self.energy))
-
-    def external_force(self, displacement: Points) -> Points:
-        """Nodal forces of the full load at a displacement [N], flat."""
-        force: Points = self.dead_force.copy()
-        if self.has_followers:
-            self.set_displacement(displacement)
-            for follower in self._followers:
-                force += follower.force()
-        return force
-
-    def contact_force(self, _displacement: Points) -> Points:
-        """No tool presses."""
-        return np.zeros(self.num_dofs)
-
-    def tangent(self, displacement: Points, load_factor: float) -> Any:
-        """dR/d(u, p) as a PETSc matrix without supports; the same object each time."""
-        self.set_displacement(displacement)
-        self._matrix.zeroEntries()
-        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
-        for follower in self._followers:
-            follower.add_tangent(self._matrix, load_factor)
-        return self._matrix

@@ -14,13 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats
 from palpate.meshes.problem import Strain
 from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.equilibrium import Equilibrium
+from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
-from palpate.reference.mixed_form import MixedEquilibrium
 
 _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
@@ -44,7 +43,7 @@ class NewtonOutcome:
         relative_residual: Last relative residual [-].
     """
 
-    displacement: Points
+    displacement: Floats
     converged: bool
     reason: str
     iterations: int
@@ -55,7 +54,7 @@ class Newton:
     """Newton's method for an equilibrium.
 
     Args:
-        equilibrium: The discrete problem.
+        discrete: The discrete problem.
         sampler: Measures det F.
         relative_tolerance: Where to stop: norm of the free residual over the larger norm of
             external and internal forces.
@@ -64,35 +63,35 @@ class Newton:
 
     def __init__(
         self,
-        equilibrium: Equilibrium | MixedEquilibrium,
+        discrete: DiscreteProblem,
         sampler: DetFSampler,
         *,
         relative_tolerance: float,
         max_iterations: int = 20,
     ) -> None:
-        self._equilibrium = equilibrium
+        self._discrete = discrete
         self._sampler = sampler
         self.relative_tolerance = relative_tolerance
         self._max_iterations = max_iterations
-        space = equilibrium.space
+        space = discrete.space
         self._linear = LinearSolver(
             space.coordinates,
-            is_symmetric=not equilibrium.has_followers,
-            has_contact=bool(equilibrium.contacts),
-            num_multipliers=equilibrium.num_pressures,
+            is_symmetric=not discrete.has_followers,
+            has_contact=bool(discrete.contacts),
+            num_multipliers=discrete.num_pressures,
         )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
-        self.is_linear = equilibrium.strain is Strain.LINEAR
+        self.is_linear = discrete.strain is Strain.LINEAR
 
     @property
     def linear_solver(self) -> str:
         """Name of the linear solver."""
         return self._linear.name
 
-    def linearise(self, displacement: Points) -> Points | None:
+    def linearise(self, displacement: Floats) -> Floats | None:
         """First Newton step from a displacement to the full load, roughly; None if singular."""
-        eq = self._equilibrium
+        eq = self._discrete
         external = eq.external_force(displacement) + eq.contact_force(displacement)
         residual = eq.internal_force(displacement) - external
         gap = eq.held.values - displacement[eq.held.dofs]
@@ -102,26 +101,26 @@ class Newton:
         except LinearSolveError:
             return None
 
-    def is_stable(self, displacement: Points, load_factor: float) -> bool:
+    def is_stable(self, displacement: Floats, load_factor: float) -> bool:
         """Whether the tangent stiffness is positive definite at an equilibrium.
 
         An equilibrium that is not stable is never reached by a body. True without a test under
         linear strain, and under follower loads, whose tangent is not symmetric.
         """
-        eq = self._equilibrium
+        eq = self._discrete
         if self.is_linear or eq.has_followers or fenicsx.total(eq.free.size) == 0:
             return True
         matrix = eq.tangent(displacement, load_factor)
         return self._linear.is_positive_definite(matrix, eq.held.dofs)
 
-    def keep(self, displacement: Points, load_factor: float) -> None:
+    def keep(self, displacement: Floats, load_factor: float) -> None:
         """Tell the tools where an equilibrium has the body."""
         del load_factor
-        for contact in self._equilibrium.contacts:
+        for contact in self._discrete.contacts:
             contact.keep(displacement)
 
     def solve(
-        self, start: Points, load_factor: float, *, report: Report | None = None
+        self, start: Floats, load_factor: float, *, report: Report | None = None
     ) -> NewtonOutcome:
         """Iterate from a displacement to the equilibrium at a load factor.
 
@@ -130,7 +129,7 @@ class Newton:
             load_factor: Fraction of the loads and of the prescribed displacements.
             report: Called with iteration, relative residual and smallest det F.
         """
-        eq = self._equilibrium
+        eq = self._discrete
         held, free = eq.held.dofs, eq.free
         target = load_factor * eq.held.values
         u = start.copy()
@@ -186,7 +185,7 @@ class Newton:
             u, False, f"no convergence in {self._max_iterations} iterations", iteration, relative
         )
 
-    def _step_length(self, u: Points, du: Points, det_f: float) -> tuple[float, float]:
+    def _step_length(self, u: Floats, du: Floats, det_f: float) -> tuple[float, float]:
         """Largest of 1, 1/2, 1/4, ... that keeps every sampled det F well above zero."""
         length = 1.0
         while length >= _SMALLEST_STEP_LENGTH:
@@ -196,7 +195,7 @@ class Newton:
             length /= 2.0
         return 0.0, det_f
 
-    def _rounding_error(self, matrix: object, u: Points) -> float:
+    def _rounding_error(self, matrix: object, u: Floats) -> float:
         """Norm of the nodal forces that rounding alone can leave.
 
         The strain is computed from I + grad u, so its rounding error is eps even where u is small

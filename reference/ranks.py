@@ -2,7 +2,7 @@
 
     mpirun -n 4 palpate solve CASE --with reference -o RESULT.vtu
 
-Only rank 0 reads, judges, prints and writes; the other processes do nothing but their share of
+Only rank 0 reads, judges, prints and writes; the other processes do nothing but their part of
 each solve. An error that every rank meets is raised on rank 0 as usual; one that a single rank
 meets, while the others wait for it inside a solve, ends them all.
 """
@@ -49,7 +49,7 @@ def num_ranks() -> int:
 
 
 def is_follower() -> bool:
-    """Whether this process only does its share of what rank 0 solves."""
+    """Whether this process only does its part of what rank 0 solves."""
     return _place()[1] > 0
 
 
@@ -96,7 +96,7 @@ def follow() -> int:
         received = comm.recv(source=0, tag=_TAG)
         if received is None:
             return 0
-        _together(comm, functools.partial(_do_share, *received), _say_nothing)
+        _together(comm, functools.partial(_do_part, *received), _say_nothing)
 
 
 def dismiss() -> None:
@@ -125,7 +125,7 @@ def _communicator() -> Any:
     return COMM.Dup()
 
 
-def _do_share(task: Task, sent: bytes, say: Say) -> Any:
+def _do_part(task: Task, sent: bytes, say: Say) -> Any:
     with scratch_folder("ranks") as folder:
         given = folder / "problem.npz"
         given.write_bytes(sent)
@@ -133,12 +133,10 @@ def _do_share(task: Task, sent: bytes, say: Say) -> Any:
     return task(problem, say)
 
 
-def _together(
-    comm: Any, share: Callable[[Say], Any], progress: Say
-) -> tuple[Any, Exception | None]:
-    """Do this rank's share; return its answer, or the error that every rank met."""
+def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any, Exception | None]:
+    """Do this rank's part; return its answer, or the error that every rank met."""
     try:
-        answer = share(progress)
+        answer = part(progress)
     except Exception as error:
         # The others may wait inside the solve for what this rank will never send.
         everyone = comm.Ibarrier()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Material, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.equilibrium import ElasticBody
+from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.mesh_transfer import create_space, transfer
 
 

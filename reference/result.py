@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 
-Values: TypeAlias = NDArray[np.float64]
+Values: TypeAlias = Floats
 
 
 class Formulation(StrEnum):
@@ -172,8 +171,8 @@ class ImplicitResult:
     """
 
     times: Values
-    displacements: Points
-    velocities: Points
+    displacements: Floats
+    velocities: Floats
     kinetic_energies: Values
     strain_energies: Values
     external_works: Values
@@ -210,12 +209,12 @@ class ExplicitResult:
             (num_tools, num_outputs + 1, 3); the first is zero.
     """
 
-    times: Points
-    displacements: Points
-    strain_energies: Points
+    times: Floats
+    displacements: Floats
+    strain_energies: Floats
     time_step: float
     num_steps: int
-    tool_forces: Points = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    tool_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 def save_result(path: str | Path, result: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 
@@ -15,15 +14,14 @@ from palpate.reference import fenicsx
 from palpate.reference.availability import versions
 from palpate.reference.contact.tool_path import follow_tools
 from palpate.reference.deformed_state import DetFSampler, find_smallest_stretch, measure_state
-from palpate.reference.equilibrium import Equilibrium
+from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.fenicsx import PETSc
 from palpate.reference.load_stepping import LoadPath, follow_load
-from palpate.reference.mixed_form import MixedEquilibrium
+from palpate.reference.mixed_form import MixedProblem
 from palpate.reference.newton import Newton
 from palpate.reference.result import Formulation, ReferenceResult, ToolHistory
 
-AnyEquilibrium: TypeAlias = Equilibrium | MixedEquilibrium
 Progress = Callable[[str], None]
 
 
@@ -80,25 +78,25 @@ def solve_static(
     tell: Progress = progress or _say_nothing
     tell(f"compiling the forms of degree {degree} (once for this version)")
     is_mixed = Formulation(formulation) is Formulation.MIXED
-    kind: type[AnyEquilibrium] = MixedEquilibrium if is_mixed else Equilibrium
-    equilibrium = kind(problem, strain=Strain(strain), degree=degree)
-    sampler = DetFSampler(equilibrium)
-    newton = Newton(equilibrium, sampler, relative_tolerance=relative_tolerance)
-    num_dofs = fenicsx.total(equilibrium.num_dofs)
+    kind = MixedProblem if is_mixed else DiscreteProblem
+    discrete = kind(problem, strain=Strain(strain), degree=degree)
+    sampler = DetFSampler(discrete)
+    newton = Newton(discrete, sampler, relative_tolerance=relative_tolerance)
+    num_dofs = fenicsx.total(discrete.num_dofs)
     tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
-    path, tools = _follow(equilibrium, sampler, newton, tell)
-    nodal = equilibrium.at_points(path.displacement)
+    path, tools = _follow(discrete, sampler, newton, tell)
+    nodal = discrete.at_points(path.displacement)
     smallest_det_f = sampler.smallest(path.displacement)
-    is_inverted = equilibrium.strain is Strain.GREEN and not smallest_det_f > 0.0
+    is_inverted = discrete.strain is Strain.GREEN and not smallest_det_f > 0.0
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
     if reason or not np.isfinite(path.displacement).all():
         reached = path.load_factors[-1] if path.load_factors else 0.0
-        where = find_smallest_stretch(equilibrium, path.displacement)
+        where = find_smallest_stretch(discrete, path.displacement)
         raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
-    state = measure_state(equilibrium, path.displacement)
+    state = measure_state(discrete, path.displacement)
     return ReferenceResult(
         displacement=nodal,
-        strain=equilibrium.strain,
+        strain=discrete.strain,
         degree=degree,
         load_factor=1.0,
         converged=True,
@@ -118,18 +116,18 @@ def solve_static(
 
 
 def _follow(
-    equilibrium: AnyEquilibrium, sampler: DetFSampler, newton: Newton, tell: Progress
+    discrete: DiscreteProblem, sampler: DetFSampler, newton: Newton, tell: Progress
 ) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
     """Loads first, with the tools where they begin; then the tools along their paths."""
-    given = fenicsx.norm(equilibrium.held.values) + fenicsx.norm(equilibrium.dead_force)
-    if given > 0.0 or equilibrium.has_followers or not equilibrium.contacts:
-        path = follow_load(newton, sampler, equilibrium.num_dofs, progress=tell)
-        if path.reason or not equilibrium.contacts:
+    given = fenicsx.norm(discrete.held.values) + fenicsx.norm(discrete.dead_force)
+    if given > 0.0 or discrete.has_followers or not discrete.contacts:
+        path = follow_load(newton, sampler, discrete.num_dofs, progress=tell)
+        if path.reason or not discrete.contacts:
             return path, ()
         start = path.displacement
     else:
-        start = np.zeros(equilibrium.num_dofs)
-    run = follow_tools(newton, sampler, equilibrium.contacts, start, progress=tell)
+        start = np.zeros(discrete.num_dofs)
+    run = follow_tools(newton, sampler, discrete.contacts, start, progress=tell)
     if run.path.reason:
         where = f"on the way of the tools: {run.path.reason}"
         return dataclasses.replace(run.path, reason=where), run.histories

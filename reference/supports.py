@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points, checked_indices
+from palpate.meshes.arrays import Floats, Indices, checked_indices
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
 from palpate.reference import fenicsx
@@ -24,7 +24,7 @@ class HeldDofs:
     """
 
     dofs: Indices
-    values: Points
+    values: Floats
 
 
 def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:

@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -31,7 +30,7 @@ class Overlaps:
 
     vertices: Indices
     cells: Indices
-    weights: NDArray[np.float64]
+    weights: Floats
 
     def __len__(self) -> int:
         return len(self.vertices)

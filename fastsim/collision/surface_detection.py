@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.collision.detection import at_least_one, shaped_as
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tri_surface import TriSurface
 
@@ -34,8 +33,8 @@ class VerticesNearFacets:
 
     vertices: Indices
     facets: Indices
-    weights: NDArray[np.float64]
-    distances: NDArray[np.float64]
+    weights: Floats
+    distances: Floats
 
     def __len__(self) -> int:
         return len(self.vertices)
@@ -56,8 +55,8 @@ class EdgesNearEdges:
 
     first: Indices
     second: Indices
-    parameters: NDArray[np.float64]
-    distances: NDArray[np.float64]
+    parameters: Floats
+    distances: Floats
 
     def __len__(self) -> int:
         return len(self.first)
@@ -124,7 +123,7 @@ class _SurfaceDetector(Generic[Pairs]):
     ) -> tuple[Indices, Points, Points]:
         raise NotImplementedError
 
-    def _as_pairs(self, pairs: Indices, weights: Points, squared: Points) -> Pairs:
+    def _as_pairs(self, pairs: Indices, weights: Floats, squared: Floats) -> Pairs:
         return self._kind(pairs[:, 0], pairs[:, 1], weights, np.sqrt(squared))
 
     def _arrays(

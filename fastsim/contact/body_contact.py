@@ -25,7 +25,7 @@ from palpate.fastsim.contact.contact_law import (
 )
 from palpate.fastsim.forces import lumped_areas
 from palpate.fastsim.instruction_sets import chosen_instruction_set
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_modes import connected_parts
@@ -59,7 +59,7 @@ class BodyContact:
         self,
         problem: Problem,
         law: ContactLaw,
-        mass: Points,
+        mass: Floats,
         *,
         critical_time_step: float,
         time_step: float | None,

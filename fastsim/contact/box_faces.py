@@ -95,8 +95,8 @@ class BoxFaces:
         signs = np.where(self._begin < 0.0, -1.0, 1.0)
         first, last = (signs * x - self._half_widths for x in (self._begin, own))
         crosses = (first > self._at) & (last <= self._at)
-        shares = np.where(crosses, first / np.where(crosses, first - last, 1.0), -1.0)
-        entered = _unit(np.argmax(shares, axis=1)) * signs
+        fractions = np.where(crosses, first / np.where(crosses, first - last, 1.0), -1.0)
+        entered = _unit(np.argmax(fractions, axis=1)) * signs
         entered = np.where(crosses.any(axis=1)[:, None], entered, self._nearest(own))
         known = (self._faces != 0.0).any(axis=1)
         found: Points = np.where(known[:, None], self._faces, entered)

@@ -30,7 +30,7 @@ import numpy as np
 from palpate.fastsim.body import lame_parameters
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.errors import UnstableStepError
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, PlaneShape, SphereShape, ToolShape
@@ -129,7 +129,7 @@ def critical_with_penalty(critical_time_step: float, added: float) -> float:
 def largest_speed(
     problem: Problem,
     contact: ToolContact,
-    mass: Points,
+    mass: Floats,
     time_step: float,
     stiffness: float | None,
 ) -> float:

@@ -24,7 +24,7 @@ from palpate.fastsim.contact.tool_checks import (
     require_slow,
 )
 from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import ToolPath
@@ -59,11 +59,11 @@ class ToolTrack:
         largest_speed: Up to which nothing passes through [m/s].
     """
 
-    positions: Points
-    forces: Points
-    moments: Points
-    mean_forces: Points
-    smallest_gaps: Points
+    positions: Floats
+    forces: Floats
+    moments: Floats
+    mean_forces: Floats
+    smallest_gaps: Floats
     stiffness: float | None
     largest_speed: float
 
@@ -91,7 +91,7 @@ class ExplicitTools:
         self,
         problem: Problem,
         law: ContactLaw | None,
-        mass: Points,
+        mass: Floats,
         *,
         critical_time_step: float,
         time_step: float | None,
@@ -182,7 +182,7 @@ class ExplicitTools:
         require_slow(replace(tool, path=way), number, self._speeds[number])
         self._paths[number] = core_path(way)
 
-    def pose_at(self, number: int, time: float) -> tuple[Points, Points]:
+    def pose_at(self, number: int, time: float) -> tuple[Floats, Floats]:
         """Position [m], shape (3,), and rotation (w, x, y, z) of a tool on its path."""
         if not 0 <= number < len(self.contacts):
             raise InputError(f"tool number {number}: there are {len(self.contacts)}, from 0")
@@ -190,7 +190,7 @@ class ExplicitTools:
         pose = path.poses_at(np.array([time])).view(POSE)[0, 0]
         return pose["position"], np.array(path.rotation_at(time))
 
-    def steps(self, times: Points) -> NDArray[np.void]:
+    def steps(self, times: Floats) -> NDArray[np.void]:
         """Poses and drives at times of the run, shape (n, num_tools) of `TOOL_STEP`."""
         on_path = times if self._clock is None else self._clock(times)
         out = np.zeros((len(times), len(self.contacts)), dtype=TOOL_STEP)
@@ -202,7 +202,7 @@ class ExplicitTools:
         return out
 
     def tracks(
-        self, times: Points, steps: NDArray[np.void], records: NDArray[np.void]
+        self, times: Floats, steps: NDArray[np.void], records: NDArray[np.void]
     ) -> tuple[ToolTrack, ...]:
         """What happened to each tool between its first record and its last.
 

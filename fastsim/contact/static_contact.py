@@ -14,7 +14,7 @@ from palpate.fastsim.contact.errors import ContactLostError
 from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
 from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
 from palpate.fastsim.newton import Newton
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
@@ -48,13 +48,13 @@ class ContactResult:
         residual_history: Of the last Newton solve.
     """
 
-    times: Points
-    displacements: Points
-    forces: Points
-    moments: Points
-    areas: Points
-    penetrations: Points
-    smallest_det_f: Points
+    times: Floats
+    displacements: Floats
+    forces: Floats
+    moments: Floats
+    areas: Floats
+    penetrations: Floats
+    smallest_det_f: Floats
     stiffnesses: tuple[float, ...]
     iterations: int
     linear_iterations: int
@@ -66,7 +66,7 @@ def solve_contact(
     *,
     strain: Strain = Strain.GREEN,
     law: ContactLaw | None = None,
-    times: Points | None = None,
+    times: Floats | None = None,
     relative_tolerance: float = 1e-10,
     max_iterations: int = 40,
     progress: Callable[[str], None] | None = None,
@@ -260,8 +260,8 @@ class _Path:
         self.rows.append((self.time, u.copy(), on_tools, areas, depths, smallest))
 
 
-def _knots(problem: Problem) -> Points:
-    knots: Points = np.unique(np.concatenate([tool.path.times for tool in problem.tools]))
+def _knots(problem: Problem) -> Floats:
+    knots: Floats = np.unique(np.concatenate([tool.path.times for tool in problem.tools]))
     return knots
 
 

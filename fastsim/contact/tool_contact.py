@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.forces import constraints, lumped_areas
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import (
@@ -42,9 +42,9 @@ class Gaps:
         axes: Unit vectors or zero, shape (n, 3).
     """
 
-    distances: Points
+    distances: Floats
     normals: Points
-    curvatures: Points
+    curvatures: Floats
     axes: Points
 
 
@@ -110,7 +110,7 @@ def core_path(path: ToolPath) -> _core.ToolPath:
     )
 
 
-def poses_at(path: ToolPath, times: Points) -> NDArray[np.void]:
+def poses_at(path: ToolPath, times: Floats) -> NDArray[np.void]:
     """Poses at many times at once, shape (n,) of `POSE`; the same as `ToolPath.pose_at`."""
     given = np.ascontiguousarray(times, dtype=np.float64)
     return core_path(path).poses_at(given).view(POSE).reshape(-1)

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim.body import Body
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 
-def cell_stress(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
+def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7).
 
     Args:
@@ -31,11 +32,11 @@ def cell_stress(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
     if body.strain is Strain.GREEN:
         E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
     trace = np.einsum("cii->c", E)
-    stress: NDArray[np.float64] = body.lmbda * trace[:, None, None] * np.eye(3) + 2.0 * body.mu * E
+    stress: Floats = body.lmbda * trace[:, None, None] * np.eye(3) + 2.0 * body.mu * E
     return stress
 
 
-def recovered_stress(mesh: TetMesh, stress: NDArray[np.float64]) -> NDArray[np.float64]:
+def recovered_stress(mesh: TetMesh, stress: Floats) -> Floats:
     """Stress at the points: the mean of the cells around, by volume, (num_points, 3, 3) [Pa]."""
     volumes = signed_volumes(mesh.points, mesh.cells)
     total = np.zeros((mesh.num_points, 9))
@@ -44,11 +45,11 @@ def recovered_stress(mesh: TetMesh, stress: NDArray[np.float64]) -> NDArray[np.f
     for k in range(4):
         np.add.at(total, mesh.cells[:, k], rows)
         np.add.at(weight, mesh.cells[:, k], volumes)
-    means: NDArray[np.float64] = (total / weight[:, None]).reshape(-1, 3, 3)
+    means: Floats = (total / weight[:, None]).reshape(-1, 3, 3)
     return means
 
 
-def estimate_error(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
+def estimate_error(body: Body, displacement: ArrayLike) -> Floats:
     """Estimated error of each cell in the energy norm [J^(1/2)], shape (num_cells,).
 
     The root of the integral of (S* - S) : C^-1 : (S* - S) over the rest cell, S* linear between
@@ -64,11 +65,11 @@ def estimate_error(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
     gap = at_points[mesh.cells] - stress[:, None]
     E, nu = body.material.youngs_modulus, body.material.poissons_ratio
 
-    def product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def product(a: Floats, b: Floats) -> Floats:
         # a : C^-1 : b = ((1 + nu) a : b - nu tr a tr b) / E
         whole = np.einsum("cij,cij->c", a, b)
         traces = np.einsum("cii->c", a) * np.einsum("cii->c", b)
-        out: NDArray[np.float64] = ((1.0 + nu) * whole - nu * traces) / E
+        out: Floats = ((1.0 + nu) * whole - nu * traces) / E
         return out
 
     # Linear functions on a tetrahedron: int N_a N_b = V (1 + delta_ab) / 20.
@@ -76,7 +77,7 @@ def estimate_error(body: Body, displacement: ArrayLike) -> NDArray[np.float64]:
     for k in range(4):
         total += product(gap[:, k], gap[:, k])
     squared = np.maximum(total, 0.0) * signed_volumes(mesh.points, mesh.cells) / 20.0
-    errors: NDArray[np.float64] = np.sqrt(squared)
+    errors: Floats = np.sqrt(squared)
     return errors
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
 
@@ -114,7 +114,7 @@ class GradedMesh:
             )
         return self._facets_within(numbers)
 
-    def carry_values(self, values: ArrayLike) -> NDArray[np.float64]:
+    def carry_values(self, values: ArrayLike) -> Floats:
         """Linear interpolation of values at the given points, shape (num_given_points, ...)."""
         known = np.asarray(values, dtype=np.float64)
         out = np.empty((len(self.points), *known.shape[1:]))

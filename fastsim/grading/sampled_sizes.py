@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import SizeField, TooManyCellsError
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 
 _MOST_LEVELS = 12
@@ -77,7 +76,7 @@ def sample_sizes(
     )
 
 
-def _checked(field: SizeField, places: Points) -> NDArray[np.float64]:
+def _checked(field: SizeField, places: Points) -> Floats:
     wanted = np.asarray(field(places), dtype=np.float64)
     if wanted.shape != (len(places),) or not np.all(wanted > 0.0):
         raise InputError("a size field must return one edge length above 0 for each place")

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.graded_mesh import GradedMesh
-from palpate.meshes.arrays import Points, checked_points
+from palpate.meshes.arrays import Floats, Points, checked_points
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import require_positive
 from palpate.meshes.tri_surface import TriSurface
 
-Distance = Callable[[Points], NDArray[np.float64]]
-SizeField = Callable[[Points], NDArray[np.float64]]
+Distance = Callable[[Points], Floats]
+SizeField = Callable[[Points], Floats]
 
 # Each bisection of all cells doubles their number: 60 are beyond any memory.
 _MOST_ROUNDS = 60
@@ -39,7 +39,7 @@ def distance_to_points(places: ArrayLike) -> Distance:
     """Distance to the nearest of some places [m], shape (n, 3): a point, or a curve's points."""
     targets = checked_points(np.atleast_2d(np.asarray(places, dtype=np.float64)))
 
-    def measure(points: Points) -> NDArray[np.float64]:
+    def measure(points: Points) -> Floats:
         nearest = np.full(len(points), np.inf)
         for target in targets:
             np.minimum(nearest, np.linalg.norm(points - target, axis=1), out=nearest)
@@ -54,8 +54,8 @@ def distance_to_facets(surface: TriSurface) -> Distance:
         raise InputError("no facets to measure the distance to")
     searched = _core.SurfaceDistance(np.array(surface.points), np.array(surface.facets))
 
-    def measure(points: Points) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = searched.closest(np.ascontiguousarray(points))[1]
+    def measure(points: Points) -> Floats:
+        found: Floats = searched.closest(np.ascontiguousarray(points))[1]
         return found
 
     return measure
@@ -128,7 +128,7 @@ def refine_to_size(
     raise TooManyCellsError(len(graded.cells), max_cells)
 
 
-def mean_edges(points: Points, cells: NDArray[np.int32]) -> NDArray[np.float64]:
+def mean_edges(points: Points, cells: NDArray[np.int32]) -> Floats:
     """Mean length of each cell's six edges [m], shape (num_cells,)."""
     corners = points[cells]
     total = np.zeros(len(cells))
@@ -138,7 +138,7 @@ def mean_edges(points: Points, cells: NDArray[np.int32]) -> NDArray[np.float64]:
     return total / 6.0
 
 
-def _checked_sizes(size: SizeField, graded: GradedMesh) -> NDArray[np.float64]:
+def _checked_sizes(size: SizeField, graded: GradedMesh) -> Floats:
     wanted = np.asarray(size(graded.points[graded.cells].mean(axis=1)), dtype=np.float64)
     if wanted.shape != (len(graded.cells),) or not np.all(wanted > 0.0):
         raise InputError("a size field must return one edge length above 0 for each place")

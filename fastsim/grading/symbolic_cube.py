@@ -8,10 +8,11 @@ the cells are those of `GradedMesh`, found another way.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
 from palpate.fastsim.grading.size_fields import SizeField, TooManyCellsError, mean_edges
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
@@ -37,7 +38,7 @@ class SymbolicCube:
         return list(self._core.cells())
 
     @property
-    def corners(self) -> NDArray[np.float64]:
+    def corners(self) -> Floats:
         """Corners of the cells, in the same order, exact, shape (num_cells, 4, 3)."""
         return UNIT * self._core.corners().reshape(-1, 4, 3).astype(np.float64)
 

@@ -1,6 +1,6 @@
-"""Where contact is looked for: nodes of the body's boundary with a share of its rest area.
+"""Where contact is looked for: nodes of the body's boundary with their parts of its rest area.
 
-The share of a node is the integral of its shape function over the contact facets: a quadrature of
+The area of a node is the integral of its shape function over the contact facets: a quadrature of
 the facets that is exact to the degree of the displacement and holds no more constraints than the
 surface has nodes (Gauss points on a curved tool do, and lock). Degree 1: the vertices, a third of
 each facet, the discrete problem of linear simulators. Degree 2: the middles of the edges, a third
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import ufl
@@ -29,16 +29,16 @@ class ContactPoints:
     Attributes:
         nodes: Blocked dofs, of this rank's own, shape (n,).
         rest: Rest places [m], shape (n, 3).
-        areas: Share of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
+        areas: Part of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
         facet_size: Root of twice the mean facet area [m].
     """
 
     nodes: Indices
     rest: Points
-    areas: Points
+    areas: Floats
     facet_size: float
 
-    def places(self, displacement: Points) -> Points:
+    def places(self, displacement: Floats) -> Points:
         """Where the nodes are under a flat displacement [m], shape (n, 3)."""
         placed: Points = self.rest + displacement.reshape(-1, 3)[self.nodes]
         return placed
@@ -62,7 +62,7 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: HeldDofs
     v = ufl.TestFunction(space.space)
     # The form of any traction: nothing more to compile.
     work = traction_work(space, Traction(chosen, (1.0, 1.0, 1.0)), v, "a tool")
-    shares = fenicsx.assemble_vector(fenicsx.form(work))[::3]
+    nodal = fenicsx.assemble_vector(fenicsx.form(work))[::3]
     corners = source.points[chosen]
     doubled = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -72,6 +72,6 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: HeldDofs
     nodes = nodes[nodes < space.num_blocks]
     nodes = nodes[np.bincount(held.dofs // 3, minlength=space.num_blocks)[nodes] < 3]
     # Of degree 2 the shape functions of vertices integrate to rounding errors.
-    least = 1e-12 * fenicsx.largest(float(shares.max(initial=0.0)))
-    areas = np.where(shares[nodes] > least, shares[nodes], 0.0)
+    least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
+    areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)
     return ContactPoints(nodes, space.coordinates[nodes], areas, float(np.sqrt(doubled.mean())))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
@@ -44,7 +44,7 @@ class SteppedTools:
     """
 
     def __init__(
-        self, problem: Problem, space: TransferredSpace, held: Indices, mobility: Points
+        self, problem: Problem, space: TransferredSpace, held: Indices, mobility: Floats
     ) -> None:
         loose = mobility.copy()
         loose[held] = 0.0
@@ -52,7 +52,7 @@ class SteppedTools:
         self._tools = [_SteppedTool(tool, space, all_held, loose) for tool in problem.tools]
         self._steps = 0
 
-    def require_outside(self, displacement: Points) -> None:
+    def require_outside(self, displacement: Floats) -> None:
         """Raise InputError where a tool is in the body at the start."""
         for number, tool in enumerate(self._tools, start=1):
             depth = -float(tool.gaps(displacement, 0.0).min(initial=0.0))
@@ -63,7 +63,7 @@ class SteppedTools:
                 )
             tool.see(displacement, 0.0)
 
-    def keep_out(self, ahead: Points, time: float) -> Points:
+    def keep_out(self, ahead: Floats, time: float) -> Floats:
         """A displacement at a time with no node inside a tool, one tool after the other."""
         self._steps += 1
         for tool in self._tools:
@@ -84,7 +84,7 @@ class SteppedTools:
 
 class _SteppedTool:
     def __init__(
-        self, tool: RigidTool, space: TransferredSpace, held: HeldDofs, mobility: Points
+        self, tool: RigidTool, space: TransferredSpace, held: HeldDofs, mobility: Floats
     ) -> None:
         require_frictionless_on_path(tool)
         self._tool = tool
@@ -94,7 +94,7 @@ class _SteppedTool:
         self._came_from: Points | None = None
         self.sum_of_forces = np.zeros(3)
 
-    def see(self, displacement: Points, time: float) -> None:
+    def see(self, displacement: Floats, time: float) -> None:
         """Remember where the nodes are beside a box, for the next step's way into it."""
         if isinstance(self._tool.shape, BoxShape):
             position, rotation = self._tool.path.pose_at(time)
@@ -102,12 +102,12 @@ class _SteppedTool:
             half_widths = np.asarray(self._tool.shape.half_widths)
             self._came_from = seen_at(local, half_widths, self._came_from)
 
-    def gaps(self, displacement: Points, time: float) -> Points:
+    def gaps(self, displacement: Floats, time: float) -> Points:
         position, rotation = self._tool.path.pose_at(time)
         places = self._points.places(displacement)
         return tool_distance(self._tool.shape, position, rotation, places).gap
 
-    def keep_out(self, ahead: Points, time: float) -> Points:
+    def keep_out(self, ahead: Floats, time: float) -> Floats:
         position, rotation = self._tool.path.pose_at(time)
         places = self._points.places(ahead)
         forces = np.zeros_like(places)
@@ -127,5 +127,5 @@ class _SteppedTool:
         self.sum_of_forces -= forces.sum(axis=0)
         out = ahead.reshape(-1, 3).copy()
         out[self._points.nodes] = places - self._points.rest
-        flat: Points = out.ravel()
+        flat: Floats = out.ravel()
         return flat

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
@@ -48,8 +48,8 @@ class ToolState:
         penetration: Largest depth of a node of the surface inside the tool [m], >= 0.
     """
 
-    force: Points
-    moment: Points
+    force: Floats
+    moment: Floats
     active_area: float
     penetration: float
 
@@ -93,7 +93,7 @@ class ToolContact:
         """Put the tool where it is at a time of its path."""
         self.position, self.rotation = self.tool.path.pose_at(time)
 
-    def keep(self, displacement: Points) -> None:
+    def keep(self, displacement: Floats) -> None:
         """Go on from an equilibrium: from its multipliers, and from where it has the nodes."""
         self._kept = self.pressure
         if self._faces is not None:
@@ -105,7 +105,7 @@ class ToolContact:
         if self._faces is not None:
             self._faces.go_back()
 
-    def let_go(self, displacement: Points) -> tuple[int, bool]:
+    def let_go(self, displacement: Floats) -> tuple[int, bool]:
         """Let go of nodes that an equilibrium holds against a face of a box they have slid off.
 
         Returns:
@@ -118,11 +118,11 @@ class ToolContact:
         self.pressure = np.where(off, 0.0, self.pressure)
         return fenicsx.total(int(off.sum())), fenicsx.total(int(again)) > 0
 
-    def _local(self, displacement: Points) -> Points:
+    def _local(self, displacement: Floats) -> Points:
         local: Points = (self.points.places(displacement) - self.position) @ self.rotation
         return local
 
-    def _distance(self, displacement: Points) -> Distance:
+    def _distance(self, displacement: Floats) -> Distance:
         places, faces = self.points.places(displacement), self._faces
         came_from = None if faces is None else faces.came_from
         found = tool_distance(self.tool.shape, self.position, self.rotation, places, came_from)
@@ -135,16 +135,16 @@ class ToolContact:
             )
         return dataclasses.replace(found, gap=found.gap + self._rounding)
 
-    def _tractions(self, distance: Distance) -> Points:
-        tractions: Points = np.maximum(0.0, self.pressure - self._penalty * distance.gap)
+    def _tractions(self, distance: Distance) -> Floats:
+        tractions: Floats = np.maximum(0.0, self.pressure - self._penalty * distance.gap)
         return tractions
 
-    def force(self, displacement: Points) -> Points:
+    def force(self, displacement: Floats) -> Floats:
         """Nodal forces on the body [N], flat."""
         distance = self._distance(displacement)
         return self._spread(self._tractions(distance), distance)
 
-    def _spread(self, tractions: Points, distance: Distance) -> Points:
+    def _spread(self, tractions: Floats, distance: Distance) -> Floats:
         points = self.points
         vectors = (points.areas * tractions)[:, None] * distance.normal
         nodal = np.zeros((self._num_dofs // 3, 3))
@@ -165,7 +165,7 @@ class ToolContact:
             matrix.setValuesBlockedLocal(node, node, blocks[a], addv=True)
         matrix.assemble()
 
-    def augment(self, displacement: Points) -> tuple[float, float]:
+    def augment(self, displacement: Floats) -> tuple[float, float]:
         """Take the tractions at an equilibrium as the new multipliers.
 
         Returns:
@@ -179,7 +179,7 @@ class ToolContact:
         self.pressure = tractions
         return fenicsx.norm(after - before), fenicsx.norm(after)
 
-    def state(self, displacement: Points) -> ToolState:
+    def state(self, displacement: Floats) -> ToolState:
         """Force and moment on the tool."""
         distance = self._distance(displacement)
         tractions = self._tractions(distance)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -34,15 +34,15 @@ class Distance:
         curvature: Its second gradient [1/m], shape (n, 3, 3).
     """
 
-    gap: Points
+    gap: Floats
     normal: Points
-    curvature: Points
+    curvature: Floats
 
 
 def tool_distance(
     shape: ToolShape,
-    position: Points,
-    rotation: Points,
+    position: Floats,
+    rotation: Floats,
     places: Points,
     came_from: Points | None = None,
 ) -> Distance:

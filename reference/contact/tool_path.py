@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape
 from palpate.reference.contact.tool_contact import ToolContact, ToolState
 from palpate.reference.deformed_state import DetFSampler
@@ -61,7 +61,7 @@ class _Stretch:
         return self._begin + parameter * (self._end - self._begin)
 
     def solve(
-        self, start: Points, parameter: float, *, report: Report | None = None
+        self, start: Floats, parameter: float, *, report: Report | None = None
     ) -> NewtonOutcome:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
@@ -71,12 +71,12 @@ class _Stretch:
         carried = all_of_it if parameter == 1.0 else _CARRIED_ON_THE_WAY
         return settle(self._newton, self._contacts, start, carried, report=report)
 
-    def is_stable(self, displacement: Points, parameter: float) -> bool:
+    def is_stable(self, displacement: Floats, parameter: float) -> bool:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
         return self._newton.is_stable(displacement, 1.0)
 
-    def keep(self, displacement: Points, parameter: float) -> None:
+    def keep(self, displacement: Floats, parameter: float) -> None:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
             contact.keep(displacement)
@@ -85,7 +85,7 @@ class _Stretch:
 def settle(
     newton: Newton,
     contacts: Sequence[ToolContact],
-    start: Points,
+    start: Floats,
     carried: float,
     *,
     report: Report | None = None,
@@ -126,7 +126,7 @@ def follow_tools(
     newton: Newton,
     sampler: DetFSampler,
     contacts: Sequence[ToolContact],
-    start: Points,
+    start: Floats,
     *,
     progress: Callable[[str], None],
 ) -> ToolRun:
@@ -137,7 +137,7 @@ def follow_tools(
         sampler: Measures det F.
         contacts: The tools, where their paths begin.
         start: Displacement to begin with, flat [m].
-        progress: Told of every iteration.
+        progress: Called with one line of text for every iteration.
     """
     knots = sorted({float(t) for contact in contacts for t in contact.tool.path.times})
     u = start

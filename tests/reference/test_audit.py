@@ -58,7 +58,7 @@ def test_an_equilibrium_passes_and_a_spoiled_one_does_not(problem: Problem, stra
 
 def test_under_linear_strain_the_norm_is_the_energy_norm_of_the_error(problem: Problem) -> None:
     from palpate.reference.audit import audit_displacement
-    from palpate.reference.equilibrium import ElasticBody
+    from palpate.reference.discrete_problem import ElasticBody
     from palpate.reference.mesh_transfer import create_space, transfer
     from palpate.reference.statics import solve_static
 

@@ -10,7 +10,7 @@ from palpate.reference.availability import is_available
 
 if is_available():
     from palpate.reference.deformed_state import DetFSampler, lattice, measure_state
-    from palpate.reference.equilibrium import ElasticBody
+    from palpate.reference.discrete_problem import ElasticBody
     from palpate.reference.mesh_transfer import create_space, transfer
 
 pytestmark = pytest.mark.dolfinx

@@ -11,7 +11,7 @@ from palpate.reference.availability import is_available
 
 if is_available():
     from palpate.reference import linear_solver
-    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.linear_solver import (
         LinearSolveError,
         LinearSolver,
@@ -28,7 +28,7 @@ def equilibrium(box):
     problem = Problem(
         mesh, Material(E, 0.3), (Support(np.unique(held).astype(np.int32), held),), ()
     )
-    return Equilibrium(problem, strain=Strain.GREEN, degree=1)
+    return DiscreteProblem(problem, strain=Strain.GREEN, degree=1)
 
 
 def crushed(eq):

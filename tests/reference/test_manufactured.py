@@ -15,7 +15,7 @@ from palpate.reference.availability import is_available
 if is_available():
     from palpate.reference import fenicsx
     from palpate.reference.deformed_state import DetFSampler
-    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.fenicsx import ufl
     from palpate.reference.materials import lame_parameters
     from palpate.reference.newton import Newton
@@ -66,26 +66,24 @@ def body_force(u, strain):
 
 def solve_errors(mesh, degree, strain, *, force_strain=None):
     """L2 and H1 errors of the discrete solution."""
-    equilibrium = Equilibrium(Problem(mesh, MATERIAL, (), ()), strain=strain, degree=degree)
-    domain = equilibrium.space.transferred.mesh
+    discrete = DiscreteProblem(Problem(mesh, MATERIAL, (), ()), strain=strain, degree=degree)
+    domain = discrete.space.transferred.mesh
     x = ufl.SpatialCoordinate(domain)
     dx = ufl.dx(domain=domain, metadata={"quadrature_degree": 2 * degree + 4})
     exact = chosen_displacement(x)
     force = body_force(exact, force_strain or strain)
-    equilibrium.dead_force = fenicsx.assemble_vector(
-        fenicsx.form(ufl.inner(force, equilibrium.v) * dx)
-    )
-    nodes = equilibrium.space.space.tabulate_dof_coordinates()
+    discrete.dead_force = fenicsx.assemble_vector(fenicsx.form(ufl.inner(force, discrete.v) * dx))
+    nodes = discrete.space.space.tabulate_dof_coordinates()
     values = chosen_values(nodes)
     outside = np.any((nodes < 1e-12) | (nodes > 1 - 1e-12), axis=1)
     dofs = (3 * np.flatnonzero(outside)[:, None] + np.arange(3)).ravel()
-    equilibrium.held = HeldDofs(dofs.astype(np.int32), values.ravel()[dofs])
-    equilibrium.free = np.setdiff1d(np.arange(equilibrium.num_dofs), dofs)
-    newton = Newton(equilibrium, DetFSampler(equilibrium), relative_tolerance=1e-11)
+    discrete.held = HeldDofs(dofs.astype(np.int32), values.ravel()[dofs])
+    discrete.free = np.setdiff1d(np.arange(discrete.num_dofs), dofs)
+    newton = Newton(discrete, DetFSampler(discrete), relative_tolerance=1e-11)
     outcome = newton.solve(values.ravel(), 1.0)
     assert outcome.converged, outcome.reason
-    equilibrium.set_displacement(outcome.displacement)
-    error = equilibrium.u - exact
+    discrete.set_displacement(outcome.displacement)
+    error = discrete.u - exact
     squares = (
         ufl.inner(error, error) * dx,
         ufl.inner(ufl.grad(error), ufl.grad(error)) * dx,

@@ -18,7 +18,7 @@ from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 
 if is_available():
-    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.statics import solve_static
 
 pytestmark = [pytest.mark.dolfinx, pytest.mark.slow]
@@ -45,13 +45,13 @@ def bent_and_twisted_bar(box):
 
 def body_of(problem, strain):
     """What the benchmarks give to every code, with the reference's own nodal forces."""
-    equilibrium = Equilibrium(problem, strain=strain, degree=1)
-    dead = equilibrium.external_force(np.zeros(equilibrium.num_dofs))
+    discrete = DiscreteProblem(problem, strain=strain, degree=1)
+    dead = discrete.external_force(np.zeros(discrete.num_dofs))
     return {
         "points": problem.mesh.points,
         "cells": problem.mesh.cells,
         "held": np.unique(np.concatenate([s.points for s in problem.supports])),
-        "external_force": equilibrium.space.at_points(dead),
+        "external_force": discrete.space.at_points(dead),
         "youngs_modulus": problem.material.youngs_modulus,
         "poissons_ratio": problem.material.poissons_ratio,
         "strain": strain.value,

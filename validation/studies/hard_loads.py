@@ -169,11 +169,11 @@ def attempt(body: str, kind: str, strength: float, problem: Problem) -> Trial:
 def _iterate_plainly(problem: Problem, num_steps: int) -> str:
     """Equal steps of full Newton steps, as a textbook has it."""
     from palpate.reference.deformed_state import DetFSampler
-    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.linear_solver import LinearSolveError, LinearSolver
     from palpate.reference.newton import Newton
 
-    eq = Equilibrium(problem, strain=Strain.GREEN, degree=1)
+    eq = DiscreteProblem(problem, strain=Strain.GREEN, degree=1)
     linear = LinearSolver(
         eq.space.coordinates, is_symmetric=not eq.has_followers, is_always_direct=True
     )

@@ -22,7 +22,7 @@ from palpate.reference.result import ReferenceResult, load_result, save_result
 
 if is_available():
     from palpate.reference.audit import audit_displacement
-    from palpate.reference.equilibrium import Equilibrium
+    from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.residual import internal_force
     from palpate.reference.statics import solve_static
 
@@ -140,7 +140,7 @@ def test_tangent_is_symmetric_and_the_derivative(box):
     mesh = box((3, 3, 3), jitter=0.2)
     tool = pressed(SphereShape(0.5), (1.4,))
     problem = Problem(mesh, MATERIAL, (support(mesh, "z0"),), (), tools=(tool,))
-    eq = Equilibrium(problem, strain=Strain.GREEN, degree=1)
+    eq = DiscreteProblem(problem, strain=Strain.GREEN, degree=1)
     rng = np.random.default_rng(5)
     u, du, h = *(s * rng.standard_normal(eq.num_dofs) for s in (1e-2, 1.0)), 1e-7
     eq.contacts[0].pressure[:] = 500.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
 from palpate.reference.contact.tool_contact import create_contacts
@@ -53,34 +53,31 @@ class ElasticBody:
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
         self.virtual_work = law.internal_virtual_work_density(self.u, self.v, lmbda, mu) * dx
         self.energy = law.energy_density(self.u, lmbda, mu) * dx
+        self.num_dofs = 3 * space.num_blocks  # that this rank owns
+        self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
-
-    @property
-    def num_dofs(self) -> int:
-        """Degrees of freedom that this rank owns."""
-        return 3 * self.space.num_blocks
 
     def at_points(self, values: Points) -> Points:
         """Values of a flat vector at the TetMesh's points, shape (num_points, 3)."""
         return self.space.at_points(values)
 
-    def set_displacement(self, displacement: Points) -> None:
+    def set_displacement(self, displacement: Floats) -> None:
         """Make `u` the given flat vector."""
-        self.u.x.array[: self.num_dofs] = displacement
-        self.u.x.scatter_forward()
+        self._unknown.x.array[: self.num_dofs] = displacement
+        self._unknown.x.scatter_forward()
 
-    def internal_force(self, displacement: Points) -> Points:
+    def internal_force(self, displacement: Floats) -> Floats:
         """Nodal internal forces [N], flat, shape (num_dofs,)."""
         self.set_displacement(displacement)
         return fenicsx.assemble_vector(self._force)
 
-    def strain_energy(self, displacement: Points) -> float:
+    def strain_energy(self, displacement: Floats) -> float:
         """Stored energy [J]."""
         self.set_displacement(displacement)
         return fenicsx.assemble_scalar(fenicsx.form(self.energy))
 
 
-class Equilibrium(ElasticBody):
+class DiscreteProblem(ElasticBody):
     """An elastic body with the supports, loads and tools of its problem.
 
     Args:
@@ -98,33 +95,34 @@ class Equilibrium(ElasticBody):
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
         loads = apply_loads(space, problem.loads, self.u, self.v, strain)
         self.dead_force = loads.dead
-        self.has_followers = bool(loads.followers)
-        du = ufl.TrialFunction(space.space)
-        self._tangent = fenicsx.form(ufl.derivative(self.virtual_work, self.u, du))
-        self._followers = [
-            FollowerLoad(space.transferred.mesh, work, self.u, du) for work in loads.followers
-        ]
         self.contacts = create_contacts(problem, space, self.held)
+        self._linearise(self.virtual_work, loads.followers, ufl.TrialFunction(space.space))
+
+    def _linearise(self, virtual_work: Any, follower_works: Sequence[Any], trial: Any) -> None:
+        mesh = self.space.transferred.mesh
+        self.has_followers = bool(follower_works)
+        self._followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in follower_works]
+        self._tangent = fenicsx.form(ufl.derivative(virtual_work, self._unknown, trial))
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
-    def external_force(self, displacement: Points) -> Points:
+    def external_force(self, displacement: Floats) -> Floats:
         """Nodal forces of the full load at a displacement [N], flat, shape (num_dofs,)."""
-        force: Points = self.dead_force.copy()
+        force: Floats = self.dead_force.copy()
         if self.has_followers:
             self.set_displacement(displacement)
             for follower in self._followers:
                 force += follower.force()
         return force
 
-    def contact_force(self, displacement: Points) -> Points:
+    def contact_force(self, displacement: Floats) -> Floats:
         """Nodal forces of the tools where they are at a displacement [N], flat."""
         force = np.zeros(self.num_dofs)
         for contact in self.contacts:
             force += contact.force(displacement)
         return force
 
-    def tangent(self, displacement: Points, load_factor: float) -> Any:
+    def tangent(self, displacement: Floats, load_factor: float) -> Any:
         """dR/du as a PETSc matrix without supports; the same object each time."""
         self.set_displacement(displacement)
         self._matrix.zeroEntries()
