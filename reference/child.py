@@ -39,6 +39,7 @@ from palpate.reference.ranks import num_ranks, solve_on_ranks
 from palpate.reference.result import (
     Audit,
     ExplicitResult,
+    Formulation,
     ImplicitResult,
     ReferenceResult,
     load_result,
@@ -55,6 +56,7 @@ def solve_static_in_child(
     strain: Strain = Strain.GREEN,
     degree: int = 1,
     relative_tolerance: float = 1e-10,
+    formulation: Formulation = Formulation.DISPLACEMENT,
     time_limit: float = 3600.0,
     progress: Callable[[str], None] | None = None,
 ) -> ReferenceResult:
@@ -65,6 +67,7 @@ def solve_static_in_child(
         strain: Strain measure.
         degree: Polynomial degree of the displacement.
         relative_tolerance: See `solve_static`.
+        formulation: Likewise.
         time_limit: The child and whatever it started are ended after this [s], > 0.
         progress: Called with one line of text now and then.
 
@@ -78,7 +81,7 @@ def solve_static_in_child(
         ReferenceTimeoutError: No answer within the time limit.
         ReferenceCrashedError: The child died, or left no answer.
     """
-    task = StaticTask(Strain(strain), degree, relative_tolerance)
+    task = StaticTask(Strain(strain), degree, relative_tolerance, formulation)
     answer = run_task(task, problem, time_limit=time_limit, progress=progress)
     assert isinstance(answer, ReferenceResult)
     return answer

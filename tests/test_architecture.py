@@ -90,7 +90,7 @@ def test_a_forbidden_import_is_seen(room: str, source: str) -> None:
 
 
 def test_the_judge_imports_the_solver_side_of_the_reference_only_when_it_needs_it() -> None:
-    light = {"palpate.reference.availability", "palpate.reference.errors"}
+    light = {f"palpate.reference.{name}" for name in ("availability", "errors", "result")}
     for file in python_files("validation"):
         names = {n for n in eager_imports(file.read_text("utf-8")) if "reference." in n}
         names = {n for n in names if n.startswith("palpate.reference")}

@@ -24,9 +24,10 @@ from palpate.meshes.rigid_tool import (
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.reference.result import Formulation
 from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.solving import Simulator, simulate, solve
-from palpate.validation.states import State, Trajectory, Verdict
+from palpate.validation.states import Method, State, Trajectory, Verdict
 from palpate.validation.verbs import audit, compare, export, judge, load_case, mesh
 
 __all__ = [
@@ -35,9 +36,11 @@ __all__ = [
     "CandidateFailedError",
     "CapsuleShape",
     "ForceDrive",
+    "Formulation",
     "Inclusion",
     "InputError",
     "Material",
+    "Method",
     "PlaneShape",
     "PointForce",
     "Pressure",

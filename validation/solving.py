@@ -8,7 +8,8 @@ from typing import Literal, TypeAlias, TypeVar
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain, TimeSpan
-from palpate.validation.states import Progress, State, in_silence
+from palpate.reference.result import Formulation
+from palpate.validation.states import Method, Progress, State, in_silence
 
 
 class Simulator(StrEnum):
@@ -25,7 +26,9 @@ class Simulator(StrEnum):
 
 StrainName: TypeAlias = Strain | Literal["linear", "green"]
 SimulatorName: TypeAlias = Simulator | Literal["fastsim", "reference"]
-_Choice = TypeVar("_Choice", Simulator, Strain)
+MethodName: TypeAlias = Method | Literal["newton", "relaxation"]
+FormulationName: TypeAlias = Formulation | Literal["displacement", "mixed"]
+_Choice = TypeVar("_Choice", Simulator, Strain, Method, Formulation)
 
 
 def solve(
@@ -34,6 +37,8 @@ def solve(
     with_: SimulatorName = Simulator.FASTSIM,
     strain: StrainName = Strain.GREEN,
     degree: int = 1,
+    method: MethodName = Method.NEWTON,
+    formulation: FormulationName = Formulation.DISPLACEMENT,
     progress: Progress = in_silence,
 ) -> State:
     """Solve a problem, whatever it asks for: statics or motion, with tools or without.
@@ -43,6 +48,10 @@ def solve(
         with_: fastsim, or the reference (UFL on FEniCSx, which it needs).
         strain: Engineering strain, or Green strain (Saint-Venant-Kirchhoff).
         degree: Of the reference's elements, 1 or 2.
+        method: How fastsim looks for equilibrium: Newton's method, or dynamic relaxation, which
+            solves no equations.
+        formulation: Of the reference's equilibrium: displacements alone, or pressure beside them,
+            degree 2, for tissue near incompressibility.
         progress: Called with one line now and then.
 
     Returns:
@@ -50,7 +59,7 @@ def solve(
         `trajectory`.
 
     Raises:
-        InputError: A word that is not known, or a problem that this one cannot be asked.
+        InputError: A word that is not known, or what this one cannot be asked.
         CandidateFailedError: fastsim found no answer; the message says why.
         ReferenceFailedError, ReferenceUnavailableError: The reference found none, or is not here.
 
@@ -67,14 +76,33 @@ def solve(
         raise InputError(f"degree = {degree}: use 1 or 2")
     simulator = known_word(Simulator, with_, "with_")
     used = known_word(Strain, strain, "strain")
+    way = known_word(Method, method, "method")
+    form = known_word(Formulation, formulation, "formulation")
+    _require_possible(problem, simulator, way, form)
     # Both bring pydantic and meshio along, which `import palpate` and --help do without.
     if simulator is Simulator.REFERENCE:
         from palpate.validation.references.one_solve import solve_reference
 
-        return solve_reference(problem, used, degree, progress)
+        return solve_reference(problem, used, degree, progress, formulation=form)
     from palpate.validation.simulators.candidate import fastsim_candidate
 
-    return fastsim_candidate().solve(problem, used, progress)
+    return fastsim_candidate(method=way).solve(problem, used, progress)
+
+
+def _require_possible(
+    problem: Problem, simulator: Simulator, method: Method, formulation: Formulation
+) -> None:
+    if formulation is Formulation.MIXED and simulator is Simulator.FASTSIM:
+        raise InputError(
+            'formulation = "mixed" is the reference\'s: solve with the reference, degree 2'
+        )
+    if method is Method.RELAXATION and simulator is Simulator.REFERENCE:
+        raise InputError('method = "relaxation" is fastsim\'s: leave it out, or solve with fastsim')
+    if method is Method.RELAXATION and problem.time is not None:
+        raise InputError(
+            'method = "relaxation" finds equilibrium, and this problem is a motion: leave it out, '
+            "or take the time span away"
+        )
 
 
 def simulate(

@@ -63,6 +63,18 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 4
 
 
+class Method(StrEnum):
+    """How fastsim looks for equilibrium: by Newton's method, or by explicit steps until it rests.
+
+    >>> import palpate
+    >>> palpate.Method("relaxation")
+    <Method.RELAXATION: 'relaxation'>
+    """
+
+    NEWTON = "newton"
+    RELAXATION = "relaxation"
+
+
 class Precision(StrEnum):
     """In which numbers an answer may have been computed; double, unless somebody grants single."""
 

@@ -9,12 +9,13 @@ from typing import Annotated
 import typer
 
 from palpate.meshes.problem import Strain
+from palpate.reference.result import Formulation
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import OneCase
 from palpate.validation.quoting import for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
-from palpate.validation.states import CandidateFailedError, ExitCode
+from palpate.validation.states import CandidateFailedError, ExitCode, Method
 
 
 def solve(
@@ -25,6 +26,12 @@ def solve(
     simulator: Annotated[Simulator, typer.Option("--with")] = Simulator.FASTSIM,
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
     degree: Annotated[int, typer.Option(min=1, max=2, help="of the reference")] = 1,
+    method: Annotated[
+        Method, typer.Option(help="fastsim's way to equilibrium; relaxation: explicit steps")
+    ] = Method.NEWTON,
+    formulation: Annotated[
+        Formulation, typer.Option(help="of the reference; mixed: pressure apart, --degree 2")
+    ] = Formulation.DISPLACEMENT,
 ) -> None:
     """Solve a case, statics or motion, and write the displacement."""
     from palpate.validation.case import load_case
@@ -37,7 +44,13 @@ def solve(
     problem, used = loaded.problem, strain or loaded.strain
     try:
         state = solve_problem(
-            problem, with_=simulator, strain=used, degree=degree, progress=progress_lines()
+            problem,
+            with_=simulator,
+            strain=used,
+            degree=degree,
+            method=method,
+            formulation=formulation,
+            progress=progress_lines(),
         )
     except CandidateFailedError as error:
         print(for_terminal(f"palpate: {error}"), file=sys.stderr)

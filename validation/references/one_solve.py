@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.reference.result import Formulation
 from palpate.validation.references.motion_runs import (
     STEPS_PER_OUTPUT,
     solve_explicit,
@@ -13,7 +14,14 @@ from palpate.validation.references.sets import solve_state
 from palpate.validation.states import Progress, State
 
 
-def solve_reference(problem: Problem, strain: Strain, degree: int, progress: Progress) -> State:
+def solve_reference(
+    problem: Problem,
+    strain: Strain,
+    degree: int,
+    progress: Progress,
+    *,
+    formulation: Formulation = Formulation.DISPLACEMENT,
+) -> State:
     """The reference's answer to a problem.
 
     A motion of degree 1 takes the problem's own steps, explicitly, where it states one; every
@@ -24,14 +32,19 @@ def solve_reference(problem: Problem, strain: Strain, degree: int, progress: Pro
         strain: Strain measure.
         degree: Of the elements, 1 or 2.
         progress: Called with one line now and then.
+        formulation: Of statics: with pressure among the unknowns where MIXED.
 
     Raises:
-        InputError: A motion with tools that is not of degree 1 with a stated step, or a load or
-            tool that cannot be used.
+        InputError: A motion with tools that is not of degree 1 with a stated step, a mixed motion,
+            or a load or tool that cannot be used.
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
     if problem.time is None:
-        return solve_state(problem, strain, degree, progress)
+        return solve_state(problem, strain, degree, progress, formulation=formulation)
+    if formulation is Formulation.MIXED:
+        raise InputError(
+            "the mixed formulation finds equilibrium, and this problem is a motion; leave it out"
+        )
     if degree == 1 and problem.time.time_step is not None:
         return solve_explicit(problem, strain, progress)
     if problem.tools:

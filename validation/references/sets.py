@@ -13,6 +13,7 @@ from numpy.linalg import norm
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.reference.result import Formulation
 from palpate.validation.metrics import COMPARISONS
 from palpate.validation.references.sequences import (
     as_data,
@@ -67,7 +68,12 @@ class ReferenceSet:
 
 
 def solve_state(
-    problem: Problem, strain: Strain, degree: int, progress: Callable[[str], None]
+    problem: Problem,
+    strain: Strain,
+    degree: int,
+    progress: Callable[[str], None],
+    *,
+    formulation: Formulation = Formulation.DISPLACEMENT,
 ) -> State:
     """One static reference solve in a child process, as a state.
 
@@ -82,7 +88,9 @@ def solve_state(
     start = time.perf_counter()
     label = SAME_MESH if degree == 1 else QUADRATIC
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
-    result = solve_static_in_child(problem, strain=strain, degree=degree, progress=progress)
+    result = solve_static_in_child(
+        problem, strain=strain, degree=degree, formulation=formulation, progress=progress
+    )
     return State(
         label=label,
         simulator=REFERENCE,
@@ -97,6 +105,7 @@ def solve_state(
         details={
             "relative_residual": result.relative_residual,
             "newton_iterations": result.newton_iterations,
+            "formulation": result.formulation.value,
         },
         tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
         versions=dict(result.versions),

@@ -17,7 +17,7 @@ from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.simulators.result_states import state_of_result
-from palpate.validation.states import REFERENCE, State
+from palpate.validation.states import REFERENCE, Method, State
 
 Solve = Callable[[Problem, Strain, Progress], State]
 
@@ -41,11 +41,15 @@ class Candidate:
     can_be_asked: bool = True
 
 
-def fastsim_candidate() -> Candidate:
-    """fastsim, which answers for both strain measures."""
+def fastsim_candidate(*, method: Method = Method.NEWTON) -> Candidate:
+    """fastsim, which answers for both strain measures.
+
+    Args:
+        method: How it looks for equilibrium.
+    """
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        answer = run_fastsim(problem, strain, progress)
+        answer = run_fastsim(problem, strain, progress, method=method)
         return make_state(
             problem.mesh,
             answer.displacement,

@@ -12,11 +12,19 @@ import numpy as np
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
-from palpate.validation.states import Trajectory
+from palpate.validation.states import Method, Trajectory
 
 
-def run_fastsim(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+def run_fastsim(
+    problem: Problem, strain: Strain, progress: Progress, *, method: Method = Method.NEWTON
+) -> Answer:
     """Solve by fastsim: statics, or from rest where there is time.
+
+    Args:
+        problem: What is held and pushed.
+        strain: Strain measure.
+        progress: Called with one line now and then.
+        method: Of statics; a motion is stepped.
 
     Raises:
         CandidateFailedError: It diverged, or answered NaN.
@@ -26,7 +34,10 @@ def run_fastsim(problem: Problem, strain: Strain, progress: Progress) -> Answer:
     progress(f"fastsim, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        solve = _run_statics if problem.time is None else _run_motion
+        if problem.time is not None:
+            solve = _run_motion
+        else:
+            solve = _run_relaxation if method is Method.RELAXATION else _run_statics
         answer = solve(problem, strain, progress)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
@@ -62,6 +73,19 @@ def _run_tools(problem: Problem, strain: Strain, progress: Progress) -> Answer:
         "relative_residual": result.residual_history[-1],
     }
     return Answer(result.displacements[-1], 0.0, details, tool_forces=result.forces[-1])
+
+
+def _run_relaxation(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+    from palpate.fastsim.dynamic_relaxation import relax
+
+    result = relax(problem, strain=strain, progress=progress)
+    details: dict[str, object] = {
+        "method": Method.RELAXATION.value,
+        "steps": result.steps,
+        "relative_residual": result.relative_residual,
+    }
+    forces = result.tool_forces if problem.tools else None
+    return Answer(result.displacement, 0.0, details, tool_forces=forces)
 
 
 def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
