@@ -21,7 +21,12 @@ Values: TypeAlias = Floats
 
 
 class Formulation(StrEnum):
-    """Unknowns of the equations: displacement alone, or pressure beside it (see `mixed_form`)."""
+    """Unknowns of the equations: displacement alone, or pressure beside it (see `mixed_form`).
+
+    >>> import palpate
+    >>> palpate.Formulation("mixed")
+    <Formulation.MIXED: 'mixed'>
+    """
 
     DISPLACEMENT = "displacement"
     MIXED = "mixed"
