@@ -54,9 +54,7 @@ class MixedProblem(DiscreteProblem):
 
     def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
         if degree < 2:
-            raise InputError(
-                "the mixed form needs degree 2 or 3: with degree 1 it locks as well"
-            )
+            raise InputError("the mixed form needs degree 2 or 3: with degree 1 it locks as well")
         if fenicsx.COMM.size > 1:
             raise InputError("the mixed form runs on one rank; leave mpirun out")
         require_no_tools(problem, "the mixed form")
