@@ -8,20 +8,21 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.problem import Inclusion, Material, Problem, Strain
-from palpate.reference import fenicsx, linear_elasticity, st_venant_kirchhoff
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
+from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.follower_load import FollowerLoad
+from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import lame_by_cell
 from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
+from palpate.reference.smoothed_stress import SmoothedStress
+from palpate.reference.st_venant_kirchhoff import (
+    second_piola_kirchhoff_stress,
+    strain_energy_density,
+)
 from palpate.reference.supports import hold
-
-_LAWS: dict[Strain, Any] = {
-    Strain.GREEN: st_venant_kirchhoff,
-    Strain.LINEAR: linear_elasticity,
-}
 
 
 class ElasticBody:
@@ -32,7 +33,20 @@ class ElasticBody:
         material: Elastic constants.
         strain: Strain measure.
         inclusions: Cells with other elastic constants.
+        element: Smoothed tetrahedra are of degree 1.
+
+    Attributes:
+        u: Displacement, a function.
+        v: Test function.
+        lame: First Lamé parameter and shear modulus [Pa], functions constant in each cell.
+        stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
+        virtual_work: Integral of F S : grad v, F = I under linear strain.
+
+    Raises:
+        InputError: Smoothed tetrahedra of another degree, or on several ranks.
     """
+
+    _smoothed: SmoothedStress | None = None
 
     def __init__(
         self,
@@ -40,6 +54,8 @@ class ElasticBody:
         material: Material,
         strain: Strain,
         inclusions: Sequence[Inclusion] = (),
+        *,
+        element: Element = Element.LINEAR,
     ) -> None:
         self.space = space
         self.strain = strain
@@ -47,12 +63,19 @@ class ElasticBody:
         self.lame = lmbda, mu = lame_by_cell(space.transferred, material, inclusions)
         self.u = fem.Function(space.space)
         self.v = ufl.TestFunction(space.space)
-        law = _LAWS[strain]
-        # The stress is of degree 3 (p - 1) or p - 1, the gradient of v of degree p - 1: exact.
-        degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
-        self.virtual_work = law.internal_virtual_work_density(self.u, self.v, lmbda, mu) * dx
-        self.energy = law.energy_density(self.u, lmbda, mu) * dx
+        if element is Element.SMOOTHED:
+            self._smoothed = SmoothedStress(space, self.u, strain, self.lame)
+            self.stress = self._smoothed.stress
+            self.virtual_work = self._smoothed.virtual_work(self.v)
+        else:
+            # S is of degree 2 (p - 1) or p - 1, F and grad v are of degree p - 1: exact.
+            degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
+            dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
+            E = strain_tensor(self.u, strain)
+            self.stress = second_piola_kirchhoff_stress(E, lmbda, mu)
+            self.energy = strain_energy_density(E, lmbda, mu) * dx
+            F = deformation_gradient(self.u) if strain is Strain.GREEN else ufl.Identity(3)
+            self.virtual_work = ufl.inner(F * self.stress, ufl.grad(self.v)) * dx
         self.num_dofs = 3 * space.num_blocks  # that this rank owns
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
@@ -62,9 +85,11 @@ class ElasticBody:
         return self.space.at_points(values)
 
     def set_displacement(self, displacement: Floats) -> None:
-        """Make `u` the given flat vector."""
+        """Make `u` the given flat vector, and the stress that of `u`."""
         self._unknown.x.array[: self.num_dofs] = displacement
         self._unknown.x.scatter_forward()
+        if self._smoothed is not None:
+            self._smoothed.update()
 
     def internal_force(self, displacement: Floats) -> Floats:
         """Nodal internal forces [N], flat, shape (num_dofs,)."""
@@ -74,6 +99,8 @@ class ElasticBody:
     def strain_energy(self, displacement: Floats) -> float:
         """Stored energy [J]."""
         self.set_displacement(displacement)
+        if self._smoothed is not None:
+            return self._smoothed.energy()
         return fenicsx.assemble_scalar(fenicsx.form(self.energy))
 
 
@@ -84,13 +111,21 @@ class DiscreteProblem(ElasticBody):
         problem: Mesh, material, supports and loads.
         strain: Strain measure.
         degree: Polynomial degree of the displacement.
+        element: See `ElasticBody`.
     """
 
     num_pressures = 0
 
-    def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        strain: Strain,
+        degree: int,
+        element: Element = Element.LINEAR,
+    ) -> None:
         space = create_space(transfer(problem.mesh), degree)
-        super().__init__(space, problem.material, strain, problem.inclusions)
+        super().__init__(space, problem.material, strain, problem.inclusions, element=element)
         self.held = hold(space, problem.supports)
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
         loads = apply_loads(space, problem.loads, self.u, self.v, strain)
@@ -123,7 +158,7 @@ class DiscreteProblem(ElasticBody):
         return force
 
     def tangent(self, displacement: Floats, load_factor: float) -> Any:
-        """dR/du as a PETSc matrix without supports; the same object each time."""
+        """dR/du as a PETSc matrix without supports; may be the same object each time."""
         self.set_displacement(displacement)
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
@@ -131,4 +166,9 @@ class DiscreteProblem(ElasticBody):
             follower.add_tangent(self._matrix, load_factor)
         for contact in self.contacts:
             contact.add_tangent(self._matrix, displacement)
-        return self._matrix
+        if self._smoothed is None:
+            return self._matrix
+        # Between the points of a patch, of which those of a cell are a part.
+        whole = self._smoothed.stiffness()
+        whole.axpy(1.0, self._matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return whole

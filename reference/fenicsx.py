@@ -48,6 +48,8 @@ __all__ = [
     "cell_dofs",
     "cell_function",
     "cell_nodes",
+    "cell_tensor_space",
+    "cell_values",
     "create_matrix",
     "create_mesh",
     "displacements_of",
@@ -181,6 +183,19 @@ def cell_function(mesh: Any, values: Floats) -> Any:
     function = fem.Function(space)
     function.x.array[cell_dofs(space)[:, 0]] = values
     return function
+
+
+def cell_values(function: Any) -> Floats:
+    """Values of a `cell_function`, dolfinx numbering."""
+    return np.array(function.x.array[cell_dofs(function.function_space)[:, 0]])
+
+
+def cell_tensor_space(mesh: Any) -> Any:
+    """Return the space of 3 x 3 tensors that are constant in each cell."""
+    with _compiling():
+        if _IS_OLD:
+            return fem.TensorFunctionSpace(mesh, ("DG", 0))
+        return fem.functionspace(mesh, ("DG", 0, (3, 3)))
 
 
 def form(expression: Any) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from palpate.meshes.problem import Strain
 from palpate.reference.fenicsx import ufl
 
 
@@ -33,6 +34,13 @@ def engineering_strain(u: Any) -> Any:
     Not zero for a finite rotation.
     """
     return ufl.sym(ufl.grad(u))
+
+
+def strain_tensor(u: Any, strain: Strain) -> Any:
+    """Return Green's strain of a displacement, or its linear part [-]."""
+    if strain is Strain.LINEAR:
+        return engineering_strain(u)
+    return green_lagrange_strain(deformation_gradient(u))
 
 
 def cofactor(F: Any) -> Any:

@@ -27,11 +27,7 @@ from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.kinematics import (
-    deformation_gradient,
-    engineering_strain,
-    green_lagrange_strain,
-)
+from palpate.reference.kinematics import strain_tensor
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import lame_by_cell, lame_parameters
 from palpate.reference.mesh_transfer import map_points, transfer
@@ -81,16 +77,13 @@ class MixedProblem(DiscreteProblem):
             mesh, PETSc.ScalarType(lame_parameters(problem.material)[1] / cell_size)
         )
         p = scale * scaled
-        E = (
-            green_lagrange_strain(deformation_gradient(self.u))
-            if strain is Strain.GREEN
-            else engineering_strain(self.u)
-        )
+        E = strain_tensor(self.u, strain)
         # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 are of no higher degree from p = 2 on.
         order = (4 if strain is Strain.GREEN else 2) * (degree - 1)
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
         potential = (mu * ufl.inner(E, E) + p * ufl.tr(E) - p**2 / (2 * lmbda)) * dx
         self.energy = (mu * ufl.inner(E, E) + p**2 / (2 * lmbda)) * dx
+        self.stress = p * ufl.Identity(3) + 2 * mu * E
         virtual_work = ufl.derivative(potential, self._unknown, both)
         self._force = fenicsx.form(virtual_work)
 

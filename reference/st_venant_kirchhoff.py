@@ -3,6 +3,9 @@
 psi(E) = lmbda/2 tr(E)^2 + mu E : E. J. Bonet, R. D. Wood, Nonlinear Continuum Mechanics for
 Finite Element Analysis, 2nd ed. 2008, section 6.3.
 
+With the engineering strain in E's place it is linear elasticity, and S is Cauchy's stress: the
+control, and the paper's eq. 1-5. A finite rotation strains that, so bodies that turn grow.
+
 Note:
     Softens and then inverts under strong compression: in uniaxial strain or free uniaxial stress
     the nominal stress turns at the stretch 1/sqrt(3) = 0.577. Not for stretches below that.
@@ -13,7 +16,6 @@ from __future__ import annotations
 from typing import Any
 
 from palpate.reference.fenicsx import ufl
-from palpate.reference.kinematics import deformation_gradient, green_lagrange_strain
 
 
 def strain_energy_density(E: Any, lmbda: Any, mu: Any) -> Any:
@@ -24,18 +26,3 @@ def strain_energy_density(E: Any, lmbda: Any, mu: Any) -> Any:
 def second_piola_kirchhoff_stress(E: Any, lmbda: Any, mu: Any) -> Any:
     """Return S = lmbda tr(E) I + 2 mu E [Pa]."""
     return lmbda * ufl.tr(E) * ufl.Identity(E.ufl_shape[0]) + 2 * mu * E
-
-
-def first_piola_kirchhoff_stress(F: Any, lmbda: Any, mu: Any) -> Any:
-    """Return P = F S [Pa]."""
-    return F * second_piola_kirchhoff_stress(green_lagrange_strain(F), lmbda, mu)
-
-
-def energy_density(u: Any, lmbda: Any, mu: Any) -> Any:
-    """Return psi of a displacement [J/m3]."""
-    return strain_energy_density(green_lagrange_strain(deformation_gradient(u)), lmbda, mu)
-
-
-def internal_virtual_work_density(u: Any, v: Any, lmbda: Any, mu: Any) -> Any:
-    """Return P(u) : grad v [J/m3]."""
-    return ufl.inner(first_piola_kirchhoff_stress(deformation_gradient(u), lmbda, mu), ufl.grad(v))
