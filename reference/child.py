@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.problem_files import load_problem, save_problem
 from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
@@ -57,6 +57,7 @@ def solve_static_in_child(
     degree: int = 1,
     relative_tolerance: float = 1e-10,
     formulation: Formulation = Formulation.DISPLACEMENT,
+    element: Element = Element.LINEAR,
     time_limit: float = 3600.0,
     progress: Callable[[str], None] | None = None,
 ) -> ReferenceResult:
@@ -68,6 +69,7 @@ def solve_static_in_child(
         degree: Polynomial degree of the displacement.
         relative_tolerance: See `solve_static`.
         formulation: Likewise.
+        element: Likewise.
         time_limit: The child and whatever it started are ended after this [s], > 0.
         progress: Called with one line of text now and then.
 
@@ -81,7 +83,7 @@ def solve_static_in_child(
         ReferenceTimeoutError: No answer within the time limit.
         ReferenceCrashedError: The child died, or left no answer.
     """
-    task = StaticTask(Strain(strain), degree, relative_tolerance, formulation)
+    task = StaticTask(Strain(strain), degree, relative_tolerance, formulation, Element(element))
     answer = run_task(task, problem, time_limit=time_limit, progress=progress)
     assert isinstance(answer, ReferenceResult)
     return answer

@@ -22,7 +22,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.discrete_problem import DiscreteProblem
@@ -43,12 +43,25 @@ class MixedProblem(DiscreteProblem):
         problem: Mesh, material, supports and loads.
         strain: Strain measure.
         degree: Of the displacement, 2 or 3; the pressure's is one less.
+        element: LINEAR, which is any that is not smoothed.
 
     Raises:
-        InputError: Degree 1, a tool, Poisson's ratio not above 0, or more than one rank.
+        InputError: Degree 1, smoothed tetrahedra, a tool, Poisson's ratio not above 0, or more than
+            one rank.
     """
 
-    def __init__(self, problem: Problem, *, strain: Strain, degree: int) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        strain: Strain,
+        degree: int,
+        element: Element = Element.LINEAR,
+    ) -> None:
+        if element is Element.SMOOTHED:
+            raise InputError(
+                "smoothed tetrahedra have no mixed form: they do not lock; choose one of the two"
+            )
         if degree < 2:
             raise InputError("the mixed form needs degree 2 or 3: with degree 1 it locks as well")
         if fenicsx.COMM.size > 1:

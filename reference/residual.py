@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Material, Strain
+from palpate.meshes.problem import Element, Inclusion, Material, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.mesh_transfer import create_space, transfer
@@ -16,6 +18,8 @@ def internal_force(
     material: Material,
     strain: Strain = Strain.GREEN,
     degree: int = 1,
+    inclusions: Sequence[Inclusion] = (),
+    element: Element = Element.LINEAR,
 ) -> Points:
     """Assemble nodal internal forces, f_a = integral of P : grad N_a over the rest volume.
 
@@ -25,13 +29,17 @@ def internal_force(
         material: Elastic constants.
         strain: Strain measure.
         degree: Polynomial degree of the test functions N.
+        inclusions: Cells with other elastic constants.
+        element: Smoothed tetrahedra are of degree 1.
 
     Returns:
         Internal force at the mesh's points [N], shape (num_points, 3). For degree 1 it sums to
         zero over the body; beyond that the nodes on the edges carry the rest.
 
     Raises:
-        InputError: Wrong shape, or a value that is not finite.
+        InputError: Wrong shape, a value that is not finite, or smoothed tetrahedra of another
+            degree or on several ranks.
     """
-    body = ElasticBody(create_space(transfer(mesh), degree), material, Strain(strain))
+    space = create_space(transfer(mesh), degree)
+    body = ElasticBody(space, material, Strain(strain), inclusions, element=Element(element))
     return body.space.at_points(body.internal_force(body.space.from_points(displacement)))

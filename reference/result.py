@@ -15,7 +15,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 
 Values: TypeAlias = Floats
 
@@ -79,6 +79,7 @@ class ReferenceResult:
         versions: Of Python and the parts of FEniCSx.
         tools: What each tool felt, in the problem's order.
         formulation: Unknowns of the equations.
+        element: What the tetrahedra are.
     """
 
     displacement: Points
@@ -98,6 +99,7 @@ class ReferenceResult:
     versions: dict[str, str] = field(default_factory=dict)
     tools: tuple[ToolHistory, ...] = ()
     formulation: Formulation = Formulation.DISPLACEMENT
+    element: Element = Element.LINEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,6 +258,8 @@ def load_result(path: str | Path, *kinds: type[Any]) -> Any:
             values["strain"] = Strain(values["strain"])
         if "formulation" in values:
             values["formulation"] = Formulation(values["formulation"])
+        if "element" in values:
+            values["element"] = Element(values["element"])
         if "tools" in values:
             values["tools"] = tuple(_history(rows) for rows in values["tools"])
         return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})

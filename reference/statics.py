@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
@@ -32,6 +32,7 @@ def solve_static(
     degree: int = 1,
     relative_tolerance: float = 1e-10,
     formulation: Formulation = Formulation.DISPLACEMENT,
+    element: Element = Element.LINEAR,
     progress: Progress | None = None,
 ) -> ReferenceResult:
     """Solve internal(u) = external(u) on the problem's own mesh.
@@ -51,6 +52,8 @@ def solve_static(
             between 1e-14 and 1e-2.
         formulation: MIXED for Poisson's ratios of 0.49 and more: degree 2 or 3, frictionless tools
             and mpirun not among what it can.
+        element: SMOOTHED averages strains over edges and nodes: degree 1, and mpirun not among
+            what it can.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -58,7 +61,8 @@ def solve_static(
 
     Raises:
         InputError: The problem cannot be used: not enough supports, values that are not finite,
-            facets inside the body, overlapping cells.
+            facets inside the body, overlapping cells, or an element or formulation that cannot
+            do it.
         ReferenceNotConvergedError: No equilibrium under the full load; carries the last one found.
 
     Note:
@@ -77,9 +81,9 @@ def solve_static(
     require_supported(problem)
     tell: Progress = progress or _say_nothing
     tell(f"compiling the forms of degree {degree} (once for this version)")
-    is_mixed = Formulation(formulation) is Formulation.MIXED
-    kind = MixedProblem if is_mixed else DiscreteProblem
-    discrete = kind(problem, strain=Strain(strain), degree=degree)
+    formulation, element = Formulation(formulation), Element(element)
+    kind = MixedProblem if formulation is Formulation.MIXED else DiscreteProblem
+    discrete = kind(problem, strain=Strain(strain), degree=degree, element=element)
     sampler = DetFSampler(discrete)
     newton = Newton(discrete, sampler, relative_tolerance=relative_tolerance)
     num_dofs = fenicsx.total(discrete.num_dofs)
@@ -111,7 +115,8 @@ def solve_static(
         load_steps=path.load_factors,
         versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
         tools=tools,
-        formulation=Formulation(formulation),
+        formulation=formulation,
+        element=element,
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import (
     Audit,
     ExplicitResult,
@@ -33,6 +33,7 @@ class StaticTask:
     degree: int = 1
     relative_tolerance: float = 1e-10
     formulation: Formulation = Formulation.DISPLACEMENT
+    element: Element = Element.LINEAR
 
     answer = ReferenceResult
 
@@ -46,6 +47,7 @@ class StaticTask:
             degree=self.degree,
             relative_tolerance=self.relative_tolerance,
             formulation=self.formulation,
+            element=self.element,
             progress=progress,
         )
 
@@ -57,6 +59,7 @@ class AuditTask:
     displacement: Points
     strain: Strain = Strain.GREEN
     degree: int = 2
+    element: Element = Element.LINEAR
 
     answer = Audit
 
@@ -65,7 +68,12 @@ class AuditTask:
         from palpate.reference.audit import audit_displacement
 
         return audit_displacement(
-            problem, self.displacement, strain=self.strain, degree=self.degree, progress=progress
+            problem,
+            self.displacement,
+            strain=self.strain,
+            degree=self.degree,
+            element=self.element,
+            progress=progress,
         )
 
 
@@ -99,6 +107,7 @@ class ExplicitTask:
     """`palpate.reference.explicit.simulate_explicit`, from rest."""
 
     strain: Strain = Strain.GREEN
+    element: Element = Element.LINEAR
 
     answer = ExplicitResult
 
@@ -107,7 +116,7 @@ class ExplicitTask:
         del progress
         from palpate.reference.explicit import simulate_explicit
 
-        return simulate_explicit(problem, strain=self.strain)
+        return simulate_explicit(problem, strain=self.strain, element=self.element)
 
 
 Task: TypeAlias = StaticTask | AuditTask | ImplicitTask | ExplicitTask
