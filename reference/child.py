@@ -179,6 +179,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("result", type=Path)
     parser.add_argument("--strain", type=Strain, choices=list(Strain), default=Strain.GREEN)
     parser.add_argument("--degree", type=int, default=1)
+    parser.add_argument("--element", type=Element, choices=list(Element), default=Element.LINEAR)
     parser.add_argument("--relative-tolerance", type=float, default=1e-10)
     parser.add_argument("--task", type=Path, help="file of a task; then it says all of these")
     options = parser.parse_args(arguments)
@@ -186,7 +187,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def solve(say: Say) -> int:
         problem = load_problem(options.problem)
         if options.task is None:
-            task: Task = StaticTask(options.strain, options.degree, options.relative_tolerance)
+            task: Task = StaticTask(
+                options.strain,
+                options.degree,
+                options.relative_tolerance,
+                element=options.element,
+            )
         else:
             task = load_task(options.task)
         say("loading FEniCSx")

@@ -54,11 +54,12 @@ class SmoothedStress:
         self._strain_rates = fenicsx.form(ufl.derivative(strains, u, du))
         self._rates = fenicsx.create_matrix(self._strain_rates)
         self.stress = fem.Function(tensors)
-        source = transferred.source
+        source, (lmbda, mu) = transferred.source, lame
         self._smoothing = Smoothing(
             transferred.mesh,
             fenicsx.cell_dofs(tensors)[:, 0],
-            *(fenicsx.cell_values(constant) for constant in lame),
+            fenicsx.cell_values(lmbda),
+            fenicsx.cell_values(mu),
             signed_volumes(source.points, source.cells)[transferred.cell_of_cell],
         )
 

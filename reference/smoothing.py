@@ -31,9 +31,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices
 from palpate.reference.fenicsx import COMM, PETSc
 
 # A 3 x 3 tensor, row by row.
@@ -51,10 +50,10 @@ class Patches:
     """
 
     of_cell: Indices
-    volumes: Points
+    volumes: Floats
 
 
-def find_patches(mesh: Any, dimension: int, constants: Points, volumes: Points) -> Patches:
+def find_patches(mesh: Any, dimension: int, constants: Floats, volumes: Floats) -> Patches:
     """Gather the cells around the edges (dimension 1) or nodes (0) of a dolfinx mesh.
 
     Args:
@@ -72,7 +71,8 @@ def find_patches(mesh: Any, dimension: int, constants: Points, volumes: Points) 
     _, of_cell = np.unique(pairs, return_inverse=True)
     of_cell = of_cell.reshape(pairs.shape)
     shares = np.broadcast_to(volumes[:, None] / pairs.shape[1], pairs.shape)
-    return Patches(of_cell, np.bincount(of_cell.ravel(), shares.ravel()))
+    summed = np.bincount(of_cell.ravel(), shares.ravel())
+    return Patches(of_cell, np.asarray(summed, dtype=np.float64))
 
 
 class Smoothing:
@@ -90,7 +90,7 @@ class Smoothing:
     """
 
     def __init__(
-        self, mesh: Any, dofs: Indices, lmbda: Points, mu: Points, volumes: Points
+        self, mesh: Any, dofs: Indices, lmbda: Floats, mu: Floats, volumes: Floats
     ) -> None:
         constants = np.column_stack([lmbda, mu])
         edges, nodes = (find_patches(mesh, k, constants, volumes) for k in (1, 0))
@@ -122,12 +122,12 @@ class Smoothing:
             [np.repeat(shear * edges.volumes, _SIZE), bulk * nodes.volumes]
         )
 
-    def energy(self, strains: Points) -> float:
+    def energy(self, strains: Floats) -> float:
         """W of the cells' integrals of strain [m3], flat [J]."""
         means = _times(self._averages, strains)
         return 0.5 * float(means @ (self._moduli * means))
 
-    def stress(self, strains: Points) -> Points:
+    def stress(self, strains: Floats) -> Floats:
         """Second Piola-Kirchhoff stress S of each cell [Pa], flat, of the integrals of strain."""
         forces = self._moduli * _times(self._averages, strains)
         x, y = self._averages.createVecs()
@@ -145,14 +145,14 @@ class Smoothing:
         return means.transposeMatMult(forces)
 
 
-def _times(matrix: Any, values: Points) -> NDArray[np.float64]:
+def _times(matrix: Any, values: Floats) -> Floats:
     x, y = matrix.createVecs()
     x.array[:] = values
     matrix.mult(x, y)
     return np.array(y.array)
 
 
-def _sparse_matrix(rows: Indices, columns: Indices, values: Points, shape: tuple[int, int]) -> Any:
+def _sparse_matrix(rows: Indices, columns: Indices, values: Floats, shape: tuple[int, int]) -> Any:
     order = np.lexsort((columns, rows))
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
     csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])

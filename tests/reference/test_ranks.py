@@ -19,7 +19,7 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.files import read_point_data
-from palpate.meshes.problem import Material, Problem
+from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.problem_files import save_problem
 from palpate.reference import ranks
 
@@ -114,6 +114,35 @@ def test_two_ranks_find_what_one_finds(tmp_path, box):
         apart = 1e-8 if "multigrid" in name else 1e-10
         assert np.abs(alone).max() > 1e-3
         assert np.abs(found[2][name] - alone).max() < apart * np.abs(alone).max(), name
+
+
+# Cells of another rank at an edge would be missing from its average.
+SMOOTHED = """
+import sys
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem_files import load_problem
+from palpate.reference.explicit import simulate_explicit
+from palpate.reference.statics import solve_static
+
+for solve in (solve_static, simulate_explicit):
+    try:
+        solve(load_problem(sys.argv[1]), element="smoothed")
+    except InputError as error:
+        print(error)
+"""
+
+
+def test_smoothed_tetrahedra_are_refused_on_two_ranks(tmp_path, box):
+    mesh = box((2, 1, 1))
+    held = mesh.facet_groups["x0"]
+    support = Support(np.unique(held).astype(np.int32), held)
+    span = TimeSpan(1e-3, 1e-3, 0.0, 1)
+    save_problem(tmp_path / "problem.npz", Problem(mesh, Material(1e4, 0.3), (support,), (), span))
+    told = run(2, "-c", SMOOTHED, str(tmp_path / "problem.npz"))
+    assert told.returncode == 0, told.stderr
+    assert told.stdout.count("smoothed tetrahedra run on one rank; leave mpirun out") == 4
+    alone = run(1, "-c", SMOOTHED, str(tmp_path / "problem.npz"))
+    assert (alone.returncode, alone.stdout) == (0, ""), alone.stderr
 
 
 def test_the_command_solves_on_two_ranks_and_writes_once(tmp_path):
