@@ -67,41 +67,6 @@ def find_vertices_in_cells_brute_force(
     vertex_points: Floats, vertices: Ints, cell_points: Floats, cells: Ints, is_same_body: bool
 ) -> tuple[Ints, Floats]: ...
 
-class VerticesNearFacets:
-    def __init__(
-        self, facet_points: Floats, facets: Ints, vertices: Ints, is_same_body: bool,
-        num_threads: int, at_most: InstructionSet
-    ) -> None: ...
-    def find(
-        self, vertex_points: Floats, facet_points: Floats, distance: float
-    ) -> tuple[Ints, Floats, Floats]: ...
-    def find_candidates(
-        self, vertex_points: Floats, facet_points: Floats, distance: float
-    ) -> Ints: ...
-    def voxel_sizes(self) -> list[float]: ...
-
-def find_vertices_near_facets_brute_force(
-    vertex_points: Floats, vertices: Ints, facet_points: Floats, facets: Ints, distance: float,
-    is_same_body: bool, only_candidates: bool
-) -> tuple[Ints, Floats, Floats]: ...
-
-class EdgesNearEdges:
-    def __init__(
-        self, first_points: Floats, first: Ints, second_points: Floats, second: Ints,
-        is_same_body: bool, num_threads: int, at_most: InstructionSet
-    ) -> None: ...
-    def find(
-        self, first_points: Floats, second_points: Floats, distance: float
-    ) -> tuple[Ints, Floats, Floats]: ...
-    def find_candidates(
-        self, first_points: Floats, second_points: Floats, distance: float
-    ) -> Ints: ...
-
-def find_edges_near_edges_brute_force(
-    first_points: Floats, first: Ints, second_points: Floats, second: Ints, distance: float,
-    is_same_body: bool, only_candidates: bool
-) -> tuple[Ints, Floats, Floats]: ...
-
 class CellName:
     @property
     def generation(self) -> int: ...

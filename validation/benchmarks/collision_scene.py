@@ -8,11 +8,9 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.fastsim.collision.surface_detection import edges_of
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.tri_surface import TriSurface
 
 # Steps before the motion comes round again.
 NUM_FRAMES = 6
@@ -40,27 +38,11 @@ class Scene:
         cells: Of either body, shape (num_cells, 4).
         frames: Points of each body by step [m], shape (NUM_FRAMES, num_points, 3).
         facets: Boundary facets, shape (num_facets, 3).
-        surface_points: Points that the facets use, ascending.
-        surface_facets: The facets on those points alone.
-        surface_edges: Their edges, lower point first.
-        distance: Within which surfaces count as near [m], a fifth of the mean edge.
     """
 
     cells: Indices
     frames: tuple[NDArray[np.float64], NDArray[np.float64]]
     facets: Indices
-    surface_points: Indices
-    surface_facets: Indices
-    surface_edges: Indices
-    distance: float
-
-    @property
-    def surface_frames(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Points of each body's surface by step [m]."""
-        first, second = (
-            np.ascontiguousarray(frames[:, self.surface_points]) for frames in self.frames
-        )
-        return first, second
 
 
 def make_scene(divisions: int, place: Place) -> Scene:
@@ -73,12 +55,6 @@ def make_scene(divisions: int, place: Place) -> Scene:
         points * np.divide(largest, length, out=np.ones_like(length), where=length > 0.0)[:, None]
     )
     mesh = TetMesh((1.0 - _ROUND) * points + _ROUND * ball, box.cells)
-    surface_points, rows = np.unique(mesh.boundary_facets, return_inverse=True)
-    surface_facets = rows.reshape(-1, 3).astype(np.int32)
-    surface = TriSurface(mesh.points[surface_points], surface_facets)
-    edges = edges_of(surface)
-    ends = surface.points[edges]
-    mean_edge = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
     between = _BETWEEN[place] / np.sqrt(3.0) * np.ones(3)
     return Scene(
         mesh.cells,
@@ -87,10 +63,6 @@ def make_scene(divisions: int, place: Place) -> Scene:
             _frames(mesh.points, _turned(1.1, -0.7), between, 2.0),
         ),
         mesh.boundary_facets,
-        surface_points.astype(np.int32),
-        surface_facets,
-        edges,
-        0.2 * mean_edge,
     )
 
 

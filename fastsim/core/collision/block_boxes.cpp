@@ -7,77 +7,72 @@
 namespace fastsim {
 
 // One function for each instruction set, chosen at run time. Comparisons only: nothing is rounded.
-struct MeetingBoxes {
-    static void plain(const BlockBoxes &b, const BoxTable &table,
+struct HoldingBoxes {
+    static void plain(const BlockBoxes &b, const PointTable &table,
                       std::span<const std::uint32_t> rows, std::uint64_t *bits) {
         for (const std::uint32_t row : rows) {
-            const double *low = table.low + row * table.stride;
-            const double *high = table.high + row * table.stride;
+            const double *point = table.first + row * table.stride;
             std::uint64_t found = 0;
             for (std::size_t k = 0; k < b._count; ++k) {
-                bool meets = true;
+                bool holds = true;
                 for (std::size_t i = 0; i < 3; ++i)
-                    meets = meets & (b._low[i][k] <= high[i]) & (b._high[i][k] >= low[i]);
-                found |= std::uint64_t{meets} << k;
+                    holds = holds & (b._low[i][k] <= point[i]) & (b._high[i][k] >= point[i]);
+                found |= std::uint64_t{holds} << k;
             }
             *bits++ = found;
         }
     }
 
 #ifdef FASTSIM_HAS_X86_KERNELS
-    __attribute__((target("avx2"))) static void avx2(const BlockBoxes &b, const BoxTable &table,
+    __attribute__((target("avx2"))) static void avx2(const BlockBoxes &b, const PointTable &table,
                                                      std::span<const std::uint32_t> rows,
                                                      std::uint64_t *bits) {
         for (const std::uint32_t row : rows) {
-            __m256d low[3], high[3];
-            for (std::size_t i = 0; i < 3; ++i) {
-                low[i] = _mm256_set1_pd(table.low[row * table.stride + i]);
-                high[i] = _mm256_set1_pd(table.high[row * table.stride + i]);
-            }
+            __m256d point[3];
+            for (std::size_t i = 0; i < 3; ++i)
+                point[i] = _mm256_set1_pd(table.first[row * table.stride + i]);
             std::uint64_t found = 0;
             for (std::size_t k = 0; k < b._count; k += 4) {
-                __m256d meets = _mm256_and_pd(
-                    _mm256_cmp_pd(_mm256_load_pd(&b._low[0][k]), high[0], _CMP_LE_OQ),
-                    _mm256_cmp_pd(_mm256_load_pd(&b._high[0][k]), low[0], _CMP_GE_OQ));
+                __m256d holds = _mm256_and_pd(
+                    _mm256_cmp_pd(_mm256_load_pd(&b._low[0][k]), point[0], _CMP_LE_OQ),
+                    _mm256_cmp_pd(_mm256_load_pd(&b._high[0][k]), point[0], _CMP_GE_OQ));
                 for (std::size_t i = 1; i < 3; ++i) {
-                    meets = _mm256_and_pd(
-                        meets, _mm256_cmp_pd(_mm256_load_pd(&b._low[i][k]), high[i], _CMP_LE_OQ));
-                    meets = _mm256_and_pd(
-                        meets, _mm256_cmp_pd(_mm256_load_pd(&b._high[i][k]), low[i], _CMP_GE_OQ));
+                    holds = _mm256_and_pd(
+                        holds, _mm256_cmp_pd(_mm256_load_pd(&b._low[i][k]), point[i], _CMP_LE_OQ));
+                    holds = _mm256_and_pd(
+                        holds, _mm256_cmp_pd(_mm256_load_pd(&b._high[i][k]), point[i], _CMP_GE_OQ));
                 }
-                found |= static_cast<std::uint64_t>(_mm256_movemask_pd(meets)) << k;
+                found |= static_cast<std::uint64_t>(_mm256_movemask_pd(holds)) << k;
             }
             *bits++ = found;
         }
     }
 
     __attribute__((target("avx512f"))) static void avx512(const BlockBoxes &b,
-                                                          const BoxTable &table,
+                                                          const PointTable &table,
                                                           std::span<const std::uint32_t> rows,
                                                           std::uint64_t *bits) {
         for (const std::uint32_t row : rows) {
-            __m512d low[3], high[3];
-            for (std::size_t i = 0; i < 3; ++i) {
-                low[i] = _mm512_set1_pd(table.low[row * table.stride + i]);
-                high[i] = _mm512_set1_pd(table.high[row * table.stride + i]);
-            }
+            __m512d point[3];
+            for (std::size_t i = 0; i < 3; ++i)
+                point[i] = _mm512_set1_pd(table.first[row * table.stride + i]);
             std::uint64_t found = 0;
             for (std::size_t k = 0; k < b._count; k += 8) {
-                __mmask8 meets = 0xff;
+                __mmask8 holds = 0xff;
                 for (std::size_t i = 0; i < 3; ++i) {
-                    meets = _mm512_mask_cmp_pd_mask(meets, _mm512_load_pd(&b._low[i][k]), high[i],
+                    holds = _mm512_mask_cmp_pd_mask(holds, _mm512_load_pd(&b._low[i][k]), point[i],
                                                     _CMP_LE_OQ);
-                    meets = _mm512_mask_cmp_pd_mask(meets, _mm512_load_pd(&b._high[i][k]), low[i],
+                    holds = _mm512_mask_cmp_pd_mask(holds, _mm512_load_pd(&b._high[i][k]), point[i],
                                                     _CMP_GE_OQ);
                 }
-                found |= std::uint64_t{meets} << k;
+                found |= std::uint64_t{holds} << k;
             }
             *bits++ = found;
         }
     }
 #endif
 
-    static BlockBoxes::FindMeeting widest(InstructionSet at_most) {
+    static BlockBoxes::FindHolding widest(InstructionSet at_most) {
 #ifdef FASTSIM_HAS_X86_KERNELS
         const InstructionSet set = std::min(at_most, widest_instruction_set());
         if (set == InstructionSet::avx512)
@@ -91,7 +86,7 @@ struct MeetingBoxes {
     }
 };
 
-BlockBoxes::BlockBoxes(InstructionSet at_most) : _find_meeting(MeetingBoxes::widest(at_most)) {}
+BlockBoxes::BlockBoxes(InstructionSet at_most) : _find_holding(HoldingBoxes::widest(at_most)) {}
 
 void BlockBoxes::resize(std::size_t count) {
     _count = count;

@@ -35,12 +35,6 @@ struct Extent {
         return low[0] <= other.high[0] && other.low[0] <= high[0] && low[1] <= other.high[1] &&
                other.low[1] <= high[1] && low[2] <= other.high[2] && other.low[2] <= high[2];
     }
-    // Rounding is monotone, so what lies in the smaller of two boxes lies in the larger when
-    // both are grown.
-    [[nodiscard]] Extent grown(double by) const {
-        return {{low[0] - by, low[1] - by, low[2] - by},
-                {high[0] + by, high[1] + by, high[2] + by}};
-    }
     [[nodiscard]] Extent common_with(const Extent &other) const {
         Extent both;
         for (std::size_t i = 0; i < 3; ++i) {
@@ -58,24 +52,12 @@ struct Extent {
     }
 };
 
-// Box of an element's corners.
-template <std::size_t corners>
-Extent extent_of(std::span<const Position> points,
-                 const std::array<std::int32_t, corners> &element) {
-    Extent box{points[static_cast<std::size_t>(element[0])],
-               points[static_cast<std::size_t>(element[0])]};
-    for (std::size_t k = 1; k < corners; ++k)
-        box.add(points[static_cast<std::size_t>(element[k])]);
+// Box of a cell's corners.
+inline Extent extent_of(std::span<const Position> points, const std::array<std::int32_t, 4> &cell) {
+    Extent box = Extent::nothing();
+    for (const std::int32_t corner : cell)
+        box.add(points[static_cast<std::size_t>(corner)]);
     return box;
-}
-
-// By how much boxes are grown so that no pair within the distance, as computed from rounded
-// differences, is missed: 64 roundings of the largest coordinate that a near point can have.
-inline double reach_of(double distance, const Extent &body) {
-    double largest = distance;
-    for (std::size_t i = 0; i < 3; ++i)
-        largest = std::max({largest, -body.low[i], body.high[i]});
-    return distance + 64.0 * std::numeric_limits<double>::epsilon() * largest;
 }
 
 // Box of all points. Throws std::invalid_argument when one is not finite.

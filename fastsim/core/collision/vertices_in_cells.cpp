@@ -2,6 +2,8 @@
 
 #include "predicates/vector_algebra.hpp"
 
+#include <bit>
+
 namespace fastsim {
 
 namespace {
@@ -51,7 +53,7 @@ VerticesInCells::VerticesInCells(std::span<const Position> cell_points, std::spa
     : _cells(cell_points, cells, cells_in_block), _vertices(vertices.begin(), vertices.end()),
       _hash(vertices.size()), _searches(num_threads, Search(_cells, vertices.size(), at_most)),
       _workers(num_threads),
-      _order(vertices.empty() ? 0 : at(*std::max_element(vertices.begin(), vertices.end())) + 1),
+      _end(vertices.empty() ? 1 : at(*std::max_element(vertices.begin(), vertices.end())) + 2),
       _is_same_body(is_same_body) {
     _active.reserve(vertices.size());
     _found.reserve(vertices.size() + 64); // grows, once, where more are found
@@ -83,35 +85,64 @@ std::span<const VertexInCell> VerticesInCells::find(std::span<const Position> ve
         _work.pairs_tested += std::exchange(search.pairs_tested, 0);
         search.found.clear();
     }
-    _order.sort(
-        _found, [](const VertexInCell &pair) { return pair.vertex; },
-        [](const VertexInCell &pair) { return pair.cell; });
+    sort_found();
     return _found;
 }
 
-void VerticesInCells::look_into(const Blocks::Block &block, const Extent &near,
+// By vertex, then by cell, without taking memory: by counting where there are many.
+void VerticesInCells::sort_found() {
+    const auto less = [](const VertexInCell &a, const VertexInCell &b) {
+        return a.vertex != b.vertex ? a.vertex < b.vertex : a.cell < b.cell;
+    };
+    if (8 * _found.size() < _end.size()) {
+        std::sort(_found.begin(), _found.end(), less);
+        return;
+    }
+    std::fill(_end.begin(), _end.end(), 0u);
+    for (const VertexInCell &pair : _found)
+        ++_end[at(pair.vertex) + 1];
+    for (std::size_t k = 1; k < _end.size(); ++k)
+        _end[k] += _end[k - 1];
+    // The entry of a vertex is where the next pair of it goes.
+    _sorted.resize(_found.size());
+    for (const VertexInCell &pair : _found)
+        _sorted[_end[at(pair.vertex)]++] = pair;
+    _found.swap(_sorted);
+    for (auto first = _found.begin(), last = first; first != _found.end(); first = last) {
+        while (last != _found.end() && last->vertex == first->vertex)
+            ++last;
+        if (last - first > 1)
+            std::sort(first, last, less);
+    }
+}
+
+void VerticesInCells::look_into(const CellBlocks::Block &block, const Extent &near,
                                 std::span<const Position> cell_points, Search &search) const {
     const Extent box = _cells.extent(block, cell_points);
     if (!box.meets(near))
         return;
-    const auto places = search.look_up(_hash, box, [](std::uint32_t) { return true; });
+    const auto places = _hash.near(box, search.near);
     if (places.empty())
         return;
     search.cells_near += block.last - block.first;
     if (_is_same_body)
-        search.mark(_cells, block);
-    search.test(
-        _cells, block, cell_points, 0.0, _hash.table(), places,
-        [&](std::uint32_t k) {
-            return _is_same_body ? search.with_corner(_cells, block, _hash.entries()[k].id) : 0;
-        },
-        [&](std::uint32_t k, Index c) {
-            const auto &[p, v, row] = _hash.entries()[k];
+        _cells.mark(block, search.marks);
+    _cells.fit(block, cell_points, search.boxes);
+    search.boxes.find_holding(_hash.table(), places, search.bits.data());
+    for (std::size_t j = 0; j < places.size(); ++j) {
+        const auto &[p, v, row] = _hash.entries()[places[j]];
+        std::uint64_t bits = search.bits[j];
+        if (_is_same_body)
+            bits &= ~_cells.with_corner(block, v, search.marks);
+        for (; bits != 0; bits &= bits - 1) {
+            const Index c =
+                _cells.number(block.first + static_cast<std::size_t>(std::countr_zero(bits)));
             ++search.pairs_tested;
             VertexInCell pair{v, c, {}};
-            if (is_in_cell(p, cell_points, _cells.elements()[at(c)], pair.weights))
+            if (is_in_cell(p, cell_points, _cells.cells()[at(c)], pair.weights))
                 search.found.push_back(pair);
-        });
+        }
+    }
 }
 
 std::vector<double> VerticesInCells::voxel_sizes() const {

@@ -1,8 +1,8 @@
 #pragma once
 // Which vertices lie in which tetrahedra: of another body, or of the same one.
 
-#include "collision/block_search.hpp"
-#include "collision/pair_order.hpp"
+#include "collision/cell_blocks.hpp"
+#include "collision/voxel_hash.hpp"
 #include "threads/workers.hpp"
 
 namespace fastsim {
@@ -45,21 +45,29 @@ class VerticesInCells {
     [[nodiscard]] std::vector<double> voxel_sizes() const;
 
   private:
-    using Blocks = ElementBlocks<4>;
-    struct Search : BlockSearch<4, VertexInCell> {
-        using BlockSearch::BlockSearch;
+    // What one thread needs to look hashed vertices up in blocks of cells.
+    struct Search {
+        Search(const CellBlocks &cells, std::size_t num_vertices, InstructionSet at_most)
+            : marks(cells), boxes(at_most), near(num_vertices + 1), bits(num_vertices + 1) {}
+
+        CellBlocks::Marks marks;
+        BlockBoxes boxes;
+        std::vector<std::uint32_t> near;
+        std::vector<std::uint64_t> bits;
+        std::vector<VertexInCell> found;
         std::size_t cells_near = 0, pairs_tested = 0;
     };
-    void look_into(const Blocks::Block &block, const Extent &near,
+    void look_into(const CellBlocks::Block &block, const Extent &near,
                    std::span<const Position> cell_points, Search &search) const;
+    void sort_found();
 
-    Blocks _cells;
+    CellBlocks _cells;
     std::vector<Index> _vertices, _active;
     VoxelHash _hash;
     std::vector<Search> _searches; // one for each thread
     Workers _workers;
-    std::vector<VertexInCell> _found;
-    PairOrder<VertexInCell> _order;
+    std::vector<VertexInCell> _found, _sorted;
+    std::vector<std::uint32_t> _end; // where the pairs of a vertex end among the sorted
     Work _work;
     bool _is_same_body;
 };

@@ -44,10 +44,10 @@ class VoxelHash {
     // All points, those of a bucket together; within a bucket in the order given.
     [[nodiscard]] std::span<const Entry> entries() const { return {_entries.data(), _size}; }
 
-    [[nodiscard]] BoxTable table() const {
+    [[nodiscard]] PointTable table() const {
         static_assert(sizeof(Entry) % sizeof(double) == 0);
         const double *first = _entries.empty() ? nullptr : _entries.front().at.data();
-        return {first, first, sizeof(Entry) / sizeof(double)};
+        return {first, sizeof(Entry) / sizeof(double)};
     }
 
     // Places in entries() of the points in the closed box, each once, at the front of `room`, which

@@ -16,7 +16,7 @@ class Rival:
     tool, version, precision = "trimesh embree", str(trimesh.__version__), "float32"
 
     def __init__(self, body: dict[str, Any]) -> None:
-        if str(body["query"]) != "vertices in cells" or bool(body["with_self"]):
+        if bool(body["with_self"]):
             raise ValueError("it tells inside from outside, of another body")
         self._vertices, rows = np.unique(body["facets"], return_inverse=True)
         self._facets = rows.reshape(-1, 3)

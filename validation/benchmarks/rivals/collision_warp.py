@@ -1,6 +1,6 @@
 # Annotations of kernels are Warp's own, not types.
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, valid-type"
-"""Vertices in cells or near triangles by Warp's tree of boxes, refitted in every step."""
+"""Vertices in cells by Warp's tree of boxes, refitted in every step."""
 
 from __future__ import annotations
 
@@ -24,20 +24,6 @@ def _fit_cells(
     p, q, r, s = points[cell[0]], points[cell[1]], points[cell[2]], points[cell[3]]
     low[c] = wp.min(wp.min(p, q), wp.min(r, s))
     high[c] = wp.max(wp.max(p, q), wp.max(r, s))
-
-
-@wp.kernel
-def _fit_facets(
-    points: wp.array(dtype=wp.vec3),
-    facets: wp.array(dtype=wp.vec3i),
-    low: wp.array(dtype=wp.vec3),
-    high: wp.array(dtype=wp.vec3),
-):
-    f = wp.tid()
-    facet = facets[f]
-    p, q, r = points[facet[0]], points[facet[1]], points[facet[2]]
-    low[f] = wp.min(wp.min(p, q), r)
-    high[f] = wp.max(wp.max(p, q), r)
 
 
 @wp.kernel
@@ -72,46 +58,16 @@ def _find_in_cells(
                     pairs[k] = wp.vec2i(v, c)
 
 
-@wp.kernel
-def _find_near_facets(
-    tree: wp.uint64,
-    vertex_points: wp.array(dtype=wp.vec3),
-    facets: wp.array(dtype=wp.vec3i),
-    distance: wp.float32,
-    is_same: wp.bool,
-    pairs: wp.array(dtype=wp.vec2i),
-    count: wp.array(dtype=wp.int32),
-):
-    v = wp.tid()
-    p = vertex_points[v]
-    reach = wp.vec3(distance, distance, distance)
-    query = wp.bvh_query_aabb(tree, p - reach, p + reach)
-    f = wp.int32(0)
-    while wp.bvh_query_next(query, f):
-        facet = facets[f]
-        if is_same and (v == facet[0] or v == facet[1] or v == facet[2]):
-            continue
-        k = wp.atomic_add(count, 0, 1)
-        if k < pairs.shape[0]:
-            pairs[k] = wp.vec2i(v, f)
-
-
 class Rival:
     """A tree for each body, its boxes computed and refitted in every step."""
 
     tool, version, precision = "warp BVH", str(wp.__version__), "float32"
 
     def __init__(self, body: dict[str, Any]) -> None:
-        query = str(body["query"])
-        if query == "edges near edges":
-            raise ValueError("edges are not queried with it")
-        self._uses_cells = query == "vertices in cells"
         self._device = "cpu"
-        elements = np.ascontiguousarray(body["elements" if self._uses_cells else "facets"])
-        kind = wp.vec4i if self._uses_cells else wp.vec3i
-        self._elements = wp.array(elements, dtype=kind, device=self._device)
-        self._num_elements = len(elements)
-        self._distance = float(np.nextafter(np.float32(body["distance"]), np.float32(np.inf)))
+        cells = np.ascontiguousarray(body["elements"])
+        self._cells = wp.array(cells, dtype=wp.vec4i, device=self._device)
+        self._num_cells = len(cells)
         self._frames = [
             [wp.array(f.astype(np.float32), dtype=wp.vec3, device=self._device) for f in frames]
             for frames in (body["frames_0"], body["frames_1"])
@@ -119,14 +75,14 @@ class Rival:
         self._num_points = body["frames_0"].shape[1]
         self._vertices = wp.array(np.unique(body["facets"]), dtype=wp.int32, device=self._device)
         self._boxes = [
-            [wp.zeros(self._num_elements, dtype=wp.vec3, device=self._device) for _ in range(2)]
+            [wp.zeros(self._num_cells, dtype=wp.vec3, device=self._device) for _ in range(2)]
             for _ in range(2)
         ]
         # The quickest leaves of 1, 2, 4 and 8 elements, refit and query together.
         self._trees: list[Any] = []
         for k in range(2):
             self._fit(k, 0)
-            self._trees.append(wp.Bvh(*self._boxes[k], leaf_size=8 if self._uses_cells else 4))
+            self._trees.append(wp.Bvh(*self._boxes[k], leaf_size=8))
         self._turns = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(body["with_self"]) else [])
         self._count = wp.zeros(1, dtype=wp.int32, device=self._device)
         # Room for all that any frame gives.
@@ -141,15 +97,15 @@ class Rival:
         found = []
         for (intruder, other), count in self._look(0).items():
             rows = self._pairs[intruder, other].numpy()[:count].astype(np.float64)
-            add = np.array([intruder * self._num_points, other * self._num_elements])
+            add = np.array([intruder * self._num_points, other * self._num_cells])
             found.append(rows + add)
         self.force = np.concatenate(found)
 
     def _fit(self, k: int, frame: int) -> None:
         wp.launch(
-            _fit_cells if self._uses_cells else _fit_facets,
-            dim=self._num_elements,
-            inputs=[self._frames[k][frame], self._elements, *self._boxes[k]],
+            _fit_cells,
+            dim=self._num_cells,
+            inputs=[self._frames[k][frame], self._cells, *self._boxes[k]],
             device=self._device,
         )
 
@@ -162,26 +118,15 @@ class Rival:
             self._count.zero_()
             points = self._frames[intruder][frame]
             out = [self._pairs[intruder, other], self._count]
-            if self._uses_cells:
-                wp.launch(
-                    _find_in_cells,
-                    dim=len(self._vertices),
-                    inputs=[
-                        self._trees[other].id, self._vertices, points, self._frames[other][frame],
-                        self._elements, intruder == other, *out,
-                    ],
-                    device=self._device,
-                )  # fmt: skip
-            else:
-                wp.launch(
-                    _find_near_facets,
-                    dim=self._num_points,
-                    inputs=[
-                        self._trees[other].id, points, self._elements, self._distance,
-                        intruder == other, *out,
-                    ],
-                    device=self._device,
-                )  # fmt: skip
+            wp.launch(
+                _find_in_cells,
+                dim=len(self._vertices),
+                inputs=[
+                    self._trees[other].id, self._vertices, points, self._frames[other][frame],
+                    self._cells, intruder == other, *out,
+                ],
+                device=self._device,
+            )  # fmt: skip
             counts[intruder, other] = int(self._count.numpy()[0])
         return counts
 
