@@ -22,12 +22,18 @@ class SolveStatus(Enum):
     negative_curvature = 1
     iteration_limit = 2
 
+class Element(Enum):
+    linear = 0
+    smoothed = 1
+
 class ElasticBody:
     def __init__(
-        self, points: Floats, cells: Ints, lmbda: float, mu: float, strain: StrainMeasure
+        self, points: Floats, cells: Ints, materials: Floats, material_of: Ints,
+        strain: StrainMeasure, element: Element
     ) -> None: ...
     def shape_gradients(self) -> Floats: ...
     def displacement_gradients(self, displacement: Floats) -> Floats: ...
+    def stresses(self, strains: Floats) -> Floats: ...
     def internal_force(self, displacement: Floats) -> Floats: ...
     def strain_energy(self, displacement: Floats) -> float: ...
     def det_f(self, displacement: Floats) -> Floats: ...
@@ -191,10 +197,9 @@ class CentralDifference:
 class ExplicitRun:
     @staticmethod
     def make(
-        points: Floats, cells: Ints, lumped_mass: Floats, is_free: Flags, *, lmbda: float,
-        mu: float, strain: StrainMeasure, time_step: float, mass_damping: float,
-        displacement_limit: float, num_threads: int, at_most: InstructionSet, is_single: bool,
-        tracks_energy: bool
+        body: ElasticBody, lumped_mass: Floats, is_free: Flags, *, time_step: float,
+        mass_damping: float, displacement_limit: float, num_threads: int,
+        at_most: InstructionSet, is_single: bool, tracks_energy: bool
     ) -> ExplicitRun: ...
     @property
     def instruction_set(self) -> str: ...

@@ -1,27 +1,32 @@
-"""An elastic body of linear tetrahedra: forces, energy, stiffness, mass and time step (eq. 1-10).
+"""An elastic body of tetrahedra: forces, energy, stiffness, mass and time step (eq. 1-10).
 
 f_a = sum over cells of V P grad N_a (eq. 1), P from S = lmbda tr(E) I + 2 mu E (eq. 2);
 engineering strain (eq. 3-4) gives R(a) = K a (eq. 5), Green strain (eq. 6-7) gives
-R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid.
+R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid. The smoothed element averages the
+cells' strains before it takes their stress: core/mechanics/smoothed_tet4.hpp.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
-from palpate.fastsim.errors import SeveralMaterialsError
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 _MEASURE = {
     Strain.LINEAR: _core.StrainMeasure.linear,
     Strain.GREEN: _core.StrainMeasure.green,
+}
+_ELEMENT = {
+    Element.LINEAR: _core.Element.linear,
+    Element.SMOOTHED: _core.Element.smoothed,
 }
 
 
@@ -31,17 +36,31 @@ def lame_parameters(material: Material) -> tuple[float, float]:
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
 
 
+def material_of_cells(mesh: TetMesh, material: Material, inclusions: Sequence[Inclusion]) -> Floats:
+    """Lamé's parameters [Pa] and density [kg/m3] of each cell, shape (num_cells, 3)."""
+    rows = np.empty((mesh.num_cells, 3))
+    rows[:] = (*lame_parameters(material), material.density)
+    for inclusion in inclusions:
+        part = inclusion.material
+        rows[inclusion.cells] = (*lame_parameters(part), part.density)
+    return rows
+
+
 class Body:
-    """A mesh with its material and strain measure, and what the core keeps of them.
+    """A mesh with its materials, strain measure and element, and what the core keeps of them.
 
     Args:
         mesh: Rest mesh [m].
         material: Isotropic solid.
         strain: Engineering or Green strain.
+        element: Linear tetrahedra, plain or smoothed. Nothing is smoothed across cells of other
+            elastic constants.
+        inclusions: Cells of another material.
 
     Attributes:
         core: The compiled body; holds one stiffness matrix at a time.
-        lmbda, mu: Lamé's parameters [Pa].
+        lmbda, mu: Lamé's parameters of each cell [Pa], shape (num_cells,).
+        density: Of each cell [kg/m3], shape (num_cells,).
 
     Raises:
         InputError: By every method that is given a displacement: wrong shape, or a value that is
@@ -51,38 +70,47 @@ class Body:
         Green strain softens under compression, from a stretch of 1/sqrt(3) = 0.577 downwards.
     """
 
-    def __init__(self, mesh: TetMesh, material: Material, strain: Strain = Strain.GREEN) -> None:
+    def __init__(
+        self,
+        mesh: TetMesh,
+        material: Material,
+        strain: Strain = Strain.GREEN,
+        *,
+        element: Element = Element.LINEAR,
+        inclusions: Sequence[Inclusion] = (),
+    ) -> None:
         self.mesh = mesh
-        self.material = material
         self.strain = strain
-        self.lmbda, self.mu = lame_parameters(material)
+        self.element = element
+        self.lmbda, self.mu, self.density = material_of_cells(mesh, material, inclusions).T
+        lame, kinds = np.unique(np.column_stack([self.lmbda, self.mu]), axis=0, return_inverse=True)
         self.core = _core.ElasticBody(
-            mesh.points, mesh.cells, self.lmbda, self.mu, _MEASURE[strain]
+            mesh.points,
+            mesh.cells,
+            lame,
+            kinds.reshape(-1).astype(np.int32),
+            _MEASURE[strain],
+            _ELEMENT[element],
         )
 
     @classmethod
-    def of(cls, problem: Problem, strain: Strain = Strain.GREEN) -> Body:
-        """The body of a problem.
-
-        Raises:
-            SeveralMaterialsError: It has inclusions: this simulator takes one material.
-        """
-        if problem.inclusions:
-            raise SeveralMaterialsError(
-                len(problem.inclusions), sum(len(one.cells) for one in problem.inclusions)
-            )
-        return cls(problem.mesh, problem.material, strain)
-
-    @property
-    def measure(self) -> _core.StrainMeasure:
-        """The strain measure as the core names it."""
-        return _MEASURE[self.strain]
+    def of(
+        cls,
+        problem: Problem,
+        strain: Strain = Strain.GREEN,
+        *,
+        element: Element = Element.LINEAR,
+    ) -> Body:
+        """The body of a problem."""
+        return cls(
+            problem.mesh, problem.material, strain, element=element, inclusions=problem.inclusions
+        )
 
     @cached_property
     def lumped_mass(self) -> Floats:
         """Diagonal of M: a quarter of each cell's mass to its corners [kg], (num_points,)."""
         mass = np.zeros(self.mesh.num_points)
-        quarter = self.material.density * signed_volumes(self.mesh.points, self.mesh.cells) / 4.0
+        quarter = self.density * signed_volumes(self.mesh.points, self.mesh.cells) / 4.0
         for k in range(4):
             np.add.at(mass, self.mesh.cells[:, k], quarter)
         return mass
@@ -114,6 +142,19 @@ class Body:
         """Integral of lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
         return self.core.strain_energy(self.checked(displacement))
 
+    def stresses(self, strains: Floats) -> Floats:
+        """The stresses that the element makes of strains of the cells: linear and symmetric.
+
+        Args:
+            strains: Symmetric [-], shape (num_cells, 3, 3).
+
+        Returns:
+            [Pa], shape (num_cells, 3, 3): lmbda tr(E) I + 2 mu E, of averages of E for the
+            smoothed element. The energy is half the integral of E : S.
+        """
+        rows = np.ascontiguousarray(strains, dtype=np.float64).reshape(self.mesh.num_cells, 9)
+        return self.core.stresses(rows).reshape(-1, 3, 3)
+
     def displacement_gradients(self, displacement: ArrayLike) -> Floats:
         """H = du/dX of each cell [-], shape (num_cells, 3, 3)."""
         return self.core.displacement_gradients(self.checked(displacement)).reshape(-1, 3, 3)
@@ -136,24 +177,32 @@ class Body:
         stiffness and mass matrices"); for one cell that is 4 / rho times the largest eigenvalue
         of B^T D B, which D^(1/2) B B^T D^(1/2) has too, a 6 x 6 matrix.
         """
-        # Square root of D in Voigt order (xx, yy, zz, xy, yz, zx).
-        elasticity = np.diag([2.0 * self.mu] * 3 + [self.mu] * 3)
-        elasticity[:3, :3] += self.lmbda
-        values, vectors = np.linalg.eigh(elasticity)
-        root = vectors @ np.diag(np.sqrt(values)) @ vectors.T
-        largest = 0.0
-        for part in np.array_split(self.shape_gradients, max(1, self.mesh.num_cells // 20000)):
+        # Square root of D / rho in Voigt order (xx, yy, zz, xy, yz, zx), by material.
+        kinds, kind = np.unique(
+            np.column_stack([self.lmbda, self.mu, self.density]), axis=0, return_inverse=True
+        )
+        elasticity = np.zeros((len(kinds), 6, 6))
+        lmbda, mu, density = kinds.T
+        elasticity[:, range(6), range(6)] = np.outer(mu, [2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
+        elasticity[:, :3, :3] += lmbda[:, None, None]
+        values, vectors = np.linalg.eigh(elasticity / density[:, None, None])
+        roots = vectors * np.sqrt(values)[:, None, :] @ vectors.transpose(0, 2, 1)
+        kind, largest = kind.reshape(-1), 0.0
+        for part in np.array_split(
+            np.arange(self.mesh.num_cells), max(1, self.mesh.num_cells // 20000)
+        ):
+            gradients = self.shape_gradients[part]
             strain = np.zeros((len(part), 6, 12))
             for a in range(4):
-                gx, gy, gz = part[:, a].T
+                gx, gy, gz = gradients[:, a].T
                 strain[:, 0, 3 * a], strain[:, 1, 3 * a + 1], strain[:, 2, 3 * a + 2] = gx, gy, gz
                 strain[:, 3, 3 * a], strain[:, 3, 3 * a + 1] = gy, gx
                 strain[:, 4, 3 * a + 1], strain[:, 4, 3 * a + 2] = gz, gy
                 strain[:, 5, 3 * a], strain[:, 5, 3 * a + 2] = gz, gx
-            half = root @ strain
+            half = roots[kind[part]] @ strain
             values = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
             largest = max(largest, float(values.max()))
-        return float(2.0 / np.sqrt(4.0 * largest / self.material.density))
+        return float(2.0 / np.sqrt(4.0 * largest))
 
     def critical_time_step(
         self,

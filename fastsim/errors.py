@@ -6,18 +6,6 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 
 
-class SeveralMaterialsError(InputError):
-    """A body with inclusions; `.num_inclusions` of `.num_cells` cells in all."""
-
-    def __init__(self, num_inclusions: int, num_cells: int) -> None:
-        self.num_inclusions = num_inclusions
-        self.num_cells = num_cells
-        super().__init__(
-            f"{num_inclusions} inclusion(s) of {num_cells} cells: fastsim takes one material; drop "
-            "[[inclusion]], or judge a simulator that knows them by --simulator"
-        )
-
-
 class CrowdedPointError(InputError):
     """A point with more neighbours than the stiffness matrix counts; `.point`."""
 

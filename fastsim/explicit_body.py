@@ -151,13 +151,9 @@ class ExplicitBody:
         )
         self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
         self._run = _core.ExplicitRun.make(
-            mesh.points,
-            mesh.cells,
+            self.elastic.core,
             self._mass,
             self._loads.is_free,
-            lmbda=self.elastic.lmbda,
-            mu=self.elastic.mu,
-            strain=self.elastic.measure,
             time_step=self.time_step,
             mass_damping=self._scheme.mass_damping,
             displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),

@@ -15,7 +15,7 @@ from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.limit_point import smooth_direction
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 
 # Below this, diagonal blocks alone are as quick as multigrid.
 MULTIGRID_FROM_POINTS = 1500
@@ -92,6 +92,7 @@ class Newton:
         relative_tolerance: Where to stop.
         max_iterations: Where to give up, in one call of `solve`.
         iteration: Consistent tangent, or the secant matrix of eq. 10.
+        element: Plain or smoothed.
         is_guarded: Whether steps that invert a cell or blow up the residual are shortened; not
             for eq. 9-10 as printed.
         term: What else pushes; None is nothing.
@@ -105,6 +106,7 @@ class Newton:
         max_iterations: int,
         iteration: Iteration = Iteration.NEWTON,
         *,
+        element: Element = Element.LINEAR,
         is_guarded: bool = True,
         term: ResidualTerm | None = None,
     ) -> None:
@@ -114,7 +116,7 @@ class Newton:
         self._is_close = False
         self.is_guarded = is_guarded
         self.iteration = iteration
-        self.body = Body.of(problem, strain)
+        self.body = Body.of(problem, strain, element=element)
         self.tolerance = relative_tolerance
         self.max_iterations = max_iterations
         self.iterations = 0

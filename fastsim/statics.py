@@ -19,7 +19,7 @@ from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
 from palpate.fastsim.limit_point import SOFT, find_softening
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS, Iteration, Newton, NewtonOutcome
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 
 __all__ = ["MULTIGRID_FROM_POINTS", "Iteration", "StaticResult", "solve_static"]
@@ -55,6 +55,7 @@ def solve_static(
     problem: Problem,
     *,
     strain: Strain = Strain.GREEN,
+    element: Element = Element.LINEAR,
     start: Points | None = None,
     relative_tolerance: float = 1e-10,
     max_iterations: int = 30,
@@ -70,6 +71,7 @@ def solve_static(
     Args:
         problem: Mesh, material, supports and loads.
         strain: Engineering strain (one linear solve) or Green strain (Newton).
+        element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         start: A displacement near the answer [m], shape (num_points, 3), to begin from at the full
             load (warm start); where that does not converge, and where None, the load is raised
             from rest.
@@ -93,12 +95,13 @@ def solve_static(
     Note:
         An equilibrium whose tangent is not positive definite is not accepted (not tested under
         follower pressure, nor for the secant iteration).
-        Linear tetrahedra are too stiff in bending and lock as Poisson's ratio nears 0.5.
+        Plain linear tetrahedra are too stiff in bending and lock as Poisson's ratio nears 0.5;
+        smoothed ones hardly, unless the body is only a cell or two thick.
     """
     if problem.tools:
-        return _with_tools(problem, strain, relative_tolerance, contact, progress)
+        return _with_tools(problem, strain, element, relative_tolerance, contact, progress)
     require_supported(problem)
-    newton = Newton(problem, strain, relative_tolerance, max_iterations, iteration)
+    newton = Newton(problem, strain, relative_tolerance, max_iterations, iteration, element=element)
     factor, step = 0.0, 1.0
     displacement = np.zeros_like(problem.mesh.points)
     accepted: list[float] = []
@@ -142,6 +145,7 @@ def solve_static(
 def _with_tools(
     problem: Problem,
     strain: Strain,
+    element: Element,
     relative_tolerance: float,
     contact: ContactLaw | None,
     progress: Callable[[str], None] | None,
@@ -149,6 +153,7 @@ def _with_tools(
     found = solve_contact(
         problem,
         strain=strain,
+        element=element,
         law=contact,
         relative_tolerance=relative_tolerance,
         progress=progress,

@@ -15,7 +15,8 @@ shrink by more than a fifth. Under a time step that is given, the second bound i
 Speed: before a vertex is turned round, the tool may come a quarter of the way to its own middle
 over it, or through a cell, and the vertex itself another quarter (more than that ends the run). It
 takes one step with the constraint; under a penalty the time of the vertex' own bounce,
-sqrt(m / (k A)), and as far as a wave of speed c loads it, rho c / k:
+sqrt(m / (k A)), and as far as a wave of speed c loads it, rho c / k (of the material where that is
+largest):
 
     v_max = 0.25 min(half thickness of the tool, smallest cell height) / max(dt, those).
 """
@@ -27,7 +28,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from palpate.fastsim.body import lame_parameters
+from palpate.fastsim.body import material_of_cells
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.errors import UnstableStepError
 from palpate.meshes.arrays import Floats, Indices, Points
@@ -75,9 +76,13 @@ class ContactLaw:
 
 
 def layer_stiffness(problem: Problem, facets: Indices) -> float:
-    """(lambda + 2 mu) / h [Pa/m], h the mean edge of the contact facets: one layer of cells."""
-    lmbda, mu = lame_parameters(problem.material)
-    return (lmbda + 2.0 * mu) / mean_edge(problem, facets)
+    """(lambda + 2 mu) / h [Pa/m], h the mean edge of the contact facets: one layer of cells.
+
+    The stiffest of the cells behind the facets counts.
+    """
+    behind = np.isin(problem.mesh.cells, facets).sum(axis=1) >= 3
+    lmbda, mu, _ = material_of_cells(problem.mesh, problem.material, problem.inclusions)[behind].T
+    return float((lmbda + 2.0 * mu).max()) / mean_edge(problem, facets)
 
 
 def mean_edge(problem: Problem, facets: Indices) -> float:
@@ -144,10 +149,11 @@ def largest_speed(
     """
     duration = time_step
     if stiffness is not None and len(contact.vertices):
-        lmbda, mu = lame_parameters(problem.material)
-        rho = problem.material.density
+        of_cells = material_of_cells(problem.mesh, problem.material, problem.inclusions)
+        lmbda, mu, rho = np.unique(of_cells, axis=0).T
         bounce = float(np.sqrt((mass[contact.vertices] / contact.areas).max() / stiffness))
-        duration = max(time_step, bounce, rho * np.sqrt((lmbda + 2.0 * mu) / rho) / stiffness)
+        impedance = float((rho * np.sqrt((lmbda + 2.0 * mu) / rho)).max())
+        duration = max(time_step, bounce, impedance / stiffness)
     way = min(half_thickness(contact.tool.shape), _smallest_height(problem))
     return 0.25 * way / duration
 

@@ -16,7 +16,7 @@ from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
 from palpate.fastsim.newton import Newton
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 
 # Penalty in layers of cells: presses as much as a hundredth of a layer.
@@ -65,6 +65,7 @@ def solve_contact(
     problem: Problem,
     *,
     strain: Strain = Strain.GREEN,
+    element: Element = Element.LINEAR,
     law: ContactLaw | None = None,
     times: Floats | None = None,
     relative_tolerance: float = 1e-10,
@@ -78,6 +79,7 @@ def solve_contact(
     Args:
         problem: With at least one tool; frictionless, on paths.
         strain: Engineering or Green strain.
+        element: Plain or smoothed.
         law: Penalty or constraint; None is the constraint.
         times: Where on the paths answers are wanted, increasing; None is every knot of a path.
         relative_tolerance: Out-of-balance force over loads or contact forces.
@@ -106,7 +108,7 @@ def solve_contact(
         require_larger_than_gaps(problem, contact, number)
         require_outside(problem, contact, number, np.zeros_like(problem.mesh.points))
     term = ContactTerm(contacts, stiffnesses)
-    newton = Newton(problem, strain, relative_tolerance, max_iterations, term=term)
+    newton = Newton(problem, strain, relative_tolerance, max_iterations, element=element, term=term)
     path = _Path(problem, newton, term, law.form)
     wanted = _knots(problem) if times is None else np.asarray(times, dtype=np.float64)
     reason = path.load(wanted[0])

@@ -1,6 +1,7 @@
 // Bindings of the fast explicit run: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
 #include "explicit/explicit_run.hpp"
+#include "mechanics/elastic_body.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -71,28 +72,23 @@ void bind_explicit_run(nb::module_ &module) {
     nb::class_<Run>(module, "ExplicitRun")
         .def_static(
             "make",
-            [](GivenPoints points, GivenCells cells, GivenColumn<double> lumped_mass,
-               GivenTable<std::uint8_t, 3> is_free, double lmbda, double mu, StrainMeasure strain,
-               double time_step, double mass_damping, double displacement_limit,
-               std::size_t num_threads, InstructionSet at_most, bool is_single,
-               bool tracks_energy) {
+            [](const ElasticBody &body, GivenColumn<double> lumped_mass,
+               GivenTable<std::uint8_t, 3> is_free, double time_step, double mass_damping,
+               double displacement_limit, std::size_t num_threads, InstructionSet at_most,
+               bool is_single, bool tracks_energy) {
                 nb::gil_scoped_release release;
-                return Run::make(as_span(points), as_span(cells), as_span(lumped_mass),
-                                 as_span(is_free),
-                                 {{lmbda, mu},
-                                  strain,
-                                  {time_step, mass_damping},
+                return Run::make(body.elastic, as_span(lumped_mass), as_span(is_free),
+                                 {{time_step, mass_damping},
                                   displacement_limit,
                                   num_threads,
                                   at_most,
                                   is_single,
                                   tracks_energy});
             },
-            nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
-            nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(), nb::kw_only(),
-            nb::arg("lmbda"), nb::arg("mu"), nb::arg("strain"), nb::arg("time_step"),
-            nb::arg("mass_damping"), nb::arg("displacement_limit"), nb::arg("num_threads"),
-            nb::arg("at_most"), nb::arg("is_single"), nb::arg("tracks_energy"))
+            nb::arg("body"), nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(),
+            nb::kw_only(), nb::arg("time_step"), nb::arg("mass_damping"),
+            nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"),
+            nb::arg("is_single"), nb::arg("tracks_energy"))
         .def(
             "set_state",
             [](Run &run, Vectors displacement, Vectors increment, double energy) {

@@ -35,15 +35,26 @@ void bind_mechanics(nb::module_ &module) {
         .value("negative_curvature", SolveStatus::negative_curvature)
         .value("iteration_limit", SolveStatus::iteration_limit);
 
+    nb::enum_<Element>(module, "Element")
+        .value("linear", Element::linear)
+        .value("smoothed", Element::smoothed);
+
     nb::class_<ElasticBody>(module, "ElasticBody")
         .def(
             "__init__",
-            [](ElasticBody *self, GivenPoints points, GivenCells cells, double lmbda, double mu,
-               StrainMeasure strain) {
-                new (self) ElasticBody(as_span(points), as_span(cells), {lmbda, mu}, strain);
+            [](ElasticBody *self, GivenPoints points, GivenCells cells,
+               GivenTable<double, 2> materials, GivenColumn<Index> material_of,
+               StrainMeasure strain, Element element) {
+                nb::gil_scoped_release release;
+                new (self) ElasticBody(as_span(points),
+                                       make_elastic_cells(as_span(points), as_span(cells),
+                                                          as_rows<Lame>(materials),
+                                                          as_span(material_of), strain),
+                                       element);
             },
-            nb::arg("points").noconvert(), nb::arg("cells").noconvert(), nb::arg("lmbda"),
-            nb::arg("mu"), nb::arg("strain"))
+            nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
+            nb::arg("materials").noconvert(), nb::arg("material_of").noconvert(), nb::arg("strain"),
+            nb::arg("element"))
         .def("shape_gradients",
              [](const ElasticBody &body) { return as_table(body.elastic.rest.gradients); })
         .def(
@@ -56,10 +67,18 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("displacement").noconvert())
         .def(
+            "stresses",
+            [](const ElasticBody &body, GivenTable<double, 9> strains) {
+                std::vector<Matrix3> found(body.elastic.size());
+                body.stresses(as_rows<Matrix3>(strains), found);
+                return as_table(found);
+            },
+            nb::arg("strains").noconvert())
+        .def(
             "internal_force",
             [](const ElasticBody &body, Vectors displacement) {
                 return vectors_by(body, [&](auto force) {
-                    add_internal_force(body.elastic, as_span(displacement), force);
+                    body.add_internal_force(as_span(displacement), force);
                 });
             },
             nb::arg("displacement").noconvert())
@@ -67,7 +86,7 @@ void bind_mechanics(nb::module_ &module) {
             "strain_energy",
             [](const ElasticBody &body, Vectors displacement) {
                 nb::gil_scoped_release release;
-                return strain_energy(body.elastic, as_span(displacement));
+                return body.strain_energy(as_span(displacement));
             },
             nb::arg("displacement").noconvert())
         .def(
@@ -83,14 +102,14 @@ void bind_mechanics(nb::module_ &module) {
             "assemble_tangent",
             [](ElasticBody &body, Vectors displacement) {
                 nb::gil_scoped_release release;
-                assemble_tangent(body.elastic, as_span(displacement), body.patterned_matrix());
+                body.assemble_tangent(as_span(displacement));
             },
             nb::arg("displacement").noconvert())
         .def(
             "assemble_secant",
             [](ElasticBody &body, Vectors displacement) {
                 nb::gil_scoped_release release;
-                assemble_secant(body.elastic, as_span(displacement), body.patterned_matrix());
+                body.assemble_secant(as_span(displacement));
             },
             nb::arg("displacement").noconvert())
         .def(

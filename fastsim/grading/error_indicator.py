@@ -17,7 +17,7 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 
 def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
-    """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7).
+    """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), as the element takes it.
 
     Args:
         body: Its strain says which: with engineering strain S is Cauchy's stress, with Green
@@ -31,9 +31,7 @@ def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     E = 0.5 * (gradient + gradient.transpose(0, 2, 1))
     if body.strain is Strain.GREEN:
         E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
-    trace = np.einsum("cii->c", E)
-    stress: Floats = body.lmbda * trace[:, None, None] * np.eye(3) + 2.0 * body.mu * E
-    return stress
+    return body.stresses(E)
 
 
 def recovered_stress(mesh: TetMesh, stress: Floats) -> Floats:
@@ -63,13 +61,13 @@ def estimate_error(body: Body, displacement: ArrayLike) -> Floats:
     stress = cell_stress(body, displacement)
     at_points = recovered_stress(mesh, stress)
     gap = at_points[mesh.cells] - stress[:, None]
-    E, nu = body.material.youngs_modulus, body.material.poissons_ratio
+    lmbda, mu = body.lmbda, body.mu
 
     def product(a: Floats, b: Floats) -> Floats:
-        # a : C^-1 : b = ((1 + nu) a : b - nu tr a tr b) / E
+        # a : C^-1 : b = (a : b - lmbda / (3 lmbda + 2 mu) tr a tr b) / (2 mu)
         whole = np.einsum("cij,cij->c", a, b)
         traces = np.einsum("cii->c", a) * np.einsum("cii->c", b)
-        out: Floats = ((1.0 + nu) * whole - nu * traces) / E
+        out: Floats = (whole - lmbda / (3.0 * lmbda + 2.0 * mu) * traces) / (2.0 * mu)
         return out
 
     # Linear functions on a tetrahedron: int N_a N_b = V (1 + delta_ab) / 20.

@@ -49,13 +49,9 @@ def test_every_kernel_gives_the_plain_loops_force(
     u = 0.03 * np.random.default_rng(1).standard_normal(mesh.points.shape)
     body = Body(mesh, SOFT, strain)
     run = _core.ExplicitRun.make(
-        mesh.points,
-        mesh.cells,
+        body.core,
         body.lumped_mass,
         np.ones(mesh.points.shape, np.uint8),
-        lmbda=body.lmbda,
-        mu=body.mu,
-        strain=body.measure,
         time_step=1e-3,
         mass_damping=0.0,
         displacement_limit=1e3,

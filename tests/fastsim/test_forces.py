@@ -198,8 +198,11 @@ def test_the_core_takes_no_other_type_silently(ragged_box: TetMesh, kind: type) 
     with pytest.raises(TypeError):
         Body(ragged_box, TISSUE).core.internal_force(u)
     cells = ragged_box.cells.astype(np.int64)
+    lame, number = np.ones((1, 2)), np.zeros(len(cells), dtype=np.int32)
+    rest = lame, number, _core.StrainMeasure.green, _core.Element.linear
+    _core.ElasticBody(ragged_box.points, ragged_box.cells, *rest)
     with pytest.raises(TypeError):
-        _core.ElasticBody(ragged_box.points, cells, 1.0, 1.0, _core.StrainMeasure.green)
+        _core.ElasticBody(ragged_box.points, cells, *rest)
 
 
 def test_a_point_with_too_many_neighbours_is_named() -> None:

@@ -58,11 +58,7 @@ class Costs:
 
 
 def expected_costs(problem: Problem) -> Costs:
-    """Measure a step or a linear solve, and reckon from there.
-
-    Raises:
-        SeveralMaterialsError: fastsim does not take the problem.
-    """
+    """Measure a step or a linear solve, and reckon from there."""
     body = Body.of(problem)
     mesh, span = problem.mesh, problem.time
     critical = body.critical_time_step()

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.fastsim.errors import SeveralMaterialsError
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.quality import measure_quality
@@ -49,12 +48,7 @@ def look_at(case: Case) -> Look:
     _body(look, case, problem, units)
     _material(look, problem, units)
     _what_acts(look, problem, units)
-    try:
-        costs = expected_costs(problem)
-    except SeveralMaterialsError as error:
-        look.warnings.append(f"fastsim cannot solve it: {error}")
-    else:
-        _costs(look, problem, costs, units)
+    _costs(look, problem, expected_costs(problem), units)
     if not case.checks:
         look.warnings.append("no [[check]]: nothing can be judged")
     look.say("checks", f"{len(case.checks)}, {case.strain} strain")

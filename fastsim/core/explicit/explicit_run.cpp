@@ -16,11 +16,11 @@ template <typename T> bool same_bytes(std::span<const T> a, const std::vector<T>
 
 template <typename Real> class Run final : public ExplicitRun {
   public:
-    Run(std::span<const double> points, std::span<const Index> cells,
-        std::span<const double> lumped_mass, std::span<const std::uint8_t> is_free,
-        const ExplicitSettings &settings)
+    Run(const ElasticCells &body, std::span<const double> lumped_mass,
+        std::span<const std::uint8_t> is_free, const ExplicitSettings &settings)
         : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
-          _records(points.size() / 3, cells), _batches(points, cells, _records, _kernel.width),
+          _records(lumped_mass.size(), body.cells), _batches(body, _records, _kernel.width),
+          _lame(body.materials[0]), _strain(body.strain),
           _portions(divide(_batches, _records.size(), settings.num_threads)),
           _team(_portions.size()), _at_forces(_team.size()), _at_end(_team.size()),
           _parts(_team.size()), _supports(_team.size()), _tools(_team.size()) {
@@ -200,9 +200,10 @@ template <typename Real> class Run final : public ExplicitRun {
                 _batches.rest.data(),
                 _portions[thread].first_batch,
                 _portions[thread].last_batch,
-                static_cast<Real>(_settings.lame.lmbda),
-                static_cast<Real>(_settings.lame.mu),
-                _settings.strain == StrainMeasure::green};
+                _batches.lame.empty() ? nullptr : _batches.lame.data(),
+                static_cast<Real>(_lame.lmbda),
+                static_cast<Real>(_lame.mu),
+                _strain == StrainMeasure::green};
     }
 
     void sum_parts(const Portion &portion) {
@@ -325,6 +326,8 @@ template <typename Real> class Run final : public ExplicitRun {
     KernelChoice<Real> _kernel;
     PointRecords _records;
     CellBatches<Real> _batches;
+    Lame _lame; // of the first material
+    StrainMeasure _strain;
     std::vector<Portion> _portions; // by thread
     ThreadTeam _team;
     Votes<StopReason> _at_forces, _at_end;
@@ -351,14 +354,13 @@ template <typename Real> class Run final : public ExplicitRun {
 // Python deletes it as if it were aligned like anything else.
 static_assert(alignof(Run<double>) <= alignof(std::max_align_t));
 
-std::unique_ptr<ExplicitRun> ExplicitRun::make(std::span<const double> points,
-                                               std::span<const Index> cells,
+std::unique_ptr<ExplicitRun> ExplicitRun::make(const ElasticCells &body,
                                                std::span<const double> lumped_mass,
                                                std::span<const std::uint8_t> is_free,
                                                const ExplicitSettings &settings) {
     if (settings.is_single)
-        return std::make_unique<Run<float>>(points, cells, lumped_mass, is_free, settings);
-    return std::make_unique<Run<double>>(points, cells, lumped_mass, is_free, settings);
+        return std::make_unique<Run<float>>(body, lumped_mass, is_free, settings);
+    return std::make_unique<Run<double>>(body, lumped_mass, is_free, settings);
 }
 
 } // namespace fastsim

@@ -45,8 +45,6 @@ struct ExplicitPlan {
 };
 
 struct ExplicitSettings {
-    Lame lame;
-    StrainMeasure strain;
     CentralDifference scheme;
     double displacement_limit;
     std::size_t num_threads;
@@ -59,8 +57,7 @@ struct ExplicitSettings {
 class ExplicitRun {
   public:
     /// Pre-conditions: positive cells and masses; every point in a cell.
-    static std::unique_ptr<ExplicitRun> make(std::span<const double> points,
-                                             std::span<const Index> cells,
+    static std::unique_ptr<ExplicitRun> make(const ElasticCells &body,
                                              std::span<const double> lumped_mass,
                                              std::span<const std::uint8_t> is_free,
                                              const ExplicitSettings &settings);

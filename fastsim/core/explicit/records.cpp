@@ -17,11 +17,11 @@ PointRecords::PointRecords(std::size_t num_points, std::span<const Index> cells)
 }
 
 template <typename Real>
-CellBatches<Real>::CellBatches(std::span<const double> points, std::span<const Index> cells,
-                               const PointRecords &records, std::size_t kernel_width)
-    : width(kernel_width), count((cells.size() / 4 + width - 1) / width) {
-    const std::size_t num_cells = cells.size() / 4;
-    const RestCells at_rest = make_rest_cells(points, cells);
+CellBatches<Real>::CellBatches(const ElasticCells &body, const PointRecords &records,
+                               std::size_t kernel_width)
+    : width(kernel_width), count((body.size() + width - 1) / width) {
+    const std::size_t num_cells = body.size();
+    const std::vector<Index> &cells = body.cells;
     std::vector<std::size_t> key(num_cells, 0), sorted(num_cells);
     for (std::size_t i = 0; i < cells.size(); ++i)
         key[i / 4] += records.first_entry(cells[i]);
@@ -29,14 +29,20 @@ CellBatches<Real>::CellBatches(std::span<const double> points, std::span<const I
     std::ranges::stable_sort(sorted, {}, [&](std::size_t c) { return key[c]; });
     corners.assign(4 * width * count, static_cast<std::int32_t>(4 * records.size()));
     rest.assign(10 * width * count, Real(0));
+    if (body.materials.size() > 1)
+        lame.assign(2 * width * count, Real(0));
     for (std::size_t k = 0; k < num_cells; ++k) {
         const std::size_t c = sorted[k], batch = k / width, lane = k % width;
         for (std::size_t a = 0; a < 4; ++a)
             corners[(4 * batch + a) * width + lane] =
                 static_cast<std::int32_t>(records.first_entry(cells[4 * c + a]));
         for (std::size_t e = 0; e < 9; ++e)
-            rest[(10 * batch + e) * width + lane] = static_cast<Real>(at_rest.gradients[c][e]);
-        rest[(10 * batch + 9) * width + lane] = static_cast<Real>(at_rest.volumes[c]);
+            rest[(10 * batch + e) * width + lane] = static_cast<Real>(body.rest.gradients[c][e]);
+        rest[(10 * batch + 9) * width + lane] = static_cast<Real>(body.rest.volumes[c]);
+        if (lame.empty())
+            continue;
+        lame[2 * batch * width + lane] = static_cast<Real>(body.lame_of(c).lmbda);
+        lame[(2 * batch + 1) * width + lane] = static_cast<Real>(body.lame_of(c).mu);
     }
 }
 

@@ -60,9 +60,9 @@ template <typename Real> struct CellBatches {
     std::size_t width, count;
     AlignedVector<std::int32_t> corners; // each batch: 4 corners x width, first entries
     AlignedVector<Real> rest;            // each batch: 9 gradient entries and the volume, x width
+    AlignedVector<Real> lame;            // each batch: lmbda and mu, x width; if they differ
 
-    CellBatches(std::span<const double> points, std::span<const Index> cells,
-                const PointRecords &records, std::size_t kernel_width);
+    CellBatches(const ElasticCells &body, const PointRecords &records, std::size_t kernel_width);
 };
 
 /// What a thread does: batches, the points that their cells touch, and the points it moves.

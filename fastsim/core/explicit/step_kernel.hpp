@@ -22,7 +22,8 @@ template <typename Real> struct ForceJob {
     const Real *rest;            // each batch: 9 gradient entries and the volume, x width
     std::size_t first_batch;
     std::size_t last_batch;
-    Real lmbda;
+    const Real *lame; // each batch: lmbda and mu, x width; null where they are the same
+    Real lmbda;       // everywhere
     Real mu;
     bool is_green;
 };

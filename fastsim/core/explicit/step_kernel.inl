@@ -13,11 +13,12 @@ template <std::size_t bytes, typename T> void prefetch(const T *block, std::size
 /// Forces on corners 1 to 3 of a batch of cells, in place of their
 /// displacements relative to corner 0; returns det F (1 for linear strain).
 template <typename Pack, bool is_green>
-inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job,
-                                        const typename Pack::Real *rest, typename Pack::V *edges) {
+inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job, std::size_t batch,
+                                        typename Pack::V *edges) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width;
+    const Real *rest = job.rest + 10 * width * batch;
     V least = V{} + Real(1);
     V g[9];
     for (std::size_t k = 0; k < 9; ++k)
@@ -43,8 +44,13 @@ inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job
         e12 += h[1] * h[2] + h[4] * h[5] + h[7] * h[8];
     }
     const V volume = Pack::load(rest + 9 * width);
-    const V mu = volume * job.mu;
-    const V trace = (Real(0.5) * job.lmbda) * volume * (e00 + e11 + e22);
+    V mu = V{} + job.mu, half_lmbda = V{} + Real(0.5) * job.lmbda;
+    if (job.lame) {
+        half_lmbda = Real(0.5) * Pack::load(job.lame + 2 * width * batch);
+        mu = Pack::load(job.lame + (2 * batch + 1) * width);
+    }
+    mu *= volume;
+    const V trace = half_lmbda * volume * (e00 + e11 + e22);
     const V s00 = mu * e00 + trace, s11 = mu * e11 + trace, s22 = mu * e22 + trace;
     const V s01 = mu * e01, s02 = mu * e02, s12 = mu * e12;
     V p[9] = {s00, s01, s02, s01, s11, s12, s02, s12, s22};
@@ -94,7 +100,7 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
             edges[3 * a + 1] = y - y0;
             edges[3 * a + 2] = z - z0;
         }
-        const V least = forces_of_batch<Pack, is_green>(job, rest, edges);
+        const V least = forces_of_batch<Pack, is_green>(job, batch, edges);
         // NaN counts as inverted: the comparison is false for it.
         smallest = least > smallest ? smallest : least;
         for (std::size_t a = 0; a < 3; ++a)

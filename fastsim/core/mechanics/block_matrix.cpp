@@ -72,37 +72,16 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
     return matrix;
 }
 
-void assemble_tangent(const ElasticCells &body, std::span<const double> displacement,
-                      BlockMatrix &matrix) {
-    std::fill(matrix.blocks.begin(), matrix.blocks.end(), Matrix3{});
+void add_tangent(const ElasticCells &body, std::span<const double> displacement, double weight,
+                 BlockMatrix &matrix) {
     for (std::size_t c = 0; c < body.size(); ++c) {
-        const auto local = tangent_blocks(body.gradient(c, displacement), body.rest.gradients[c],
-                                          body.rest.volumes[c], body.lame, body.strain);
+        const auto local =
+            tangent_blocks(body.gradient(c, displacement), body.rest.gradients[c],
+                           weight * body.rest.volumes[c], body.lame_of(c), body.strain);
         for (std::size_t k = 0; k < 16; ++k) {
             Matrix3 &block = cell_block(matrix, body.cells, c, k);
             for (std::size_t e = 0; e < 9; ++e)
                 block[e] += local[k][e];
-        }
-    }
-}
-
-void assemble_secant(const ElasticCells &body, std::span<const double> displacement,
-                     BlockMatrix &matrix) {
-    std::fill(matrix.blocks.begin(), matrix.blocks.end(), Matrix3{});
-    for (std::size_t c = 0; c < body.size(); ++c) {
-        const Matrix3 h = body.gradient(c, displacement);
-        Matrix3 mirrored{};
-        for (std::size_t e = 0; e < 9; ++e)
-            mirrored[e] = -h[e];
-        const auto blocks_at = [&](const Matrix3 &gradient) {
-            return tangent_blocks(gradient, body.rest.gradients[c], body.rest.volumes[c], body.lame,
-                                  body.strain);
-        };
-        const auto there = blocks_at(h), opposite = blocks_at(mirrored), rest_state = blocks_at({});
-        for (std::size_t k = 0; k < 16; ++k) {
-            Matrix3 &block = cell_block(matrix, body.cells, c, k);
-            for (std::size_t e = 0; e < 9; ++e)
-                block[e] += (8.0 * rest_state[k][e] + 5.0 * there[k][e] - opposite[k][e]) / 12.0;
         }
     }
 }

@@ -16,7 +16,8 @@ struct BlockMatrix {
     std::vector<Index> columns;         // ascending in each row
     std::vector<Matrix3> blocks;
     std::vector<std::size_t> diagonal;        // position of each row's diagonal block
-    std::vector<std::uint16_t> cell_position; // 16 for each cell, counted from the row's start
+    std::vector<std::uint16_t> cell_position; // 16 for each cell, counted from the row's start; of
+                                              // plain cells only
 
     std::size_t num_rows() const { return num_points; }
 };
@@ -25,16 +26,10 @@ struct BlockMatrix {
 /// 65 535 neighbours.
 BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cells);
 
-/// Sets the matrix to the tangent stiffness dR/da at a displacement: the K of eq. 5 for linear
+/// Adds `weight` times the tangent stiffness dR/da at a displacement: the K of eq. 5 for linear
 /// strain.
-void assemble_tangent(const ElasticCells &body, std::span<const double> displacement,
-                      BlockMatrix &matrix);
-
-/// Sets the matrix to the symmetric secant stiffness K + P(a) of eq. 8-10, R(a) = (K + P(a)) a.
-/// R is cubic in a, so with the tangent K_T = K + N1 + N2, N1 linear and N2 quadratic in a,
-/// P = N1/2 + N2/3, and K + P = 2/3 K_T(0) + 5/12 K_T(a) - 1/12 K_T(-a).
-void assemble_secant(const ElasticCells &body, std::span<const double> displacement,
-                     BlockMatrix &matrix);
+void add_tangent(const ElasticCells &body, std::span<const double> displacement, double weight,
+                 BlockMatrix &matrix);
 
 /// Adds the symmetric part of the tangent of a follower pressure on `facets` (3 points each), at
 /// points as displaced. With f_k = -p/3 N on each corner and dN/dx_l = [e_l]_x / 2, e_l the edge

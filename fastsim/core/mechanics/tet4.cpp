@@ -16,17 +16,13 @@ Matrix3 multiply(const Matrix3 &a, const Matrix3 &b) {
     return c;
 }
 
-/// (H + H^T) / 2, plus H^T H / 2 for Green strain.
-Matrix3 strain_tensor(const Matrix3 &h, StrainMeasure strain) {
-    Matrix3 e{};
-    for (std::size_t i = 0; i < 3; ++i)
-        for (std::size_t j = 0; j < 3; ++j) {
-            double twice = h[3 * i + j] + h[3 * j + i];
-            if (strain == StrainMeasure::green)
-                twice += h[i] * h[j] + h[3 + i] * h[3 + j] + h[6 + i] * h[6 + j];
-            e[3 * i + j] = 0.5 * twice;
-        }
-    return e;
+std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+} // namespace
+
+double determinant(const Matrix3 &m) {
+    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
+           m[2] * (m[3] * m[7] - m[4] * m[6]);
 }
 
 Matrix3 stress_of(const Matrix3 &e, Lame lame) {
@@ -45,7 +41,6 @@ Matrix3 deformation_gradient(const Matrix3 &h) {
     return f;
 }
 
-/// Gradients of all four shape functions; they sum to zero.
 std::array<std::array<double, 3>, 4> all_gradients(const Matrix3 &g) {
     std::array<std::array<double, 3>, 4> all{};
     for (std::size_t j = 0; j < 3; ++j) {
@@ -57,13 +52,16 @@ std::array<std::array<double, 3>, 4> all_gradients(const Matrix3 &g) {
     return all;
 }
 
-std::size_t at(Index i) { return static_cast<std::size_t>(i); }
-
-} // namespace
-
-double determinant(const Matrix3 &m) {
-    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
-           m[2] * (m[3] * m[7] - m[4] * m[6]);
+Matrix3 strain_tensor(const Matrix3 &h, StrainMeasure strain) {
+    Matrix3 e{};
+    for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t j = 0; j < 3; ++j) {
+            double twice = h[3 * i + j] + h[3 * j + i];
+            if (strain == StrainMeasure::green)
+                twice += h[i] * h[j] + h[3 + i] * h[3 + j] + h[6 + i] * h[6 + j];
+            e[3 * i + j] = 0.5 * twice;
+        }
+    return e;
 }
 
 double det_f(const Matrix3 &h) { return determinant(deformation_gradient(h)); }
@@ -96,6 +94,16 @@ RestCells make_rest_cells(std::span<const double> points, std::span<const Index>
     return rest;
 }
 
+ElasticCells make_elastic_cells(std::span<const double> points, std::span<const Index> cells,
+                                std::span<const Lame> materials, std::span<const Index> material_of,
+                                StrainMeasure strain) {
+    return {{cells.begin(), cells.end()},
+            make_rest_cells(points, cells),
+            {materials.begin(), materials.end()},
+            {material_of.begin(), material_of.end()},
+            strain};
+}
+
 Matrix3 ElasticCells::gradient(std::size_t number, std::span<const double> displacement) const {
     const Matrix3 &g = rest.gradients[number];
     const Index *cell = &cells[4 * number];
@@ -112,9 +120,12 @@ Matrix3 ElasticCells::gradient(std::size_t number, std::span<const double> displ
     return h;
 }
 
-Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain) {
-    const Matrix3 s = stress_of(strain_tensor(h, strain), lame);
+Matrix3 push_forward(const Matrix3 &h, const Matrix3 &s, StrainMeasure strain) {
     return strain == StrainMeasure::linear ? s : multiply(deformation_gradient(h), s);
+}
+
+Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain) {
+    return push_forward(h, stress_of(strain_tensor(h, strain), lame), strain);
 }
 
 double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain) {
@@ -160,32 +171,37 @@ std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradient
     return blocks;
 }
 
-void add_internal_force(const ElasticCells &body, std::span<const double> displacement,
-                        std::span<double> force) {
-    for (std::size_t c = 0; c < body.size(); ++c) {
-        const Index *cell = &body.cells[4 * c];
-        const Matrix3 &g = body.rest.gradients[c];
-        const Matrix3 p =
-            first_piola_kirchhoff_stress(body.gradient(c, displacement), body.lame, body.strain);
-        double *f0 = force.data() + 3 * at(cell[0]);
-        for (std::size_t a = 0; a < 3; ++a) {
-            double *fa = force.data() + 3 * at(cell[a + 1]);
-            for (std::size_t i = 0; i < 3; ++i) {
-                const double f =
-                    body.rest.volumes[c] * (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] +
-                                            p[3 * i + 2] * g[3 * a + 2]);
-                fa[i] += f;
-                f0[i] -= f;
-            }
+void add_cell_force(const ElasticCells &body, std::size_t number, const Matrix3 &p,
+                    std::span<double> force) {
+    const Index *cell = &body.cells[4 * number];
+    const Matrix3 &g = body.rest.gradients[number];
+    double *f0 = force.data() + 3 * at(cell[0]);
+    for (std::size_t a = 0; a < 3; ++a) {
+        double *fa = force.data() + 3 * at(cell[a + 1]);
+        for (std::size_t i = 0; i < 3; ++i) {
+            const double f =
+                body.rest.volumes[number] *
+                (p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] + p[3 * i + 2] * g[3 * a + 2]);
+            fa[i] += f;
+            f0[i] -= f;
         }
     }
+}
+
+void add_internal_force(const ElasticCells &body, std::span<const double> displacement,
+                        std::span<double> force) {
+    for (std::size_t c = 0; c < body.size(); ++c)
+        add_cell_force(body, c,
+                       first_piola_kirchhoff_stress(body.gradient(c, displacement), body.lame_of(c),
+                                                    body.strain),
+                       force);
 }
 
 double strain_energy(const ElasticCells &body, std::span<const double> displacement) {
     double energy = 0.0;
     for (std::size_t c = 0; c < body.size(); ++c)
-        energy += body.rest.volumes[c] *
-                  strain_energy_density(body.gradient(c, displacement), body.lame, body.strain);
+        energy += body.rest.volumes[c] * strain_energy_density(body.gradient(c, displacement),
+                                                               body.lame_of(c), body.strain);
     return energy;
 }
 

@@ -33,22 +33,47 @@ struct RestCells {
 /// Pre-condition: every cell has positive signed volume.
 RestCells make_rest_cells(std::span<const double> points, std::span<const Index> cells);
 
-/// A body of one material: its cells (4 points each), at rest.
+/// The cells of a body (4 points each), at rest, and what each is made of.
 struct ElasticCells {
     std::vector<Index> cells;
     RestCells rest;
-    Lame lame;
+    std::vector<Lame> materials;
+    std::vector<Index> material_of; // each cell
     StrainMeasure strain;
 
     std::size_t size() const { return rest.volumes.size(); }
+    const Lame &lame_of(std::size_t cell) const {
+        return materials[static_cast<std::size_t>(material_of[cell])];
+    }
     /// Displacement gradient H of a cell.
     Matrix3 gradient(std::size_t cell, std::span<const double> displacement) const;
 };
 
+/// Pre-condition: every cell has positive signed volume, and a number of one of the materials.
+ElasticCells make_elastic_cells(std::span<const double> points, std::span<const Index> cells,
+                                std::span<const Lame> materials, std::span<const Index> material_of,
+                                StrainMeasure strain);
+
 double determinant(const Matrix3 &m);
+
+/// I + H.
+Matrix3 deformation_gradient(const Matrix3 &gradient_of_displacement);
+
+/// (H + H^T) / 2, plus H^T H / 2 for Green strain.
+Matrix3 strain_tensor(const Matrix3 &gradient_of_displacement, StrainMeasure strain);
+
+/// Gradients of all four shape functions; they sum to zero.
+std::array<std::array<double, 3>, 4> all_gradients(const Matrix3 &gradients);
 
 /// det(I + H).
 double det_f(const Matrix3 &gradient_of_displacement);
+
+/// S = lmbda tr(E) I + 2 mu E; eq. 2.
+Matrix3 stress_of(const Matrix3 &strain, Lame lame);
+
+/// P = F S for Green strain; S itself for linear strain.
+Matrix3 push_forward(const Matrix3 &gradient_of_displacement, const Matrix3 &s,
+                     StrainMeasure strain);
 
 /// First Piola-Kirchhoff stress P (the engineering stress for linear strain); eq. 2.
 Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain);
@@ -58,6 +83,10 @@ double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain);
 /// Tangent blocks of one cell, 4 x 4 blocks of 3 x 3, row-major in both; includes the volume.
 std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradients, double volume,
                                        Lame lame, StrainMeasure strain);
+
+/// Adds the nodal forces of a first Piola-Kirchhoff stress in one cell: eq. 1.
+void add_cell_force(const ElasticCells &body, std::size_t cell, const Matrix3 &p,
+                    std::span<double> force);
 
 /// Adds the nodal internal forces R(a) of all cells to `force`: eq. 1, 5 and 8.
 void add_internal_force(const ElasticCells &body, std::span<const double> displacement,

@@ -1,0 +1,93 @@
+#include "mechanics/smoothed_tet4.hpp"
+
+namespace fastsim {
+
+namespace {
+
+std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+double trace(const Matrix3 &m) { return m[0] + m[4] + m[8]; }
+
+/// (S1) and (S2).
+struct SmoothedStrains {
+    std::vector<Matrix3> of_edges;
+    std::vector<double> of_nodes;
+
+    SmoothedStrains(const ElasticCells &body, const SmoothingPatches &patches,
+                    std::span<const Matrix3> strains)
+        : of_edges(patches.num_edges(), Matrix3{}), of_nodes(patches.num_nodes(), 0.0) {
+        for (std::size_t c = 0; c < body.size(); ++c) {
+            for (std::size_t k = 0; k < 6; ++k) {
+                const std::size_t edge = at(patches.cell_edges[6 * c + k]);
+                const double part = body.rest.volumes[c] / 6.0 / patches.edge_volume[edge];
+                for (std::size_t j = 0; j < 9; ++j)
+                    of_edges[edge][j] += part * strains[c][j];
+            }
+            for (std::size_t a = 0; a < 4; ++a) {
+                const std::size_t node = at(patches.cell_nodes[4 * c + a]);
+                const double part = body.rest.volumes[c] / 4.0 / patches.node_volume[node];
+                of_nodes[node] += part * trace(strains[c]);
+            }
+        }
+    }
+};
+
+std::vector<Matrix3> strains_at(const ElasticCells &body, std::span<const double> displacement) {
+    std::vector<Matrix3> strains(body.size());
+    for (std::size_t c = 0; c < body.size(); ++c)
+        strains[c] = strain_tensor(body.gradient(c, displacement), body.strain);
+    return strains;
+}
+
+} // namespace
+
+void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches,
+                       std::span<const Matrix3> strains, std::span<Matrix3> stresses) {
+    const SmoothedStrains smoothed(body, patches, strains);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const Lame lame = body.lame_of(c);
+        Matrix3 s{};
+        for (std::size_t k = 0; k < 6; ++k) {
+            const Matrix3 &e = smoothed.of_edges[at(patches.cell_edges[6 * c + k])];
+            for (std::size_t j = 0; j < 9; ++j)
+                s[j] += lame.mu / 3.0 * e[j];
+        }
+        double sum = 0.0;
+        for (std::size_t a = 0; a < 4; ++a)
+            sum += smoothed.of_nodes[at(patches.cell_nodes[4 * c + a])];
+        for (std::size_t j = 0; j < 9; j += 4)
+            s[j] += lame.lmbda / 4.0 * sum;
+        stresses[c] = s;
+    }
+}
+
+double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
+                       std::span<const double> displacement) {
+    const SmoothedStrains smoothed(body, patches, strains_at(body, displacement));
+    double energy = 0.0;
+    for (std::size_t e = 0; e < patches.num_edges(); ++e) {
+        double squared = 0.0;
+        for (const double component : smoothed.of_edges[e])
+            squared += component * component;
+        energy +=
+            patches.edge_volume[e] * body.materials[at(patches.edge_material[e])].mu * squared;
+    }
+    for (std::size_t n = 0; n < patches.num_nodes(); ++n) {
+        const double theta = smoothed.of_nodes[n];
+        energy += patches.node_volume[n] * 0.5 *
+                  body.materials[at(patches.node_material[n])].lmbda * theta * theta;
+    }
+    return energy;
+}
+
+void add_smoothed_force(const ElasticCells &body, const SmoothingPatches &patches,
+                        std::span<const double> displacement, std::span<double> force) {
+    std::vector<Matrix3> stresses = strains_at(body, displacement);
+    smoothed_stresses(body, patches, stresses, stresses);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const Matrix3 h = body.gradient(c, displacement);
+        add_cell_force(body, c, push_forward(h, stresses[c], body.strain), force);
+    }
+}
+
+} // namespace fastsim
