@@ -15,7 +15,7 @@ from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
 MakeBox = Callable[..., TetMesh]
@@ -34,6 +34,7 @@ def free_body(mesh: TetMesh, span: TimeSpan) -> Problem:
     return Problem(mesh, SOFT, (), (), span)
 
 
+@pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("num_threads", [1, 2, 3])
 @pytest.mark.parametrize("precision", list(Precision))
 @pytest.mark.parametrize("instruction_set", list(_core.InstructionSet))
@@ -44,10 +45,12 @@ def test_every_kernel_gives_the_plain_loops_force(
     instruction_set: _core.InstructionSet,
     precision: Precision,
     num_threads: int,
+    mixed: bool,
 ) -> None:
     mesh = ragged_box
     u = 0.03 * np.random.default_rng(1).standard_normal(mesh.points.shape)
-    body = Body(mesh, SOFT, strain)
+    parts = (Inclusion(np.arange(0, 100, 3, dtype=np.int32), Material(5e4, 0.1)),)
+    body = Body(mesh, SOFT, strain, inclusions=parts if mixed else ())
     run = _core.ExplicitRun.make(
         body.core,
         body.lumped_mass,
