@@ -80,9 +80,13 @@ class ElasticBody:
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
 
-    def at_points(self, values: Points) -> Points:
-        """Values of a flat vector at the TetMesh's points, shape (num_points, 3)."""
-        return self.space.at_points(values)
+    def of_displacement(self, values: Floats) -> Floats:
+        """The part of a flat vector that belongs to displacements, in the order of `space`."""
+        return values
+
+    def at_points(self, values: Floats) -> Points:
+        """Displacements of a flat vector at the TetMesh's points, shape (num_points, 3)."""
+        return self.space.at_points(self.of_displacement(values))
 
     def set_displacement(self, displacement: Floats) -> None:
         """Make `u` the given flat vector, and the stress that of `u`."""
@@ -140,6 +144,10 @@ class DiscreteProblem(ElasticBody):
         self._tangent = fenicsx.form(ufl.derivative(virtual_work, self._unknown, trial))
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+
+    def of_displacement(self, values: Floats) -> Floats:
+        """The part of a flat vector that belongs to displacements, in the order of `space`."""
+        return values
 
     def external_force(self, displacement: Floats) -> Floats:
         """Nodal forces of the full load at a displacement [N], flat, shape (num_dofs,)."""

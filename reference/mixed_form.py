@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
@@ -115,6 +115,7 @@ class MixedProblem(DiscreteProblem):
         self.contacts = ()
         self._linearise(virtual_work, works, ufl.TrialFunction(self._mixed))
 
-    def at_points(self, values: Points) -> Points:
-        """Displacement of a flat vector at the TetMesh's points [m], shape (num_points, 3)."""
-        return self.space.at_points(values[self._dofs])
+    def of_displacement(self, values: Floats) -> Floats:
+        """The part of a flat vector that belongs to displacements, in the order of `space`."""
+        part: Floats = values[self._dofs]
+        return part

@@ -80,6 +80,12 @@ class ReferenceResult:
         tools: What each tool felt, in the problem's order.
         formulation: Unknowns of the equations.
         element: What the tetrahedra are.
+        second_piola_kirchhoff_stress: S, mean over each rest cell [Pa], shape (num_cells, 3, 3), in
+            the mesh's order; the formulas stand in `cell_stress`.
+        cauchy_stress: sigma = F S F^T / det F, likewise; S under linear strain.
+        support_forces: Of each support on the body [N], shape (num_supports, 3): traction
+            resultants, from nodal forces, so that they balance the loads and tools. What several
+            supports hold counts for the first.
     """
 
     displacement: Points
@@ -100,6 +106,17 @@ class ReferenceResult:
     tools: tuple[ToolHistory, ...] = ()
     formulation: Formulation = Formulation.DISPLACEMENT
     element: Element = Element.LINEAR
+    second_piola_kirchhoff_stress: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    cauchy_stress: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    support_forces: Points = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def von_mises_stress(self) -> Floats:
+        """sqrt(3/2 s : s) of each cell's mean Cauchy stress [Pa], s its deviator, (num_cells,)."""
+        sigma = self.cauchy_stress
+        s = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+        stress: Floats = np.sqrt(1.5 * np.einsum("cij,cij->c", s, s))
+        return stress
 
 
 @dataclass(frozen=True, eq=False)

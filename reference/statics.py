@@ -12,6 +12,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
+from palpate.reference.cell_stress import measure_stresses, support_forces
 from palpate.reference.contact.tool_path import follow_tools
 from palpate.reference.deformed_state import DetFSampler, find_smallest_stretch, measure_state
 from palpate.reference.discrete_problem import DiscreteProblem
@@ -98,6 +99,7 @@ def solve_static(
         where = find_smallest_stretch(discrete, path.displacement)
         raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
     state = measure_state(discrete, path.displacement)
+    second_piola_kirchhoff, cauchy = measure_stresses(discrete, path.displacement)
     return ReferenceResult(
         displacement=nodal,
         strain=discrete.strain,
@@ -117,6 +119,9 @@ def solve_static(
         tools=tools,
         formulation=formulation,
         element=element,
+        second_piola_kirchhoff_stress=second_piola_kirchhoff,
+        cauchy_stress=cauchy,
+        support_forces=support_forces(discrete, path.displacement, problem.supports),
     )
 
 

@@ -73,6 +73,8 @@ for degree, largest in ((1, 10**6), (2, 10**6), (2, 0)):
     result = solve_static(problem, degree=degree)
     name = f"{degree}-{'factors' if largest else 'multigrid'}"
     found[name] = result.displacement
+    found[name + "-stress"] = result.cauchy_stress
+    found[name + "-support"] = result.support_forces
     found[name + "-scalars"] = np.array(
         [result.volume, result.surface_area, result.smallest_det_f, result.strain_energy]
     )

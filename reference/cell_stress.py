@@ -1,0 +1,86 @@
+"""Stresses of cells and forces of supports: what is known beside the displacement.
+
+Means over a rest cell of the second Piola-Kirchhoff stress S that the virtual work is made of, and
+of Cauchy's stress (J. Bonet, R. D. Wood, 2nd ed. 2008, section 5.5)
+
+    sigma = F S F^T / det F,
+
+which under linear strain is S itself. On linear tetrahedra, smoothed or not, both are constant in
+a cell; the smoothed ones' S already is an average over the cell's edges and nodes.
+
+Note:
+    At clamped edges and reentrant corners stresses grow without end as the mesh is refined: compare
+    them away from there, and never by the largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Strain
+from palpate.meshes.tet_mesh import signed_volumes
+from palpate.reference import fenicsx
+from palpate.reference.discrete_problem import DiscreteProblem
+from palpate.reference.fenicsx import ufl
+from palpate.reference.kinematics import deformation_gradient
+from palpate.reference.supports import hold
+
+
+def cauchy_stress(F: Any, S: Any) -> Any:
+    """Return sigma = F S F^T / det F [Pa]."""
+    return F * S * F.T / ufl.det(F)
+
+
+def measure_stresses(discrete: DiscreteProblem, displacement: Floats) -> tuple[Floats, Floats]:
+    """Mean of S and of sigma in each cell [Pa], in the TetMesh's order, shape (num_cells, 3, 3)."""
+    discrete.set_displacement(displacement)
+    S = discrete.stress
+    if discrete.strain is Strain.LINEAR:
+        mean = _cell_means(discrete, S)
+        return mean, mean
+    sigma = cauchy_stress(deformation_gradient(discrete.u), S)
+    return _cell_means(discrete, S), _cell_means(discrete, sigma)
+
+
+def _cell_means(discrete: DiscreteProblem, tensor: Any) -> Floats:
+    transferred = discrete.space.transferred
+    source = transferred.source
+    tensors = fenicsx.cell_tensor_space(transferred.mesh)
+    # S is of degree 2 (p - 1); sigma is a fraction of such, which a few orders more serve.
+    degree = 6 * (discrete.space.degree - 1)
+    dx = ufl.dx(domain=transferred.mesh, metadata={"quadrature_degree": degree})
+    form = fenicsx.form(ufl.inner(tensor, ufl.TestFunction(tensors)) * dx)
+    integrals = fenicsx.assemble_vector(form).reshape(-1, 3, 3)
+    everywhere = np.zeros((source.num_cells, 3, 3))
+    everywhere[transferred.cell_of_cell] = integrals[fenicsx.cell_dofs(tensors)[:, 0]]
+    volumes = signed_volumes(source.points, source.cells)
+    means: Floats = fenicsx.total(everywhere) / volumes[:, None, None]
+    return means
+
+
+def support_forces(
+    discrete: DiscreteProblem, displacement: Floats, supports: Sequence[Support]
+) -> Points:
+    """Force of each support on the body [N], shape (num_supports, 3).
+
+    The nodal forces that are out of balance without it, R = internal - external - contact, summed
+    over what it holds: with the loads they add up to nothing, to rounding. What several supports
+    hold counts for the first.
+    """
+    reactions = discrete.of_displacement(
+        discrete.internal_force(displacement)
+        - discrete.external_force(displacement)
+        - discrete.contact_force(displacement)
+    )
+    forces = np.zeros((len(supports), 3))
+    for force, support in zip(forces, supports, strict=True):
+        dofs = hold(discrete.space, [support]).dofs
+        np.add.at(force, dofs % 3, reactions[dofs])
+        reactions[dofs] = 0.0
+    total: Points = fenicsx.total(forces)
+    return total
