@@ -29,6 +29,7 @@ class Support:
             Without facets only the points are held, which for a solid is a point support.
         components: Which of x, y, z are held.
         displacement: Prescribed displacement [m], shape (3,); read where `components` is true.
+        amplitude: Factor over time [-]; None is 1 at all times.
 
     >>> import palpate
     >>> palpate.Support([0, 1, 2], [[0, 1, 2]], components=(False, False, True)).displacement
@@ -49,6 +50,7 @@ class Traction:
     Args:
         facets: Loaded boundary facets, shape (m, 3).
         traction: Force per rest area [Pa], shape (3,).
+        amplitude: Factor over time [-]; None is 1 at all times.
 
     >>> import palpate
     >>> palpate.Traction([[0, 1, 2]], (0.0, 0.0, -200.0)).traction
@@ -67,6 +69,7 @@ class Pressure:
     Args:
         facets: Loaded boundary facets, shape (m, 3), counter-clockwise seen from outside.
         pressure: Pressure [Pa]; > 0 pushes inwards.
+        amplitude: Factor over time [-]; None is 1 at all times.
 
     >>> import palpate
     >>> palpate.Pressure([[0, 1, 2]], 1500.0).pressure
@@ -85,6 +88,7 @@ class PointForce:
     Args:
         points: Loaded points, shape (n,).
         forces: Force on each [N], shape (n, 3).
+        amplitude: Factor over time [-]; None is 1 at all times.
 
     >>> import palpate
     >>> palpate.PointForce([7], [[0.0, 0.0, -0.2]]).points
@@ -102,6 +106,7 @@ class BodyForce:
 
     Args:
         force_density: Force per rest volume [N/m3], shape (3,).
+        amplitude: Factor over time [-]; None is 1 at all times.
 
     >>> import palpate
     >>> weight = palpate.BodyForce((0.0, 0.0, -9.81 * 1000.0))

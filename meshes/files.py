@@ -56,6 +56,9 @@ def read_surface(
         tell: Called with one line for each thing worth knowing: points left out, pairs of points
             that are nearly the same place.
 
+    Returns:
+        The surface [m], points of one place merged.
+
     Raises:
         FileFormatError: Missing, damaged, of another kind, or without triangles.
         MeshError: Coordinates or indices that cannot be used.
@@ -92,6 +95,9 @@ def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
         path: MSH, VTK or VTU with four-node tetrahedra.
         scale: Metres per unit of the file.
 
+    Returns:
+        The mesh [m], cells in the file's order.
+
     Raises:
         FileFormatError: Missing, damaged, of another kind, or without tetrahedra.
         MeshError: Inverted cells, unused points, NaN, indices out of range.
@@ -119,7 +125,12 @@ def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
 
 
 def write_surface(path: str | Path, surface: TriSurface) -> None:
-    """Write a surface, whole or not at all; STL keeps single precision only."""
+    """Write a surface, whole or not at all; STL keeps single precision only.
+
+    Args:
+        path: STL, OBJ, PLY, OFF, MSH, VTK or VTU.
+        surface: The surface [m].
+    """
     suffix = _known_suffix(path, SURFACE_SUFFIXES)
     _write(path, suffix, meshio.Mesh(np.array(surface.points), [("triangle", surface.facets)]))
 

@@ -131,6 +131,15 @@ class Inclusion:
 class Problem:
     """Mesh, material, supports, loads and tools, all in SI units and plain arrays.
 
+    Args:
+        mesh: At rest, points [m].
+        material: Of the whole body but its inclusions.
+        supports: What is held.
+        loads: What pushes.
+        time: Of a motion from rest; None asks for equilibrium.
+        tools: Rigid bodies that press.
+        inclusions: Cells of other materials.
+
     >>> import numpy as np
     >>> import palpate
     >>> from palpate.meshes.shapes import shape_box

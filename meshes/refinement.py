@@ -67,6 +67,12 @@ def refine_problem(problem: Problem) -> Problem:
 
     Point forces stay on their points. Facet loads cover the same area, tools may touch the same
     facets, inclusions fill the same cells.
+
+    Args:
+        problem: On any mesh.
+
+    Returns:
+        The problem on eight cells for each; its mesh has the same volume.
     """
     midpoints = _EdgeMidpoints(problem.mesh)
     supports = []

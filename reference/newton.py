@@ -51,7 +51,7 @@ class NewtonOutcome:
 
 
 class Newton:
-    """Newton's method for an equilibrium.
+    """Newton's method for an equilibrium (eq. 9) by the consistent tangent; one step solves eq. 5.
 
     Args:
         discrete: The discrete problem.

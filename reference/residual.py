@@ -21,7 +21,7 @@ def internal_force(
     inclusions: Sequence[Inclusion] = (),
     element: Element = Element.LINEAR,
 ) -> Points:
-    """Assemble nodal internal forces, f_a = integral of P : grad N_a over the rest volume.
+    """Assemble nodal internal forces, f_a = integral of P grad N_a over the rest volume (eq. 1).
 
     Args:
         mesh: Rest mesh.

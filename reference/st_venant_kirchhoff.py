@@ -24,5 +24,5 @@ def strain_energy_density(E: Any, lmbda: Any, mu: Any) -> Any:
 
 
 def second_piola_kirchhoff_stress(E: Any, lmbda: Any, mu: Any) -> Any:
-    """Return S = lmbda tr(E) I + 2 mu E [Pa]."""
+    """Return S = lmbda tr(E) I + 2 mu E (the paper's eq. 2) [Pa]."""
     return lmbda * ufl.tr(E) * ufl.Identity(E.ufl_shape[0]) + 2 * mu * E

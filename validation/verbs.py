@@ -32,6 +32,9 @@ def load_case(name_or_path: str | Path) -> Case:
     Args:
         name_or_path: `palpate cases` lists the built-in ones; `palpate init` writes a file.
 
+    Returns:
+        The case, in SI units.
+
     Raises:
         InputError: No such case, not TOML, an unknown or missing key, a bad value; the message
             names file, line, key and remedy.
@@ -164,6 +167,9 @@ def compare(
             them.
         live: See `judge`.
         progress: See `judge`.
+
+    Returns:
+        The verdict, as `judge` gives it.
 
     Raises:
         InputError: See `judge`; or a file that cannot be read.

@@ -94,7 +94,7 @@ class VertexCellDetector:
     def find_by_brute_force(
         self, points: Points, intruder_points: Points | None = None
     ) -> Overlaps:
-        """Every vertex against every cell: the oracle of `find`."""
+        """Every vertex against every cell: the oracle of `find`, whose arguments it takes."""
         here, there = self._arrays(points, intruder_points)
         pairs, weights = _core.find_vertices_in_cells_brute_force(
             there, self._vertices, here, self._mesh.cells, self._intruder is self._mesh

@@ -63,7 +63,7 @@ def shaken(mesh: TetMesh, span: TimeSpan, follower: bool) -> Problem:
 
 @BOTH
 @pytest.mark.parametrize("follower", [False, True])
-def test_trajectory_is_that_of_the_explicit_twin(
+def test_trajectory_is_that_of_the_explicit_reference(
     make_box: MakeBox, strain: Strain, follower: bool
 ) -> None:
     """1 000 steps with supports, damping, weight, point and surface loads."""
@@ -81,7 +81,7 @@ def test_trajectory_is_that_of_the_explicit_twin(
 
 
 @BOTH
-def test_a_thousand_steps_of_the_kidney_are_those_of_the_explicit_twin(strain: Strain) -> None:
+def test_a_thousand_steps_of_the_kidney_are_those_of_the_explicit_reference(strain: Strain) -> None:
     from palpate.reference.explicit import simulate_explicit
     from palpate.validation.case import load_case
 
@@ -97,7 +97,7 @@ def test_a_thousand_steps_of_the_kidney_are_those_of_the_explicit_twin(strain: S
 
 
 @BOTH
-def test_moving_supports_and_loads_over_time_are_those_of_the_explicit_twin(
+def test_moving_supports_and_loads_over_time_are_those_of_the_explicit_reference(
     make_box: MakeBox, strain: Strain
 ) -> None:
     from palpate.reference.explicit import simulate_explicit
@@ -120,7 +120,7 @@ def test_moving_supports_and_loads_over_time_are_those_of_the_explicit_twin(
 
 
 @BOTH
-def test_a_thrown_and_bent_start_is_that_of_the_explicit_twin(
+def test_a_thrown_and_bent_start_is_that_of_the_explicit_reference(
     make_box: MakeBox, strain: Strain
 ) -> None:
     from palpate.reference.explicit import simulate_explicit

@@ -1,0 +1,35 @@
+"""One version number, wherever it is written."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import palpate
+from palpate.fastsim import _core
+
+ROOT = Path(__file__).parent.parent
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+
+
+def test_the_citation_and_the_changelog_name_the_version_of_the_package() -> None:
+    citation = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.M)
+    assert citation is not None
+    assert citation[1] == VERSION
+    titles = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)
+    # What is not released yet comes first; the newest that is bears the number.
+    assert titles[0] in ("Unreleased", VERSION)
+    assert [title for title in titles if title != "Unreleased"][:1] in ([], [VERSION])
+
+
+def test_the_package_and_its_core_are_of_one_build() -> None:
+    assert palpate.__version__ == _core.__version__
+
+
+@pytest.mark.skipif(palpate.__version__ == "dev", reason="the sources in place are of no build")
+def test_an_installed_package_has_the_version_of_its_sources() -> None:
+    assert metadata.version("palpate") == palpate.__version__ == VERSION
