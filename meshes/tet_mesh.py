@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -73,26 +74,20 @@ class TetMesh:
         keep = object.__setattr__
         keep(self, "points", points)
         keep(self, "cells", cells)
-        keep(
-            self,
-            "facet_groups",
-            MappingProxyType(
-                {
-                    name: checked_indices(rows, 3, len(points), f"facets of {name!r}")
-                    for name, rows in self.facet_groups.items()
-                }
-            ),
-        )
-        keep(
-            self,
-            "point_groups",
-            MappingProxyType(
-                {
-                    name: checked_indices(rows, 1, len(points), f"points of {name!r}")
-                    for name, rows in self.point_groups.items()
-                }
-            ),
-        )
+        for kind, given, width in (
+            ("facets", self.facet_groups, 3),
+            ("points", self.point_groups, 1),
+        ):
+            groups = {
+                name: checked_indices(rows, width, len(points), f"{kind} of {name!r}")
+                for name, rows in given.items()
+            }
+            keep(self, f"{kind[:-1]}_groups", MappingProxyType(groups))
+
+    def __reduce__(self) -> tuple[type[TetMesh], tuple[Any, ...]]:
+        # A read-only view of a dict does not travel to other processes; the dict does.
+        groups = dict(self.facet_groups), dict(self.point_groups)
+        return TetMesh, (self.points, self.cells, *groups)
 
     @property
     def num_points(self) -> int:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import Folder, OneCase
 from palpate.validation.solving import Simulator
@@ -21,7 +22,10 @@ def sweep(
     simulator: Annotated[
         Simulator, typer.Option("--with", help="reference: solved by it as well")
     ] = Simulator.FASTSIM,
-    jobs: Annotated[int, typer.Option(min=1, help="runs at a time")] = 1,
+    jobs: Annotated[int, typer.Option(min=1, help="runs at a time, on this machine")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="ADDRESS of a dask scheduler, whose workers solve instead")
+    ] = None,
 ) -> None:
     """Solve a case with other values: a table, figures, and a page; says where equilibrium ends."""
     from palpate.reference.availability import require_available
@@ -31,11 +35,13 @@ def sweep(
     from palpate.validation.sweeps.sweep import sweep as run_sweep
     from palpate.validation.sweeps.variants import read_axis
 
+    if scheduler is not None and jobs > 1:
+        raise InputError("--jobs is for this machine: give it or --scheduler, not both")
     loaded = load_case(case)
     inputs = input_files([loaded])
     require_run_folder(output, inputs=inputs)
     axes = [read_axis(words, loaded) for words in vary]
-    if simulator is Simulator.REFERENCE:
+    if simulator is Simulator.REFERENCE and scheduler is None:
         require_available()
     with run_folder(output, inputs=inputs) as fresh:
         code = run_sweep(
@@ -45,6 +51,7 @@ def sweep(
             Console(highlight=False),
             simulators=list(dict.fromkeys((Simulator.FASTSIM, simulator))),
             jobs=jobs,
+            scheduler=scheduler,
             progress=progress_lines(),
         )
     print(f"{output / 'report.html'}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,8 @@ from palpate.meshes.problem import Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.solving import Simulator, solve
-from palpate.validation.states import State
+from palpate.validation.states import State, in_silence
+from palpate.validation.sweeps.cluster import cluster
 from palpate.validation.sweeps.variants import Axis, Variant
 
 
@@ -43,6 +45,7 @@ def run_all(
     simulators: Sequence[Simulator],
     *,
     jobs: int = 1,
+    scheduler: str | None = None,
     progress: Callable[[str], None],
 ) -> list[Run]:
     """Solve all of them, several at a time where asked.
@@ -50,22 +53,36 @@ def run_all(
     Where the first axis is a load, its values are taken from the smallest on, for each
     combination of the others: once there is no equilibrium, larger loads are not tried.
 
+    Args:
+        axes: What varies.
+        found: The variants of them.
+        simulators: Who solves each.
+        jobs: Runs at a time, on this machine.
+        scheduler: Address of a dask scheduler, on whose workers all run instead.
+        progress: Called with one line now and then.
+
+    Returns:
+        The runs, by simulator and strain; the same ones wherever they ran.
+
     Raises:
-        ReferenceUnavailableError: The reference is asked for, and not here.
-        InputError: A problem that one of them cannot be asked.
+        ReferenceUnavailableError: The reference is asked for, and not there.
+        InputError: A problem that one of them cannot be asked, or a scheduler of no use.
     """
-    chains: list[tuple[list[Variant], Simulator, Strain]] = []
+    chains: list[_Chain] = []
     for simulator in simulators:
         for strain in Strain:
-            if not axes[0].is_load:
-                chains += [([variant], simulator, strain) for variant in found]
-                continue
-            for others in dict.fromkeys(variant.values[1:] for variant in found):
-                row = [variant for variant in found if variant.values[1:] == others]
-                for sign in (row_part for row_part in _by_sign(row) if row_part):
-                    chains.append((sign, simulator, strain))
+            rows = _loads_from_the_smallest(found) if axes[0].is_load else [[v] for v in found]
+            chains += [_Chain(axes, row, simulator, strain) for row in rows]
+    if scheduler is not None:
+        with cluster(scheduler) as pool:
+            waiting = [pool.submit(_Chain.run, chain) for chain in chains]
+            for count, future in enumerate(as_completed(waiting), start=1):
+                last = future.result()[-1]
+                told = f"{last.simulator}, {last.strain} strain: {count} of {len(chains)} rows done"
+                progress(told)
+            return [run for future in waiting for run in future.result()]
     with ThreadPoolExecutor(jobs) as pool:  # both leave Python while they solve
-        waiting = [pool.submit(_run_chain, axes, *chain, progress) for chain in chains]
+        waiting = [pool.submit(chain.run, progress) for chain in chains]
         try:
             return [run for future in waiting for run in future.result()]
         except BaseException:
@@ -73,42 +90,56 @@ def run_all(
             raise
 
 
-def _by_sign(row: list[Variant]) -> tuple[list[Variant], list[Variant]]:
-    """Loads of either sign, each from the smallest on."""
-    ordered = sorted(row, key=lambda variant: abs(variant.values[0]))
-    return (
-        [variant for variant in ordered if variant.values[0] >= 0.0],
-        [variant for variant in ordered if variant.values[0] < 0.0],
-    )
+def _loads_from_the_smallest(found: Sequence[Variant]) -> list[list[Variant]]:
+    """Rows of loads of either sign, each from the smallest on."""
+    rows = []
+    for others in dict.fromkeys(variant.values[1:] for variant in found):
+        row = [variant for variant in found if variant.values[1:] == others]
+        row.sort(key=lambda variant: abs(variant.values[0]))
+        rows.append([variant for variant in row if variant.values[0] >= 0.0])
+        rows.append([variant for variant in row if variant.values[0] < 0.0])
+    return [row for row in rows if row]
 
 
-def _run_chain(
-    axes: Sequence[Axis],
-    row: list[Variant],
-    simulator: Simulator,
-    strain: Strain,
-    progress: Callable[[str], None],
-) -> list[Run]:
-    runs: list[Run] = []
-    end = ""
-    for variant in row:
-        told = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, variant.values, strict=True))
-        if end:
-            runs.append(Run(variant.values, simulator, strain, None, end, was_tried=False))
-            continue
-        progress(f"{simulator}, {strain} strain, {told}")
-        try:
-            state = solve(variant.case.problem, with_=simulator, strain=strain)
-        except ReferenceUnavailableError:
-            raise
-        except (CandidateFailedError, ReferenceFailedError) as error:
-            trouble = variant.case.spec.units.in_case_units(str(error))
-            runs.append(Run(variant.values, simulator, strain, None, trouble))
-            if axes[0].is_load:
-                end = f"not tried: no answer at {axes[0].key} = {variant.values[0]:g}"
-            continue
-        runs.append(Run(variant.values, simulator, strain, state))
-    return runs
+class _Chain:
+    """Variants that are solved one after the other; plain data, that another machine can have.
+
+    Args:
+        axes: What varies.
+        row: The variants.
+        simulator: Who solves them.
+        strain: With which law.
+    """
+
+    def __init__(
+        self, axes: Sequence[Axis], row: Sequence[Variant], simulator: Simulator, strain: Strain
+    ) -> None:
+        self._axes = axes
+        self._row = [(variant.values, variant.case.problem) for variant in row]
+        self._units = row[0].case.spec.units
+        self._simulator = simulator
+        self._strain = strain
+
+    def run(self, progress: Callable[[str], None] = in_silence) -> list[Run]:
+        """Solve them, up to where equilibrium ends."""
+        runs: list[Run] = []
+        end = ""
+        for values, problem in self._row:
+            run = functools.partial(Run, values, self._simulator, self._strain)
+            if end:
+                runs.append(run(None, end, was_tried=False))
+                continue
+            told = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self._axes, values, strict=True))
+            progress(f"{self._simulator}, {self._strain} strain, {told}")
+            try:
+                runs.append(run(solve(problem, with_=self._simulator, strain=self._strain)))
+            except ReferenceUnavailableError:
+                raise
+            except (CandidateFailedError, ReferenceFailedError) as error:
+                runs.append(run(None, self._units.in_case_units(str(error))))
+                if self._axes[0].is_load:
+                    end = f"not tried: no answer at {self._axes[0].key} = {values[0]:g}"
+        return runs
 
 
 def linear_error(run: Run, runs: Sequence[Run]) -> float | None:

@@ -29,6 +29,7 @@ def sweep(
     *,
     simulators: Sequence[Simulator] = (Simulator.FASTSIM,),
     jobs: int = 1,
+    scheduler: str | None = None,
     progress: Callable[[str], None],
 ) -> int:
     """Solve, and leave sweep.csv, figures (SVG, PDF), report.html and results.json.
@@ -37,9 +38,11 @@ def sweep(
         0; 1 where no value has an answer, or fastsim and the reference differ.
 
     Raises:
-        InputError: See `variants`.
+        InputError: See `variants` and `cluster`.
     """
-    runs = run_all(axes, variants(case, axes), simulators, jobs=jobs, progress=progress)
+    runs = run_all(
+        axes, variants(case, axes), simulators, jobs=jobs, scheduler=scheduler, progress=progress
+    )
     ends = told_ends(axes, runs)
     for line in ends:
         console.print(line, markup=False, soft_wrap=True)
