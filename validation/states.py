@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
 
 # The simulator of the reference's states, and how their labels begin.
@@ -122,7 +122,7 @@ class State:
     """One solution of a case, with the quantities that are judged.
 
     Attributes:
-        label: For people: "fastsim", "reference P1", "reference P2".
+        label: For people: "fastsim", "reference P1", "reference smoothed", "reference P2".
         simulator: "fastsim", "reference", or the name of another.
         strain: Strain measure.
         degree: Degree of the elements.
@@ -145,6 +145,7 @@ class State:
         versions: Of the libraries that solved it, by name.
         says: What an outside candidate says of itself: its words, never judged.
         remarks: What was done to the answer to compare it, a sentence each.
+        element: What its tetrahedra are; of an outside simulator what it says in its result.
 
     >>> import palpate
     >>> state = palpate.solve(palpate.load_case("block").problem)
@@ -171,6 +172,7 @@ class State:
     versions: Mapping[str, str] = field(default_factory=dict)
     says: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    element: Element = Element.LINEAR
 
     @property
     def is_reference(self) -> bool:

@@ -24,7 +24,7 @@ from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.judging import outputs
 from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.results import CaseResult
+from palpate.validation.judging.results import CaseResult, Judged
 from palpate.validation.report.html import report_environment
 from palpate.validation.report.table_one import state_table_csv
 from palpate.validation.simulators.candidate import result_candidate
@@ -77,7 +77,8 @@ def hostile(judged: CaseResult) -> CaseResult:
         for s in judged.states
     )
     return dataclasses.replace(
-        judged, name=HOSTILE, title=HOSTILE, checks=checks, states=states, candidate=HOSTILE,
+        judged, name=HOSTILE, title=HOSTILE, checks=checks, states=states,
+        candidates=(Judged(HOSTILE, Verdict.FAILED),) * 2,
         notes=(HOSTILE, f"Since the accepted result: {HOSTILE}."), published={HOSTILE: HOSTILE},
         provenance={"case_file": HOSTILE}, candidate_says={HOSTILE: [HOSTILE, float("nan")]},
     )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.quoting import for_terminal
 from palpate.validation.versions import version_of
@@ -32,24 +33,49 @@ def _chosen(names: list[str] | None) -> list[str]:
 
 
 @app.command()
-def build(names: Cases = None) -> None:
-    """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx."""
+def build(
+    names: Cases = None,
+    element: Annotated[
+        Element | None,
+        typer.Option(help="put this one's answers on the same mesh beside what was accepted"),
+    ] = None,
+) -> None:
+    """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx.
+
+    With --element only those states are solved, and the rest stays as it was accepted.
+    """
     from palpate.validation.case import load_case
+    from palpate.validation.references.additions import with_element
     from palpate.validation.references.changes import describe_changes
     from palpate.validation.references.sets import solve_for_storing
-    from palpate.validation.references.stored import accepted_path, pending_path, store
+    from palpate.validation.references.stored import (
+        accepted_path,
+        load_checked,
+        pending_path,
+        store,
+    )
 
     for name in _chosen(names):
         case = load_case(name)
         wanted = {spec.against for spec in case.checks}
-        found = solve_for_storing(case.problem, progress_lines(), wanted=wanted)
-        provenance: dict[str, Any] = {
-            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "command": f"palpate reference build {case.name}",
-            "palpate": version_of("palpate"),
-            **found.provenance,
-        }
         beside = _beside(case)
+        asked = "" if element is None else f" --element {element}"
+        about = {
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "command": f"palpate reference build {case.name}{asked}",
+            "palpate": version_of("palpate"),
+        }
+        progress = progress_lines()
+        if element is None:
+            found = solve_for_storing(case.problem, progress, wanted=wanted)
+            provenance: dict[str, Any] = {**about, **found.provenance}
+        elif "same_mesh" not in wanted:
+            print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))
+            continue
+        else:
+            old = load_checked(accepted_path(case.name, beside), case.name, case.problem, name)
+            found = with_element(case.problem, old, element, about, progress)
+            provenance = dict(found.provenance)
         path = pending_path(case.name, beside)
         store(case.name, case.problem, found, provenance, path=path)
         print(path)

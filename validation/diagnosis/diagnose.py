@@ -104,7 +104,9 @@ def diagnose(
         stated, of = _stated(body, mine, theirs)
         if not found and not hint and problem.time is None:
             hint = _where(body, mine[-1], length_unit)
-    return Diagnosis(candidate.strain, found, len({e.name for e in tried}), stated, of, hint)
+    return Diagnosis(
+        candidate.strain, found, len({e.name for e in tried}), stated, of, hint, candidate.element
+    )
 
 
 def equations_left(problem: Problem, candidate: State) -> float:

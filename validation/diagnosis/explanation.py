@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 
 # What solvers of double precision leave once they have converged, with room for loose ones.
 DOUBLE = 1e-6
@@ -97,6 +97,7 @@ class Diagnosis:
         stated: What the answer as it stands leaves, in parts of `of`.
         of: What `stated` was divided by.
         hint: A sentence on where the stated equations fail, or what could not be tried.
+        element: What the answer's tetrahedra are.
     """
 
     strain: Strain
@@ -105,6 +106,13 @@ class Diagnosis:
     stated: float
     of: str
     hint: str = ""
+    element: Element = Element.LINEAR
+
+    @property
+    def title(self) -> str:
+        """Which answer it is about, for people."""
+        plain = f"{self.strain} strain"
+        return plain if self.element is Element.LINEAR else f"{plain}, {self.element}"
 
     @property
     def first(self) -> Explanation | None:

@@ -3,7 +3,7 @@
 Each term is what the candidate would gain by mending one thing and leaving all else as it is:
 
     model           Green strain in the place of linear strain, on the same mesh
-    discretisation  the truth's mesh and degree, with the candidate's own strain
+    discretisation  the truth's mesh and element, with the candidate's own strain
     time            a quarter of the time step
     solver          the same mesh, strain and step, solved by the reference; called by another
                     name where it is not the solver's (see `remainder`)
@@ -30,7 +30,7 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.evidence.remainder import SOLVER, name_of_rest
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
+from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, TRUTH
 from palpate.validation.states import State
 
 MODEL, DISCRETISATION, TIME = "model", "discretisation", "time"
@@ -114,7 +114,8 @@ def static_budgets(
     Args:
         problem: The case's problem.
         candidate: Its displacement at the case's points; its `strain` is what it was solved with.
-        states: The reference's, by label and strain: on the same mesh and the truth.
+        states: The reference's, by label and strain: on the same mesh with the candidate's
+            element, and the truth.
         diagnoses: Of the case, where it was red.
 
     Returns:
@@ -136,11 +137,12 @@ def static_budgets(
         return probe.read(problem.mesh, state.displacement, state.volume)
 
     strain = candidate.strain
-    same, fine = states.get((SAME_MESH, strain)), truth_of(strain)
+    twin = OF_ELEMENT[candidate.element]
+    same, fine = states.get((twin, strain)), truth_of(strain)
     own = _sure(read(candidate))
     terms: dict[str, Points | None] = {MODEL: None}
     if strain is Strain.LINEAR:
-        same_green = read(states.get((SAME_MESH, Strain.GREEN)))
+        same_green = read(states.get((twin, Strain.GREEN)))
         same_linear = read(same)
         if same_green is not None and same_linear is not None:
             terms[MODEL] = same_linear - same_green
@@ -226,7 +228,7 @@ def case_budgets(result: CaseResult) -> list[Budget]:
     references = {(s.label, s.strain): s for s in result.states if s.is_reference}
     budgets = []
     for state in result.states:
-        if state.label == result.candidate and not state.is_reference:
+        if not state.is_reference:
             budgets += static_budgets(result.problem, state, references, diagnoses=result.diagnoses)
     return budgets
 

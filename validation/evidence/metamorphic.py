@@ -18,13 +18,13 @@ from palpate.meshes import transforms
 from palpate.meshes.arrays import Points
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case import Case
 from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.diagnosis.asked import turned_otherwise
 from palpate.validation.judging.checks import decide
-from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import Verdict, gravest
@@ -67,12 +67,13 @@ def judge_relations(
     checks = []
     for relation in _relations(problem, case.strain, candidate, progress):
         progress(f"{case.name}: {relation.name}")
-        checks.append(_judge(relation, case.strain))
+        checks.append(_judge(relation, case.strain, candidate.element))
     diagnoses = _isotropy(checks)
+    verdict = gravest([check.verdict for check in checks])
     return CaseResult(
         name=case.name,
         title=f"{case.title}: relations that need no reference",
-        verdict=gravest([check.verdict for check in checks]),
+        verdict=verdict,
         checks=tuple(checks),
         states=(),
         problem=problem,
@@ -83,7 +84,7 @@ def judge_relations(
         rest_volume=problem.mesh.volume,
         rest_surface_area=problem.mesh.surface_area,
         error_fields={},
-        candidate=candidate.name,
+        candidates=(Judged(candidate.name, verdict, candidate.element),),
         diagnoses=diagnoses,
     )
 
@@ -96,11 +97,13 @@ def _isotropy(checks: list[CheckResult]) -> tuple[Diagnosis, ...]:
     if broken is None or None in kept:
         return ()
     found = turned_otherwise(max(value for value in kept if value is not None), broken)
-    strain = checks[0].strain
-    return (Diagnosis(strain, (found,), 1, broken, found.of),) if found.fits else ()
+    if not found.fits:
+        return ()
+    about = checks[0]
+    return (Diagnosis(about.strain, (found,), 1, broken, found.of, element=about.element),)
 
 
-def _judge(relation: _Relation, strain: Strain) -> CheckResult:
+def _judge(relation: _Relation, strain: Strain, element: Element) -> CheckResult:
     value: float | None = None
     limit = LEAST_BROKEN if relation.must_be_broken else LIMIT
     try:
@@ -131,6 +134,7 @@ def _judge(relation: _Relation, strain: Strain) -> CheckResult:
         verdict=verdict,
         reason=relation.reason,
         message=message,
+        element=element,
     )
 
 

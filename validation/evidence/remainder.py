@@ -39,7 +39,8 @@ def name_of_rest(
         same_mesh: The reference's there, for motions, which have no residual.
         diagnoses: Of the case, if it was red.
     """
-    mine = [d for d in diagnoses if d.strain is candidate.strain]
+    which = (candidate.strain, candidate.element)
+    mine = [d for d in diagnoses if (d.strain, d.element) == which]
     first = mine[0].first if mine else None
     if first is not None:
         return SOLVER if first.cause in _SOLVERS else f"explained: {first.name}"

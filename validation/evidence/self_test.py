@@ -21,7 +21,7 @@ from palpate.validation.evidence.metric_table import Row, metric_table, row_chec
 from palpate.validation.evidence.trials import trial_check
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.references.stored import references_folder
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import CannotShowError, Fault
@@ -130,14 +130,16 @@ def run_self_test(
         checks += [_spoil_references(word, progress) for word in REFERENCE_FAULTS]
         checks += [row_check(row) for row in table]
     first = next(iter(healthy.values()))
+    verdict = gravest([check.verdict for check in checks])
     if not any(check.verdict is Verdict.PASSED for check in checks[len(healthy) :]):
         raise InputError("no fault shows on these cases; try `palpate gate --self-test` alone")
     return replace(
         first,
         name="self-test",
         title=f"{len(checks)} trials of the gates themselves",
-        verdict=gravest([check.verdict for check in checks]),
-        checks=tuple(checks),
+        verdict=verdict,
+        checks=tuple(replace(check, element=judged.element) for check in checks),
+        candidates=(Judged(judged.name, verdict, judged.element),),
         states=(),
         metrics={},
         notes=(
@@ -170,7 +172,7 @@ def _is_same(one: CaseResult, other: CaseResult) -> bool:
     pairs = [
         (state, other.state(state.label, state.strain))
         for state in one.states
-        if state.label == one.candidate and state.strain in checked
+        if not state.is_reference and state.strain in checked
     ]
     return all(
         b is not None

@@ -40,7 +40,8 @@ ANSWER = (
     "of `time.output_times`; where there is none, cubics between your states are compared and what "
     "they may be off counts as an error bar. States between are welcome: they are looked at for "
     "inverted cells and for places that the body cannot get to in time. Optional text in .npz: "
-    "`length_unit` (m, cm, mm), `case_key`, `about` (JSON: tool, version, law; with tools "
+    "`length_unit` (m, cm, mm), `case_key`, `about` (JSON: tool, version, law, "
+    "`element`: linear, or smoothed as `conventions` has it; with tools "
     "`tool_forces` [N], the force on each, (num_tools, 3), in motion "
     "(num_tools, num_outputs + 1, 3) at the output times)."
 )
@@ -167,6 +168,13 @@ def describe_conventions(strain: Strain) -> dict[str, str]:
             "lmbda = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)) of the cell"
         ),
         "internal_force": _INTERNAL[strain],
+        "smoothed_element": (
+            "who says `element`: smoothed in `about` is held on the same mesh against the same "
+            "tetrahedra with averaged strains: of an edge, of its cells by V / 6; of a node, the "
+            "trace, of its cells by V / 4, among cells of the same E and nu. A cell's stress is "
+            "2 mu times the mean over its six edges, plus lmbda times the mean over its four "
+            "nodes times I; forces follow from it as above"
+        ),
         "statics": (
             "F - R(u) = 0 in every free component, u = prescribed_displacement in every held one; "
             "every amplitude counts as 1; F = external_force + pressure + tools"

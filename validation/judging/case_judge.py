@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case import Case
 from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.published import metric_of_bar
+from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
+from palpate.validation.judging.together import is_of_truth
 from palpate.validation.metrics import is_still
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.states import State, Verdict
 
 
@@ -49,16 +51,17 @@ class CaseJudge:
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
         bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
-        return judge_check(
+        found = judge_check(
             spec,
             strain,
             self.problem,
             candidate,
             self._reference(spec),
             bar if is_truth else 0.0,
-            failure or self.references.failure(spec.against, strain),
+            failure or self._why_missing(spec),
             self.case.spec.units,
         )
+        return found if is_of_truth(found) else replace(found, element=self.references.element)
 
     def is_vacuous(self, spec: CheckSpec) -> bool:
         """Whether the check says nothing of a candidate: the null answer passes it too.
@@ -91,7 +94,21 @@ class CaseJudge:
         strain = self.strain_of(spec)
         if spec.against == "truth":
             return self.references.truth(strain)
-        return self.references.states.get((SAME_MESH, strain))
+        return self.references.same_mesh(strain)
+
+    def _why_missing(self, spec: CheckSpec) -> str:
+        """Why there is no reference for a check; "" where there is, or nobody knows."""
+        references, strain = self.references, self.strain_of(spec)
+        known = references.failure(spec.against, strain)
+        is_there = spec.against != "same_mesh" or references.same_mesh(strain) is not None
+        if known or is_there or references.element is Element.LINEAR:
+            return known
+        called = case_name(self.case)
+        return (
+            f"no reference of {references.element} tetrahedra is stored for this case: make it "
+            f"with `palpate reference build {called} --element {references.element}` where "
+            f"FEniCSx is installed, then `palpate reference accept {called} --reason TEXT`"
+        )
 
     def _any_reference(self, strain: Strain) -> State | None:
-        return self.references.states.get((SAME_MESH, strain)) or self.references.truth(strain)
+        return self.references.same_mesh(strain) or self.references.truth(strain)

@@ -8,7 +8,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.diagnosis import Diagnosis, diagnose
 from palpate.validation.diagnosis.asked import Ask
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import State, Verdict
 
@@ -48,8 +48,8 @@ def diagnose_failures(
             diagnose(
                 problem,
                 answer,
-                references.states.get((SAME_MESH, strain)),
-                other_strain=references.states.get((SAME_MESH, _OTHER[strain])),
+                references.same_mesh(strain),
+                other_strain=references.same_mesh(_OTHER[strain]),
                 ask=_ask(candidate, strain) if answer.seconds < _QUICK else None,
                 length_unit=length_unit,
             )

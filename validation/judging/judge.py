@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
-from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.diagnosing import diagnose_failures
 from palpate.validation.judging.precision import PrecisionGrant
-from palpate.validation.judging.record import all_metrics, case_file, error_lengths, provenance_of
-from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.judging.record import all_metrics, case_name, error_lengths, provenance_of
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged
+from palpate.validation.judging.together import is_of_truth, together
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
@@ -41,17 +43,17 @@ def judge_case(
     case: Case,
     *,
     live: bool = False,
-    candidate: Candidate | None = None,
+    candidate: Candidate | Sequence[Candidate] | None = None,
     diagnoses: bool = True,
     precision: Precision | None = None,
     progress: Progress = in_silence,
 ) -> CaseResult:
-    """Judge a candidate on a case.
+    """Judge a candidate on a case, or several beside one another.
 
     Args:
         case: The case; it needs at least one check.
         live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
-        candidate: Who is judged; fastsim where None.
+        candidate: Who is judged, one or more of different names; fastsim where None.
         diagnoses: Whether to look for what explains an answer that fails.
         precision: Granted to the candidate; what the case grants where None.
         progress: Called with one line for each thing done.
@@ -63,17 +65,42 @@ def judge_case(
     if not case.checks:
         raise InputError(f"{case.path.name}: no [[check]]: nothing would be judged; add one")
     progress(f"case {case.name}: {case.title}")
-    problem = case.problem
     progress(f"mesh {case.mesh.origin}")
-    notes = [f"Mesh: {case.mesh.origin}."]
-    judged = candidate or fastsim_candidate()
-    notes.extend(judged.notes)
-    if not any(_is_answered(spec, case, judged) for spec in case.checks):
-        raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
-    references = find_references(case, live=live, progress=progress)
-    notes.append(f"Reference: {references.origin}.")
-    notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
+    given = fastsim_candidate() if candidate is None else candidate
+    everybody = [given] if isinstance(given, Candidate) else list(given)
+    for judged in everybody:
+        if not any(_is_answered(spec, case, judged) for spec in case.checks):
+            raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
+    elements = {judged.element for judged in everybody}
+    references = find_references(case, live=live, elements=elements, progress=progress)
+    return together(
+        [
+            _judge_one(
+                case,
+                judged,
+                references,
+                diagnoses=diagnoses,
+                precision=precision,
+                progress=progress,
+            )
+            for judged in everybody
+        ]
+    )
 
+
+def _judge_one(
+    case: Case,
+    judged: Candidate,
+    references: ReferenceSet,
+    *,
+    diagnoses: bool,
+    precision: Precision | None,
+    progress: Progress,
+) -> CaseResult:
+    """One candidate with every reference of the case."""
+    problem, element = case.problem, judged.element
+    notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
+    notes.append(f"Reference: {references.origin}.")
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
@@ -91,7 +118,9 @@ def judge_case(
         if not unmeasurable:
             candidates[strain] = answer
         said.update(answer.says)
-
+        element = answer.element
+    references = references.of_element(element)
+    notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
     if said:
         notes.append(own_words(judged.name, said))
 
@@ -132,7 +161,7 @@ def judge_case(
         checks=tuple(checks),
         states=states,
         problem=problem,
-        candidate=judged.name,
+        candidates=(Judged(judged.name, verdict, element),),
         metrics=all_metrics(case, candidates, references),
         provenance=provenance_of(case, references),
         notes=tuple(notes),
@@ -169,8 +198,7 @@ def _judged(
     found = judge.check(spec, None if has_failed else answer, failures.get(strain, ""))
     if not judge.is_vacuous(spec):
         return found
-    is_of_truth = found.against == "truth" and found.metric in PUBLISHED_METRICS
-    remark = VACUOUS if found.verdict is Verdict.PASSED and not is_of_truth else ""
+    remark = VACUOUS if found.verdict is Verdict.PASSED and not is_of_truth(found) else ""
     return dataclasses.replace(found, is_vacuous=True, message=found.message + remark)
 
 
@@ -187,8 +215,20 @@ def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
     ]
 
 
-def find_references(case: Case, *, live: bool, progress: Progress) -> ReferenceSet:
+def find_references(
+    case: Case,
+    *,
+    live: bool,
+    elements: Collection[Element] = (Element.LINEAR,),
+    progress: Progress,
+) -> ReferenceSet:
     """The reference of a case: solved here, or the stored one.
+
+    Args:
+        case: The case.
+        live: See `judge_case`.
+        elements: On the same mesh, which are solved here; a file has what it has.
+        progress: Called with one line for each thing done.
 
     Raises:
         InputError: Neither is to be had.
@@ -207,7 +247,7 @@ def find_references(case: Case, *, live: bool, progress: Progress) -> ReferenceS
             if trouble is not None:
                 progress(f"left aside: {trouble}")
             wanted = {spec.against for spec in case.checks}
-            return solve_live(problem, progress, stored=stored, wanted=wanted)
+            return solve_live(problem, progress, stored=stored, wanted=wanted, elements=elements)
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored
@@ -226,8 +266,7 @@ def _load_stored(case: Case) -> ReferenceSet | None:
     folder = references_folder(None if case.is_builtin else case.folder)
     if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
         return None
-    called = case.name if case.is_builtin else case_file(case)
-    return load_stored(case.name, case.problem, folder=folder, called=called)
+    return load_stored(case.name, case.problem, folder=folder, called=case_name(case))
 
 
 def exit_code(results: list[CaseResult]) -> int:

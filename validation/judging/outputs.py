@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from palpate.meshes.problem import Element
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
@@ -44,11 +45,16 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
             "name": result.name,
             "title": result.title,
             "verdict": result.verdict,
+            "candidates": [
+                {"name": judged.name, "element": judged.element, "verdict": judged.verdict}
+                for judged in result.candidates
+            ],
             "checks": [
                 {
                     "metric": check.metric,
                     "against": check.against,
                     "strain": check.strain,
+                    "element": check.element,
                     "value": check.value,
                     "limit": check.limit,
                     "scale": check.scale,
@@ -80,7 +86,7 @@ def _diagnosis_rows(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
     """A row for each explanation that fits; one without a name where none of those tried does."""
     rows: list[dict[str, Any]] = []
     for found in diagnoses:
-        about = {"strain": found.strain, "tried": found.tested}
+        about = {"strain": found.strain, "element": found.element, "tried": found.tested}
         rows += [
             about
             | {
@@ -130,7 +136,11 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
                 ET.SubElement(properties, "property", name=name, value=value)
             if check.verdict is Verdict.FAILED:
                 failure = ET.SubElement(test, "failure", message=for_xml(check.message))
-                explained = [str(d) for d in result.diagnoses if d.strain is check.strain]
+                explained = [
+                    str(found)
+                    for found in result.diagnoses
+                    if (found.strain, found.element) == (check.strain, check.element)
+                ]
                 failure.text = "\n".join(map(for_xml, explained)) or None
             elif check.verdict is Verdict.INCONCLUSIVE:
                 ET.SubElement(test, "error", message=for_xml(f"inconclusive: {check.message}"))
@@ -150,7 +160,9 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
     lines = []
     for r in results:
         lines.append(f"- **{for_markdown(r.name)}**: {r.verdict} ({for_markdown(r.title)})")
-        lines += [f"  - diagnosis, {d.strain} strain: {for_markdown(str(d))}" for d in r.diagnoses]
+        if len(r.candidates) > 1:
+            lines += [f"  - {for_markdown(one.name)}: {one.verdict}" for one in r.candidates]
+        lines += [f"  - diagnosis, {d.title}: {for_markdown(str(d))}" for d in r.diagnoses]
     lines += ["", "| case | check | found | verdict | reason |", "| --- | --- | --- | --- | --- |"]
     lines += [
         f"| {for_markdown(result.name)} | {for_markdown(check_name(check))} "
@@ -194,18 +206,24 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
         console.print(table)
         for note in result.notes:
             console.print(Text(for_terminal(note), style="dim"))
+        for judged in result.candidates if len(result.candidates) > 1 else ():
+            line = f"{result.name}, {judged.name}: {judged.verdict}"
+            console.print(Text(for_terminal(line), style=_COLOUR[judged.verdict]))
         console.print(
             Text(for_terminal(f"{result.name}: {result.verdict}"), style=_COLOUR[result.verdict])
         )
 
 
 def check_name(check: CheckResult) -> str:
-    """Short name of a check: metric, against what, which strain; the precision if not double."""
+    """Short name of a check: metric, against what, which answer; the precision if not double."""
+    element = [] if check.element is Element.LINEAR else [str(check.element)]
     if check.against in ("relation", "self-test"):
-        return check.metric
+        return ", ".join([check.metric, *element])
     against = {"same_mesh": "same mesh", "truth": "truth", "candidate": "own"}[check.against]
-    tier = "" if check.precision is Precision.DOUBLE else f", {check.precision} precision"
-    return f"{check.metric} ({against}, {check.strain}{tier})"
+    words = [against, str(check.strain), *element]
+    if check.precision is not Precision.DOUBLE:
+        words.append(f"{check.precision} precision")
+    return f"{check.metric} ({', '.join(words)})"
 
 
 def _finite(value: float | None) -> float | None:

@@ -17,7 +17,7 @@ from palpate.validation.case.schema import (
 )
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics.rounding import LARGEST, SinglePrecision
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.states import Precision, State, Verdict
 
 
@@ -85,7 +85,7 @@ class PrecisionGrant:
 
     def _base(self, spec: CheckSpec) -> State | None:
         """What is rounded: the reference on the same mesh, whatever the check is against."""
-        return self._references.states.get((SAME_MESH, spec.strain or self._case.strain))
+        return self._references.same_mesh(spec.strain or self._case.strain)
 
     def _limit(self, spec: CheckSpec) -> float | None:
         base = self._base(spec)

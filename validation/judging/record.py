@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import problem_key
 from palpate.validation.states import State
 from palpate.validation.versions import version_of
@@ -25,7 +25,7 @@ def error_lengths(candidates: dict[Strain, State], references: ReferenceSet) -> 
     """Length of the displacement error at each point [m], (num_points,), by pair of states."""
     fields = {}
     for strain, candidate in candidates.items():
-        for reference in (references.states.get((SAME_MESH, strain)), references.truth(strain)):
+        for reference in (references.same_mesh(strain), references.truth(strain)):
             if reference is not None:
                 error = candidate.displacement - reference.displacement
                 name = f"{candidate.label} - {reference.label}, {strain}"
@@ -49,8 +49,9 @@ def all_metrics(
         metrics[f"{name}.smallest_det_f"] = state.smallest_det_f
         metrics[f"{name}.max_displacement"] = state.max_displacement
     for strain, candidate in candidates.items():
+        which = f"{strain}" if candidate.element is Element.LINEAR else f"{strain}.smoothed"
         pairs = (
-            ("same_mesh", references.states.get((SAME_MESH, strain))),
+            ("same_mesh", references.same_mesh(strain)),
             ("truth", references.truth(strain)),
         )
         for word, reference in pairs:
@@ -58,7 +59,7 @@ def all_metrics(
                 continue
             for metric in _comparable(word, case.problem):
                 value = measure(metric, case.problem, candidate, reference).value
-                metrics[f"error.{word}.{strain}.{metric}"] = value if np.isfinite(value) else None
+                metrics[f"error.{word}.{which}.{metric}"] = value if np.isfinite(value) else None
     return metrics
 
 
@@ -97,6 +98,11 @@ def provenance_of(case: Case, references: ReferenceSet) -> dict[str, Any]:
         },
         "reference": {"origin": references.origin, **references.provenance},
     }
+
+
+def case_name(case: Case) -> str:
+    """What a case is called on the command line: by its name, or its file."""
+    return case.name if case.is_builtin else case_file(case)
 
 
 def case_file(case: Case) -> str:

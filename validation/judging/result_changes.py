@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from palpate.meshes.errors import FileFormatError
+from palpate.meshes.problem import Element
 from palpate.meshes.untrusted_text import parse_json, read_text
 from palpate.validation.case.numbers import Number
 from palpate.validation.judging.outputs import check_name
@@ -29,6 +30,7 @@ class _AcceptedCheck(BaseModel):
     metric: str
     against: str
     strain: str
+    element: str = Element.LINEAR.value
     verdict: str
     limit: Number
     value: Number | None
@@ -102,11 +104,11 @@ def _of_case(result: CaseResult, accepted: dict[str, Any] | None) -> list[str]:
     if key != result.provenance.get("case_key"):
         lines.append("the problem itself has changed: mesh, material, supports or loads")
     # A metric may be asked for at several points: its checks are matched in their order.
-    before: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    before: dict[tuple[str, ...], list[dict[str, Any]]] = {}
     for known in accepted["checks"]:
         before.setdefault(_key(known), []).append(known)
     for check in result.checks:
-        old = before.get((check.metric, check.against, str(check.strain)))
+        old = before.get((check.metric, check.against, str(check.strain), str(check.element)))
         lines += _of_check(check, old.pop(0) if old else None)
     lines += [f"gone: check {' '.join(key)}" for key, left in before.items() for _ in left]
     lines += _largest_change(result, accepted.get("metrics", {}))
@@ -150,8 +152,8 @@ def _largest_change(result: CaseResult, accepted: dict[str, Any]) -> list[str]:
     return [f"changed most: {name}, {old:.6g}, now {new:.6g} ({100.0 * worst:.3g} %)"]
 
 
-def _key(check: dict[str, Any]) -> tuple[str, str, str]:
-    return str(check["metric"]), str(check["against"]), str(check["strain"])
+def _key(check: dict[str, Any]) -> tuple[str, ...]:
+    return tuple(str(check[name]) for name in ("metric", "against", "strain", "element"))
 
 
 def _shown(value: float | None) -> str:

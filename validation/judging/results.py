@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.states import Precision, State, Verdict
 
@@ -32,6 +32,8 @@ class CheckResult:
         message: One line that says what was found.
         is_vacuous: Whether an answer in which nothing moves passes it too.
         precision: What the limit allows for: single where the case or the caller granted it.
+        element: What the tetrahedra of the judged answer are; linear where it is the truth that
+            is held against a number.
     """
 
     metric: str
@@ -47,6 +49,22 @@ class CheckResult:
     message: str
     is_vacuous: bool = False
     precision: Precision = Precision.DOUBLE
+    element: Element = Element.LINEAR
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Who was judged, and the gravest of the checks of its answers.
+
+    Attributes:
+        name: The label of its states.
+        verdict: Of all its checks.
+        element: What its tetrahedra are.
+    """
+
+    name: str
+    verdict: Verdict
+    element: Element = Element.LINEAR
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +75,7 @@ class CaseResult:
         name: The case's name.
         title: Its title.
         verdict: The gravest of its checks.
-        checks: In the order of the case file.
+        checks: In the order of the case file, candidate by candidate.
         states: Every solution that was made or read.
         problem: Mesh, material, supports and loads.
         metrics: Named numbers, SI units.
@@ -67,7 +85,7 @@ class CaseResult:
         rest_volume: [m3].
         rest_surface_area: [m2].
         error_fields: Error at the points, by name [m], shape (num_points,).
-        candidate: Name of who was judged: the label of its states.
+        candidates: Who was judged, and how each fared.
         case_text: The case file as it was read.
         evidence: What the case says for a credibility file: question, context of use...
         candidate_says: What an outside candidate says of itself: its words, which nobody checked.
@@ -88,12 +106,17 @@ class CaseResult:
     rest_volume: float
     rest_surface_area: float
     error_fields: Mapping[str, Points]
-    candidate: str = "fastsim"
+    candidates: tuple[Judged, ...]
     case_text: str = ""
     evidence: Mapping[str, Any] = field(default_factory=dict)
     candidate_says: Mapping[str, Any] = field(default_factory=dict)
     unseen: tuple[str, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
+
+    @property
+    def candidate(self) -> str:
+        """Who was judged, for people."""
+        return " and ".join(judged.name for judged in self.candidates)
 
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""

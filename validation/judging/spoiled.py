@@ -85,4 +85,5 @@ def _from(
         if motion is None
         else Trajectory(motion.times, spoil(motion.displacements)),
         tool_forces=forces if forces is None or keeps_tool_forces else spoil(forces),
+        element=reference.element,
     )

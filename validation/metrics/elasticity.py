@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_loads import cell_materials, held_components, nodal_force
 from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.smoothing import Smoothing
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ def strain_energy(problem: Problem, displacement: Points, strain: Strain) -> flo
 class ElasticForces:
     """Internal forces of one body again and again: what does not change is worked out once."""
 
-    def __init__(self, problem: Problem, strain: Strain) -> None:
+    def __init__(self, problem: Problem, strain: Strain, element: Element = Element.LINEAR) -> None:
         mesh = problem.mesh
         self._cells, self._shape = mesh.cells, mesh.points.shape
         self._gradients = shape_gradients(mesh)
@@ -67,6 +68,8 @@ class ElasticForces:
         ).transpose(0, 2, 1)
         self._lmbda, self._mu = _lame(problem)
         self._strain = strain
+        is_smoothed = element is Element.SMOOTHED
+        self._smoothing = Smoothing(mesh, self._lmbda, self._mu) if is_smoothed else None
 
     def __call__(self, displacement: Points) -> Points:
         """Derivative of the strain energy by the points [N], (num_points, 3); sums to zero."""
@@ -74,9 +77,12 @@ class ElasticForces:
         E = 0.5 * (gradients + gradients.transpose(0, 2, 1))
         if self._strain is Strain.GREEN:
             E += 0.5 * (gradients.transpose(0, 2, 1) @ gradients)
-        S = 2.0 * self._mu[:, None, None] * E
-        diagonal = np.arange(3)
-        S[:, diagonal, diagonal] += (self._lmbda * np.trace(E, axis1=1, axis2=2))[:, None]
+        if self._smoothing is not None:
+            S = self._smoothing.stress(E)
+        else:
+            S = 2.0 * self._mu[:, None, None] * E
+            diagonal = np.arange(3)
+            S[:, diagonal, diagonal] += (self._lmbda * np.trace(E, axis1=1, axis2=2))[:, None]
         P = S if self._strain is Strain.LINEAR else S + gradients @ S
         by_corner = (P @ self._by_volume).transpose(0, 2, 1)
         return sum_at_points(self._cells, by_corner, self._shape[0])
@@ -91,9 +97,14 @@ def sum_at_points(places: Indices, forces: Array, num_points: int) -> Points:
     return summed
 
 
-def internal_force(problem: Problem, displacement: Points, strain: Strain) -> Points:
+def internal_force(
+    problem: Problem,
+    displacement: Points,
+    strain: Strain,
+    element: Element = Element.LINEAR,
+) -> Points:
     """Derivative of the strain energy by the points [N], (num_points, 3); sums to zero."""
-    return ElasticForces(problem, strain)(displacement)
+    return ElasticForces(problem, strain, element)(displacement)
 
 
 def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) -> Points:
@@ -134,14 +145,19 @@ def diagonal_of_stiffness(problem: Problem) -> Points:
     return sum_at_points(mesh.cells, by_corner, mesh.num_points)
 
 
-def out_of_balance(problem: Problem, displacement: Points, strain: Strain) -> tuple[Points, float]:
+def out_of_balance(
+    problem: Problem,
+    displacement: Points,
+    strain: Strain,
+    element: Element = Element.LINEAR,
+) -> tuple[Points, float]:
     """What is left of external and internal forces where nothing is held, tools left out.
 
     Returns:
         External less internal force at each point, 0 in held components [N], (num_points, 3);
         the largest internal or external force of a point [N], to hold it against.
     """
-    internal = internal_force(problem, displacement, strain)
+    internal = internal_force(problem, displacement, strain, element)
     external = np.zeros_like(internal)
     for load in problem.loads:
         external += load_force(problem.mesh, load, displacement, strain)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.states import State, Trajectory
@@ -131,6 +131,7 @@ def make_state(
     tool_forces: NDArray[np.float64] | None = None,
     versions: Mapping[str, str] | None = None,
     remarks: tuple[str, ...] = (),
+    element: Element = Element.LINEAR,
 ) -> State:
     """Measure a linear displacement field: volume, area, smallest det F by geometry alone.
 
@@ -162,4 +163,5 @@ def make_state(
         tool_forces=tool_forces,
         versions=versions or {},
         remarks=remarks,
+        element=element,
     )

@@ -126,6 +126,7 @@ class SinglePrecision:
                 simulator="",
                 strain=reference.strain,
                 tool_forces=reference.tool_forces,
+                element=reference.element,
             )
             states.append(dataclasses.replace(own, trajectory=reference.trajectory))
         return states

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
 from palpate.validation.references.reference_files import read_reference
+from palpate.validation.references.soundness import SCALARS
+from palpate.validation.states import State
 
 
 def describe_changes(before: Path, after: Path) -> list[str]:
@@ -16,8 +20,9 @@ def describe_changes(before: Path, after: Path) -> list[str]:
         after: The new one.
 
     Returns:
-        One line for each number that every state carries, with its relative change, one for the
-        largest change of displacement, and one for each error bar.
+        One line for a state that is as it was; of another one for each number that every state
+        carries, with its relative change, and for the largest change of displacement; and one for
+        each error bar that changed.
 
     Raises:
         MissingReferenceError, UntrustedReferenceError: `after` is missing, damaged or altered.
@@ -34,6 +39,9 @@ def describe_changes(before: Path, after: Path) -> list[str]:
             lines.append(f"{name}: {'gone' if place in old.states else 'new'}")
             continue
         a, b = old.states[place], new.states[place]
+        if is_same_state(a, b):
+            lines.append(f"{name}: unchanged")
+            continue
         for metric in ("volume", "surface_area", "smallest_det_f", "max_displacement"):
             lines.append(_change(f"{name}, {metric}", getattr(a, metric), getattr(b, metric)))
         if a.displacement.shape != b.displacement.shape:
@@ -53,6 +61,22 @@ def describe_changes(before: Path, after: Path) -> list[str]:
                 f"error bar of {metric}, {strain} strain: {_bar(before_bar)}, now {_bar(after_bar)}"
             )
     return lines
+
+
+def is_same_state(one: State | None, other: State | None) -> bool:
+    """Whether two stored states hold the same numbers, to the last bit."""
+    if one is None or other is None:
+        return False
+    scalars = [getattr(one, name) == getattr(other, name) for name in SCALARS]
+    motions = [None if s.trajectory is None else s.trajectory.displacements for s in (one, other)]
+    pairs = [
+        (one.displacement, other.displacement),
+        (one.tool_forces, other.tool_forces),
+        (motions[0], motions[1]),
+    ]
+    return all(scalars) and all(
+        a is b or (a is not None and b is not None and np.array_equal(a, b)) for a, b in pairs
+    )
 
 
 def _change(name: str, before: float, after: float) -> str:

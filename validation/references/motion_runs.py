@@ -8,10 +8,10 @@ import time
 import numpy as np
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.pairs import make_state
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH
+from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH
 from palpate.validation.states import REFERENCE, Progress, State, Trajectory
 
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
@@ -21,8 +21,14 @@ STEPS_PER_OUTPUT = 4
 _TIME_LIMIT = 4 * 3600.0
 
 
-def solve_explicit(problem: Problem, strain: Strain, progress: Progress) -> State:
-    """The trajectory of linear tetrahedra, from rest, with the case's time step.
+def solve_explicit(
+    problem: Problem,
+    strain: Strain,
+    progress: Progress,
+    *,
+    element: Element = Element.LINEAR,
+) -> State:
+    """The trajectory of the case's tetrahedra, from rest, with the case's time step.
 
     Raises:
         InputError: The case states no time step: then there is nothing to be equal to.
@@ -34,14 +40,15 @@ def solve_explicit(problem: Problem, strain: Strain, progress: Progress) -> Stat
 
     if problem.time is None or problem.time.time_step is None:
         raise InputError("a dynamic case needs time_step in [time] for its reference")
-    progress(f"{SAME_MESH} in motion, {strain} strain, {problem.mesh.num_cells} cells")
+    progress(f"{OF_ELEMENT[element]} in motion, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
-    found = run_task(ExplicitTask(strain), problem)
+    found = run_task(ExplicitTask(strain, element), problem)
     assert isinstance(found, ExplicitResult)
     return make_state(
         problem.mesh,
         found.displacements[-1],
-        label=SAME_MESH,
+        label=OF_ELEMENT[element],
+        element=element,
         simulator=REFERENCE,
         strain=strain,
         seconds=time.perf_counter() - start,

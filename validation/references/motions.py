@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.finite import largest
@@ -31,13 +31,13 @@ from palpate.validation.references.motion_runs import solve_explicit, solve_impl
 from palpate.validation.references.sequences import SAFETY_FACTOR, as_data, bar_of
 from palpate.validation.references.sets import (
     BOTH,
+    OF_ELEMENT,
     QUADRATIC,
-    SAME_MESH,
     SHARPER,
     TRUTH,
     ReferenceSet,
 )
-from palpate.validation.states import Progress, State
+from palpate.validation.states import REFERENCE, Progress, State
 
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
@@ -58,8 +58,9 @@ def solve_motion_set(
     wanted: Collection[str] = BOTH,
     stored: ReferenceSet | None = None,
     is_for_storing: bool = False,
+    elements: Collection[Element] = (Element.LINEAR,),
 ) -> ReferenceSet:
-    """The explicit run and the truth of a dynamic case, one for each strain measure.
+    """The explicit runs and the truth of a dynamic case, one for each strain measure.
 
     Args:
         problem: With a time span.
@@ -68,6 +69,7 @@ def solve_motion_set(
         stored: Where it has a truth, that is taken instead of solving here.
         is_for_storing: Three time steps and a refined mesh for the error bars; otherwise two
             steps, and linear tetrahedra for the mesh's part, an upper estimate.
+        elements: Of the explicit runs.
 
     Returns:
         States, bars, and why one is missing: a run that found no answer leaves the others be.
@@ -83,10 +85,17 @@ def solve_motion_set(
     origin: list[str] = []
     convergence: dict[str, Any] = {}
     if "same_mesh" in wanted:
-        origin.append("P1 in motion by central differences on the case's mesh")
-        for strain in Strain:
-            with _told(failures, (SAME_MESH, strain), is_for_storing):
-                states[SAME_MESH, strain] = solve_explicit(problem, strain, progress)
+        for element in Element:
+            if element not in elements:
+                continue
+            label = OF_ELEMENT[element]
+            name = label.removeprefix(f"{REFERENCE} ")
+            origin.append(f"{name} in motion by central differences on the case's mesh")
+            for strain in Strain:
+                with _told(failures, (label, strain), is_for_storing):
+                    states[label, strain] = solve_explicit(
+                        problem, strain, progress, element=element
+                    )
     held = {} if stored is None else _truths(stored)
     if "truth" in wanted and held and stored is not None:
         origin.append("the truth stored: P2 in motion, implicit")
@@ -127,7 +136,8 @@ def _told(
 
 
 def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:
-    return {place: state for place, state in stored.states.items() if place[0] != SAME_MESH}
+    on_mesh = OF_ELEMENT.values()
+    return {place: state for place, state in stored.states.items() if place[0] not in on_mesh}
 
 
 def _truth_for_storing(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.references.motion_runs import (
     STEPS_PER_OUTPUT,
@@ -21,6 +21,7 @@ def solve_reference(
     progress: Progress,
     *,
     formulation: Formulation = Formulation.DISPLACEMENT,
+    element: Element = Element.LINEAR,
 ) -> State:
     """The reference's answer to a problem.
 
@@ -33,20 +34,28 @@ def solve_reference(
         degree: Of the elements, 1 or 2.
         progress: Called with one line now and then.
         formulation: Of statics: with pressure among the unknowns where MIXED.
+        element: Linear tetrahedra, plain or smoothed.
 
     Raises:
-        InputError: A motion with tools that is not of degree 1 with a stated step, a mixed motion,
-            or a load or tool that cannot be used.
+        InputError: A motion with tools or of smoothed tetrahedra that is not of degree 1 with a
+            stated step, a mixed motion, or an element, load or tool that cannot be used.
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
     if problem.time is None:
-        return solve_state(problem, strain, degree, progress, formulation=formulation)
+        return solve_state(
+            problem, strain, degree, progress, formulation=formulation, element=element
+        )
     if formulation is Formulation.MIXED:
         raise InputError(
             "the mixed formulation finds equilibrium, and this problem is a motion; leave it out"
         )
     if degree == 1 and problem.time.time_step is not None:
-        return solve_explicit(problem, strain, progress)
+        return solve_explicit(problem, strain, progress, element=element)
+    if element is Element.SMOOTHED:
+        raise InputError(
+            "the reference moves smoothed tetrahedra by explicit steps only: take degree 1, and "
+            "give time_step in [time]"
+        )
     if problem.tools:
         raise InputError(
             "the reference moves tools by explicit steps only: take degree 1, and give time_step "

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.atomic_write import atomic_path
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.meshes.untrusted_arrays import read_npz
 from palpate.meshes.untrusted_text import parse_json
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
@@ -66,6 +66,7 @@ def write_reference(
                 "label": state.label,
                 "strain": state.strain.value,
                 "degree": state.degree,
+                **({} if state.element is Element.LINEAR else {"element": state.element.value}),
                 "details": _details(state),
                 **{scalar: getattr(state, scalar) for scalar in SCALARS},
             }
@@ -133,6 +134,7 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
             simulator=REFERENCE,
             strain=strain,
             degree=int(entry["degree"]),
+            element=Element(entry.get("element", Element.LINEAR)),
             displacement=_numbers(arrays[f"displacement_{index}"]),
             details=details,
             tool_forces=None if forces is None else _numbers(forces),

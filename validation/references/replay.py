@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
 from palpate.validation.metrics.elasticity import ElasticForces, load_force
 
@@ -29,13 +29,19 @@ def held_places(problem: Problem, time: float) -> Points:
     return placed
 
 
-def replay_motion(problem: Problem, strain: Strain, num_outputs: int) -> NDArray[np.float64]:
+def replay_motion(
+    problem: Problem,
+    strain: Strain,
+    num_outputs: int,
+    element: Element = Element.LINEAR,
+) -> NDArray[np.float64]:
     """Step a problem from rest to its first few outputs; tools are left out.
 
     Args:
         problem: With a time span whose `time_step` divides its outputs.
         strain: Strain measure.
         num_outputs: How many outputs after the initial state.
+        element: Linear tetrahedra, plain or smoothed.
 
     Returns:
         Displacement at rest and at each of the outputs [m], (num_outputs + 1, num_points, 3).
@@ -44,7 +50,7 @@ def replay_motion(problem: Problem, strain: Strain, num_outputs: int) -> NDArray
     assert span is not None
     assert span.time_step is not None
     dt = span.time_step
-    internal = ElasticForces(problem, strain)
+    internal = ElasticForces(problem, strain, element)
     dead = [load_force(problem.mesh, k, problem.mesh.points * 0.0, strain) for k in problem.loads]
     mass = lumped_mass(problem)[:, None]
     is_held = held_components(problem)[0].astype(bool)

@@ -1,17 +1,17 @@
-"""The reference solutions of a case: P1 on its mesh, P2 for the truth, with error bars."""
+"""The reference solutions of a case: on its mesh by element, P2 for the truth, with error bars."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.reference.result import Formulation
 from palpate.validation.metrics import COMPARISONS
@@ -25,6 +25,7 @@ from palpate.validation.references.sequences import (
 from palpate.validation.states import REFERENCE, State
 
 SAME_MESH = "reference P1"
+SMOOTHED = "reference smoothed"
 QUADRATIC = "reference P2"
 # P2 on the case's mesh cut in eight, once or twice: only stored references have it.
 TRUTH = "reference P2, refined"
@@ -37,6 +38,8 @@ SHARPER = "an upper estimate; `palpate reference build` finds sharper ones"
 BOTH = ("same_mesh", "truth")
 
 Bars = dict[tuple[str, Strain], float]
+# The reference on the case's mesh, by what its tetrahedra are.
+OF_ELEMENT = {Element.LINEAR: SAME_MESH, Element.SMOOTHED: SMOOTHED}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +47,12 @@ class ReferenceSet:
     """States by (label, strain), and error bars by (metric, strain) relative to their scale.
 
     Attributes:
-        states: P1 and P2 states; one that did not converge is missing.
+        states: On the same mesh and of degree 2; one that did not converge is missing.
         bars: Error bars of the truth.
         origin: One line on where this comes from.
         failures: Why a state is missing, by (label, strain).
         provenance: Versions and how it was made.
+        element: Whose states "the same mesh" means.
     """
 
     states: Mapping[tuple[str, Strain], State]
@@ -56,14 +60,25 @@ class ReferenceSet:
     origin: str
     failures: Mapping[tuple[str, Strain], str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    element: Element = Element.LINEAR
+
+    def of_element(self, element: Element) -> ReferenceSet:
+        """What a candidate with this element is held against: no other element's states."""
+        others = [label for kind, label in OF_ELEMENT.items() if kind is not element]
+        states = {place: state for place, state in self.states.items() if place[0] not in others}
+        return replace(self, states=states, element=element)
+
+    def same_mesh(self, strain: Strain) -> State | None:
+        """The state on the case's mesh with the element."""
+        return self.states.get((OF_ELEMENT[self.element], strain))
 
     def truth(self, strain: Strain) -> State | None:
         """The best state there is: P2 on the refined mesh, else P2 on the case's mesh."""
         return self.states.get((TRUTH, strain)) or self.states.get((QUADRATIC, strain))
 
     def failure(self, against: str, strain: Strain) -> str:
-        """Why a reference is missing; empty when it is not."""
-        label = QUADRATIC if against == "truth" else SAME_MESH
+        """Why a reference is missing; empty when it is not, or nobody knows."""
+        label = QUADRATIC if against == "truth" else OF_ELEMENT[self.element]
         return self.failures.get((label, strain), "")
 
 
@@ -74,6 +89,7 @@ def solve_state(
     progress: Callable[[str], None],
     *,
     formulation: Formulation = Formulation.DISPLACEMENT,
+    element: Element = Element.LINEAR,
 ) -> State:
     """One static reference solve in a child process, as a state.
 
@@ -86,10 +102,15 @@ def solve_state(
     if problem.time is not None:
         raise InputError("a problem in time has no static solution; solve its motion")
     start = time.perf_counter()
-    label = SAME_MESH if degree == 1 else QUADRATIC
+    label = OF_ELEMENT[element] if degree == 1 else QUADRATIC
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
     result = solve_static_in_child(
-        problem, strain=strain, degree=degree, formulation=formulation, progress=progress
+        problem,
+        strain=strain,
+        degree=degree,
+        formulation=formulation,
+        element=element,
+        progress=progress,
     )
     return State(
         label=label,
@@ -109,6 +130,7 @@ def solve_state(
         },
         tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
         versions=dict(result.versions),
+        element=element,
     )
 
 
@@ -118,8 +140,11 @@ def solve_live(
     *,
     stored: ReferenceSet | None = None,
     wanted: Collection[str] = BOTH,
+    elements: Collection[Element] = (Element.LINEAR,),
 ) -> ReferenceSet:
     """Solve P1 and P2 on the case's mesh, with both strains; of a motion what is `wanted`.
+
+    Smoothed tetrahedra beside them, where they are among the `elements`.
 
     A stored reference adds the truth on the refined mesh, with its bars. Without one the truth
     is P2 here, and the bar of each metric is the difference of P1 and P2, an upper estimate.
@@ -135,7 +160,7 @@ def solve_live(
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
-        return solve_motion_set(problem, progress, wanted=wanted, stored=stored)
+        return solve_motion_set(problem, progress, wanted=wanted, stored=stored, elements=elements)
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
     for strain in Strain:
@@ -155,35 +180,57 @@ def solve_live(
                     break
             except ReferenceFailedError as error:
                 failures[label, strain] = f"{label}: {error}"
+    if Element.SMOOTHED in elements:
+        for strain in Strain:
+            try:
+                found = solve_state(problem, strain, 1, progress, element=Element.SMOOTHED)
+                states[SMOOTHED, strain] = found
+            except ReferenceFailedError as error:
+                failures[SMOOTHED, strain] = f"{SMOOTHED}: {error}"
     versions = next((dict(s.versions) for s in states.values()), {})
+    solved = "P1 and P2 solved here"
+    if Element.SMOOTHED in elements:
+        solved = "P1, smoothed tetrahedra and P2 solved here"
     if stored is not None:
-        states |= {place: s for place, s in stored.states.items() if place[0] == TRUTH}
+        kept = {TRUTH, *(OF_ELEMENT[e] for e in Element if e not in elements)}
+        states |= {
+            place: state
+            for place, state in stored.states.items()
+            if place[0] in kept and place not in states
+        }
         return ReferenceSet(
             states,
             stored.bars,
-            "P1 and P2 solved here; the truth and its error bar stored (P2, mesh cut in eight)",
+            f"{solved}; the truth and its error bar stored (P2, mesh cut in eight)",
             failures,
             {"versions": versions, "stored": dict(stored.provenance)},
         )
     return ReferenceSet(
         states,
         estimate_bars(problem, states),
-        f"P1 and P2 solved here; error bar of P2: its difference from P1, {SHARPER}",
+        f"{solved}; error bar of P2: its difference from P1, {SHARPER}",
         failures,
         {"versions": versions},
     )
 
 
 def solve_tool_set(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
-    """P1 on the case's mesh with its tools, one for each strain measure; no truth is stored.
+    """The case's mesh with its tools, by element and strain measure; no truth is stored.
 
     Where the edge of contact falls between nodes changes from mesh to mesh, so that sequences of
     a few have no believable order, and finer ones take hours.
     """
-    states = {(SAME_MESH, strain): solve_state(problem, strain, 1, progress) for strain in Strain}
+    states = {
+        (label, strain): solve_state(problem, strain, 1, progress, element=element)
+        for element, label in OF_ELEMENT.items()
+        for strain in Strain
+    }
     versions = dict(states[SAME_MESH, Strain.GREEN].versions)
     return ReferenceSet(
-        states, {}, "stored: P1 on the case's mesh", provenance={"versions": versions}
+        states,
+        {},
+        "stored: P1 and smoothed tetrahedra on the case's mesh",
+        provenance={"versions": versions},
     )
 
 
@@ -202,7 +249,7 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
 def solve_for_storing(
     problem: Problem, progress: Callable[[str], None], *, wanted: Collection[str] = BOTH
 ) -> ReferenceSet:
-    """P1 on the case's mesh, P2 on finer ones for the truth, and what their sequences tell.
+    """Both elements on the case's mesh, P2 on finer ones for the truth, and what sequences tell.
 
     Small bodies: P2 on three meshes, each cut in eight from the last; the finest is the truth, its
     bars are grid convergence indices. Others: P2 on two, bars by Roache's rule for two grids, held
@@ -217,7 +264,9 @@ def solve_for_storing(
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
-        return solve_motion_set(problem, progress, wanted=wanted, is_for_storing=True)
+        return solve_motion_set(
+            problem, progress, wanted=wanted, is_for_storing=True, elements=tuple(Element)
+        )
     if problem.tools:
         return solve_tool_set(problem, progress)
     mesh = problem.mesh
@@ -233,6 +282,7 @@ def solve_for_storing(
 
     for strain in Strain:
         linear = solve(problem, strain, 1, SAME_MESH)
+        smoothed = solve_state(problem, strain, 1, progress, element=Element.SMOOTHED)
         coarse = solve(problem, strain, 2, QUADRATIC)
         middle = solve(finer, strain, 2, TRUTH)
         if is_small:
@@ -247,12 +297,12 @@ def solve_for_storing(
             of_two = bar_of_two(mesh, truth, coarse, series, found)
             bars |= {(metric, strain): bar for metric, bar in of_two.items()}
         convergence[strain.value] = as_data(found)
-        states |= {(s.label, strain): s for s in (linear, coarse, truth)}
+        states |= {(s.label, strain): s for s in (linear, smoothed, coarse, truth)}
     cut = "twice" if is_small else "once"
     return ReferenceSet(
         states,
         bars,
-        "stored: P1 and P2 on the case's mesh, and P2 on that mesh cut in eight "
+        "stored: P1, smoothed tetrahedra and P2 on the case's mesh, and P2 on it cut in eight "
         f"{cut} as the truth",
         provenance={
             "versions": dict(states[TRUTH, Strain.GREEN].versions),

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import held_components
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.elasticity import out_of_balance
@@ -21,15 +21,18 @@ from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_M
 from palpate.validation.references.replay import held_places, replay_motion, steps_per_output
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import (
+    OF_ELEMENT,
     QUADRATIC,
     SAME_MESH,
+    SMOOTHED,
     TRUTH,
     ReferenceSet,
 )
 from palpate.validation.states import State
 
 SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
-_DEGREES = {SAME_MESH: 1, QUADRATIC: 2, TRUTH: 2}
+_DEGREES = {SAME_MESH: 1, SMOOTHED: 1, QUADRATIC: 2, TRUTH: 2}
+_ELEMENTS = {label: element for element, label in OF_ELEMENT.items()}
 # Relative. Sums over some thousand cells in another order leave 1e-13; a volume that is 1e-9 off
 # could not turn a verdict.
 _ROUNDING = 1e-9
@@ -155,6 +158,9 @@ def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:
     shape = problem.mesh.points.shape
     if _DEGREES.get(label, state.degree) != state.degree:
         yield f"degree {state.degree}; its name stands for degree {_DEGREES[label]}"
+    element = _ELEMENTS.get(label, Element.LINEAR)
+    if state.element is not element:
+        yield f"{state.element} tetrahedra; its name stands for {element} ones"
     if state.displacement.shape != shape or not np.isfinite(state.displacement).all():
         yield f"displacement does not fit the mesh: shape {state.displacement.shape}, not {shape}"
     if (state.trajectory is None) != (problem.time is None):
@@ -234,7 +240,7 @@ def _wrong_motion(problem: Problem, state: State, thoroughly: bool) -> Iterator[
     outputs = min(outputs, len(state.trajectory.times) - 1)
     if outputs < 1:
         return
-    own = replay_motion(problem, state.strain, outputs)
+    own = replay_motion(problem, state.strain, outputs, state.element)
     error = float(np.abs(own - state.trajectory.displacements[: outputs + 1]).max())
     scale = float(np.abs(own).max())
     if not error <= _REPLAY * scale:
@@ -249,7 +255,7 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
     """Equilibrium of a static state of degree 1; with tools of what does not touch them."""
     if state.degree != 1 or state.trajectory is not None:
         return
-    residual, scale = out_of_balance(problem, state.displacement, state.strain)
+    residual, scale = out_of_balance(problem, state.displacement, state.strain, state.element)
     limit = _SLACK * _SOLVED_TO * math.sqrt(residual.size) * scale
     may_touch = np.zeros(problem.mesh.num_points, dtype=bool)
     for tool in problem.tools:

@@ -17,6 +17,12 @@ import numpy as np
 
 from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import problem_arrays
+from palpate.validation.references.additions import (
+    accept_additions,
+    additions,
+    altered_beside,
+    waiting,
+)
 from palpate.validation.references.errors import (
     MissingReferenceError,
     StaleReferenceError,
@@ -149,11 +155,15 @@ def load_checked(
 
 def describe_acceptance(references: ReferenceSet) -> str:
     """Who accepted a reference, when and why, in one line; empty where nobody did."""
-    accepted = references.provenance.get("accepted")
-    if not isinstance(accepted, dict):
-        return ""
-    date, by, reason = (accepted.get(key, "?") for key in ("date", "by", "reason"))
-    return f"accepted {date} by {by}: {reason}"
+    accepted = {"": references.provenance.get("accepted")}
+    for element, about in additions(references).items():
+        accepted[f"{element} tetrahedra "] = about.get("accepted")
+    lines = []
+    for what, told in accepted.items():
+        if isinstance(told, dict):
+            date, by, reason = (told.get(key, "?") for key in ("date", "by", "reason"))
+            lines.append(f"{what}accepted {date} by {by}: {reason}")
+    return "; ".join(lines)
 
 
 def accept_pending(
@@ -184,7 +194,18 @@ def accept_pending(
             f"run `palpate reference build {name}` again"
         )
     references = load_checked(pending, name, problem, thoroughly=True)
-    provenance = {**references.provenance, "accepted": acceptance}
-    path = store(name, problem, references, provenance, path=accepted_path(name, beside))
+    accepted = accepted_path(name, beside)
+    if waiting(references):
+        # Who accepted the rest did not see this; what they saw must still be what is there.
+        altered = altered_beside(load_checked(accepted, name, problem), references)
+        if altered:
+            raise StaleReferenceError(
+                f"the reference of {name!r} has changed since something was built beside it "
+                f"({', '.join(altered)}); build it again"
+            )
+        provenance = accept_additions(references, acceptance)
+    else:
+        provenance = {**references.provenance, "accepted": acceptance}
+    path = store(name, problem, references, provenance, path=accepted)
     pending.unlink()
     return path

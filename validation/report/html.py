@@ -24,7 +24,7 @@ from palpate.validation.evidence.error_budget import (
 )
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.references.sets import OF_ELEMENT
 from palpate.validation.report.budget_plot import budget_svg
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.environment import page_environment
@@ -112,7 +112,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "slider": "share of the displacement" if problem.time is None else "time",
         "quality": measure_quality(problem.mesh),
         "material": problem.material,
-        "green": result.state(result.candidate, Strain.GREEN),
+        "green": result.state(result.candidates[0].name, Strain.GREEN),
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in problem.loads],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
@@ -149,8 +149,8 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
             return [], "runs on the finer mesh would take minutes"
         budgets = []
         for state in result.states:
-            if state.label == result.candidate and not state.is_reference:
-                same_mesh = result.state(SAME_MESH, state.strain)
+            if not state.is_reference:
+                same_mesh = result.state(OF_ELEMENT[state.element], state.strain)
                 budgets += motion_budgets(
                     problem,
                     state.strain,

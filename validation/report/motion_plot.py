@@ -11,7 +11,6 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.motion import swinging_most
-from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.states import State
 
 _MILLI = 1e3
@@ -29,7 +28,7 @@ def motion_svg(result: CaseResult) -> str:
     if not candidates:
         return ""
     # The truth, where there is one, says where to look.
-    leading = sorted(references, key=lambda s: s.label == SAME_MESH) or candidates
+    leading = sorted(references, key=_is_twin) or candidates
     assert leading[0].trajectory is not None
     point, axis = swinging_most(leading[0].trajectory)
     place = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
@@ -46,7 +45,7 @@ def motion_svg(result: CaseResult) -> str:
                 _draw_forces(panels[2], state)
             panels[2].set_ylabel("force on tool [N]")
         for state in references:
-            is_twin = state.label == SAME_MESH
+            is_twin = _is_twin(state)
             times, path = _path(state, point, axis)
             above.plot(
                 times, path, color="#888888" if is_twin else "black", lw=3.0 if is_twin else 1.6,
@@ -76,6 +75,11 @@ def motion_svg(result: CaseResult) -> str:
                 )  # fmt: skip
         figure.tight_layout()
         return figure_svg(figure)
+
+
+def _is_twin(reference: State) -> bool:
+    """Whether a reference is that of the same mesh and steps, not the truth."""
+    return reference.degree == 1
 
 
 def _draw_forces(axes: mpl.axes.Axes, state: State) -> None:
@@ -110,6 +114,6 @@ def _draw_error(axes: mpl.axes.Axes, state: State, other: State, point: int) -> 
     if ours.shape != theirs.shape:
         return
     apart = _MILLI * np.linalg.norm(ours[:, point] - theirs[:, point], axis=1)
-    colour = "#888888" if other.label == SAME_MESH else "black"
+    colour = "#888888" if _is_twin(other) else "black"
     shown = np.where(apart > 0.0, apart, np.nan)
     axes.plot(state.trajectory.times, shown, color=colour, lw=1.1, label=f"to {other.label}")

@@ -81,7 +81,7 @@ def _arrays(result: CaseResult) -> dict[str, NDArray[Any]]:
         "pushed": _facets([getattr(load, "facets", None) for load in result.problem.loads]),
     }
     for strain in Strain:
-        state = result.state(result.candidate, strain)
+        state = result.state(result.candidates[0].name, strain)
         if state is not None:
             arrays[f"u_{strain}"] = state.displacement * 1e3
     for name, field in result.error_fields.items():

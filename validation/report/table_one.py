@@ -33,7 +33,7 @@ def state_table(result: CaseResult) -> StateTable:
     """Columns: the paper where the case has its numbers, then every simulator; mm3 and mm2."""
     labels = list(dict.fromkeys(s.label for s in result.states if s.is_reference))
     labels.sort(reverse=True)
-    labels += [s.label for s in result.states if not s.is_reference][:1]
+    labels += dict.fromkeys(s.label for s in result.states if not s.is_reference)
     published = result.published
     has_paper = all(
         isinstance(published.get(f"{state}_{key}"), int | float)

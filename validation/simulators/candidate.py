@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.result_files import (
     read_result,
     room_for_answer,
@@ -32,6 +32,7 @@ class Candidate:
         has_both_strains: Whether it is asked for both strain measures, or for the case's only.
         notes: What a reader of the verdict must know of it.
         can_be_asked: Whether it solves other problems than the case's, as a file cannot.
+        element: What its tetrahedra are, where it does not say another in its answer.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Candidate:
     has_both_strains: bool = False
     notes: tuple[str, ...] = field(default=())
     can_be_asked: bool = True
+    element: Element = Element.LINEAR
 
 
 def fastsim_candidate(*, method: Method = Method.NEWTON) -> Candidate:

@@ -76,9 +76,11 @@ def _state(
             name, f"displacement has shape {values.shape}; this case needs {shape} [m]"
         )
     times = None if span is None else np.linspace(0.0, span.end_time, span.num_outputs + 1)
-    about = {}
-    if isinstance(like, State) and like.tool_forces is not None:
-        about["tool_forces"] = like.tool_forces
+    about: dict[str, object] = {}
+    if isinstance(like, State):
+        about["element"] = like.element.value
+        if like.tool_forces is not None:
+            about["tool_forces"] = like.tool_forces
     values = values.reshape(-1, num_points, 3)
     result = ResultFile(Path(name), values, are_positions=False, times=times, about=about)
     return state_of_result(result, problem, name, strain)

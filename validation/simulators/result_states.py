@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
@@ -49,7 +49,9 @@ def _with_motion(state: State, problem: Problem, result: ResultFile, placed: Pla
     """
     said = dict(result.about)
     forces = _tool_forces(result, said.pop("tool_forces", None))
-    state = dataclasses.replace(state, says=said, tool_forces=forces)
+    is_smoothed = said.get("element") == Element.SMOOTHED
+    element = Element.SMOOTHED if is_smoothed else Element.LINEAR
+    state = dataclasses.replace(state, says=said, tool_forces=forces, element=element)
     span = problem.time
     if span is None:
         return state
@@ -93,6 +95,7 @@ def _moved(
         details=state.details,
         tool_forces=state.tool_forces,
         trajectory=Trajectory(times, displacements),
+        element=state.element,
     )
 
 

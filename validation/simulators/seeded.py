@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.result_files import ResultFile
@@ -49,7 +49,7 @@ def with_fault(candidate: Candidate, fault: Fault) -> Candidate:
             result,
             values=spoiled,
             points=None if right.own is None else mesh.points,
-            about={} if forces is None else {"tool_forces": forces},
+            about=_about(dataclasses.replace(right, tool_forces=forces)),
         )
         return state_of_result(
             changed, problem, candidate.name, strain, seconds=right.seconds, details=right.details
@@ -116,5 +116,15 @@ def as_result(state: State) -> ResultFile:
         times=None if motion is None else motion.times,
         points=None if own is None else own.points,
         cells=None if own is None else own.cells.astype(np.int64),
-        about={} if state.tool_forces is None else {"tool_forces": state.tool_forces},
+        about=_about(state),
     )
+
+
+def _about(state: State) -> dict[str, object]:
+    """What a simulator says of itself that matters to how its answer is judged."""
+    about: dict[str, object] = {}
+    if state.tool_forces is not None:
+        about["tool_forces"] = state.tool_forces
+    if state.element is not Element.LINEAR:
+        about["element"] = state.element.value
+    return about

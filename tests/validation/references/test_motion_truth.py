@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.dynamics import simulate
-from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.reference.errors import ReferenceStepError, ReferenceUnavailableError
 from palpate.validation.case import load_case
 from palpate.validation.judging.checks import judge_check
@@ -173,7 +173,10 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
     stored = find_references(case, live=False, progress=lambda _line: None)
     calls: list[tuple[str, Strain]] = []
 
-    def explicit(_problem: Problem, strain: Strain, _progress: object) -> State:
+    def explicit(
+        _problem: Problem, strain: Strain, _progress: object, *, element: Element
+    ) -> State:
+        assert element is Element.LINEAR
         calls.append(("explicit", strain))
         return stored.states[SAME_MESH, strain]
 
