@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
+from palpate.meshes.arrays import Indices
+from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 
 _CORNER_PATHS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
@@ -40,3 +44,27 @@ def brick_box(
     shift = np.random.default_rng(0).uniform(-1.0, 1.0, (int(inside.sum()), 3))
     points[inside] += ragged * brick * shift
     return TetMesh(points, cells)
+
+
+def side(mesh: TetMesh, axis: int, place: float) -> Indices:
+    """Boundary facets whose corners all lie at a place along an axis [m], shape (n, 3)."""
+    facets = mesh.boundary_facets
+    distance = np.abs(mesh.points[facets][:, :, axis] - place)
+    found: Indices = facets[(distance <= 1e-9 * np.ptp(mesh.points[:, axis])).all(axis=1)]
+    return found
+
+
+def held(
+    facets: Indices,
+    components: tuple[bool, bool, bool] = (True, True, True),
+    displacement: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Support:
+    """Facets with their corners, held."""
+    return Support(np.unique(facets).astype(np.int32), facets, components, displacement)
+
+
+def rollers(mesh: TetMesh, places: Iterable[tuple[int, float]]) -> tuple[Support, ...]:
+    """Sides (axis, place [m]) that may slide in their own plane only."""
+    return tuple(
+        held(side(mesh, axis, place), (axis == 0, axis == 1, axis == 2)) for axis, place in places
+    )

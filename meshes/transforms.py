@@ -173,6 +173,25 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
     return changed, lambda answer: answer / scale
 
 
+def scale_loads(problem: Problem, factor: float) -> Problem:
+    """The same body with all its loads multiplied; what is prescribed stays."""
+
+    def load_of(load: Load) -> Load:
+        match load:
+            case BodyForce():
+                x, y, z = (factor * f for f in load.force_density)
+                return dataclasses.replace(load, force_density=(x, y, z))
+            case Traction():
+                x, y, z = (factor * t for t in load.traction)
+                return dataclasses.replace(load, traction=(x, y, z))
+            case Pressure():
+                return dataclasses.replace(load, pressure=factor * load.pressure)
+            case PointForce():
+                return dataclasses.replace(load, forces=factor * load.forces)
+
+    return dataclasses.replace(problem, loads=tuple(map(load_of, problem.loads)))
+
+
 def prescribe(mesh: TetMesh, material: Material, held: Indices, displacement: Points) -> Problem:
     """A body without loads whose points `held` are moved, each by its own displacement."""
     supports = tuple(

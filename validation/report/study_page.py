@@ -1,15 +1,17 @@
-"""A study as one HTML page that opens offline anywhere: what was found first."""
+"""What a study shows, and its page: HTML that opens offline anywhere, what was found first."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 from markupsafe import Markup
 
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.quoting import csv_text
 from palpate.validation.report.environment import page_environment
-from palpate.validation.states import Verdict
+from palpate.validation.states import Verdict, gravest
 
 
 @dataclass(frozen=True)
@@ -21,48 +23,96 @@ class Finding:
     verdict: Verdict
 
 
+def judged(claim: str, found: str, is_true: bool) -> Finding:
+    """A claim that is either true or false."""
+    return Finding(claim, found, Verdict.PASSED if is_true else Verdict.FAILED)
+
+
 @dataclass(frozen=True)
-class StudyTable:
-    """A table with its heading; cells are text."""
+class Table:
+    """Rows of numbers and words, from which the page, the CSV and the JSON are made.
+
+    Attributes:
+        title: Its heading.
+        columns: Headings, each with the format of its numbers on the page; "" of words.
+        rows: A cell for each column; None where there is nothing, a dash on the page.
+        is_shown: Whether it is on the page, or for the files alone.
+    """
 
     title: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    columns: Mapping[str, str]
+    rows: Sequence[Sequence[Any]]
+    is_shown: bool = True
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"{self.title}: {len(row)} cells, {len(self.columns)} columns")
+
+    @property
+    def texts(self) -> list[list[str]]:
+        """Cells as the page shows them."""
+        return [
+            [_text(cell, form) for cell, form in zip(row, self.columns.values(), strict=True)]
+            for row in self.rows
+        ]
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """Rows by heading."""
+        return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
+
+    @property
+    def csv(self) -> str:
+        """Numbers to ten digits, nothing where there is nothing."""
+        cells = ([f"{c:.10g}" if isinstance(c, float) else c for c in row] for row in self.rows)
+        return csv_text(list(self.columns), cells)
+
+
+def _text(cell: Any, form: str) -> str:
+    if cell is None:
+        return "-"
+    return cell if isinstance(cell, str) else format(cell, form)
 
 
 @dataclass(frozen=True)
-class StudyFigure:
+class Figure:
     """A drawing of ours, as an <svg> element, and what it shows."""
 
     svg: str
     caption: str
 
 
-def write_study_page(
-    path: Path,
-    *,
-    title: str,
-    about: Sequence[str],
-    findings: Sequence[Finding],
-    figures: Sequence[StudyFigure],
-    tables: Sequence[StudyTable],
-) -> None:
-    """Write the page; everything but the drawings is escaped."""
-    environment = page_environment()
-    page = environment.get_template("study.html.j2").render(
-        title=title,
-        about=about,
-        findings=findings,
-        verdict=gravest(findings),
-        figures=[(Markup(f.svg), f.caption) for f in figures],
-        tables=tables,
+@dataclass(frozen=True)
+class Page:
+    """Figures and tables by file name without its end; remarks go below the text.
+
+    Attributes:
+        figures: NAME.svg.
+        tables: NAME.csv.
+        remarks: Paragraphs that depend on what was computed.
+        numbers: What else belongs into results.json.
+        case: A judged case, whose own report is the page.
+    """
+
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    remarks: Sequence[str] = ()
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    case: CaseResult | None = None
+
+
+def study_page(title: str, about: Sequence[str], findings: Sequence[Finding], page: Page) -> str:
+    """The page as HTML; everything but the drawings is escaped."""
+    return (
+        page_environment()
+        .get_template("study.html.j2")
+        .render(
+            title=title,
+            about=[*about, *page.remarks],
+            findings=findings,
+            verdict=gravest([f.verdict for f in findings]),
+            figures=[(Markup(f.svg), f.caption) for f in page.figures.values()],
+            tables=[table for table in page.tables.values() if table.is_shown],
+        )
     )
-    path.write_text(page, encoding="utf-8")
-
-
-def gravest(findings: Sequence[Finding]) -> Verdict:
-    """Failed before inconclusive before passed."""
-    for verdict in (Verdict.FAILED, Verdict.INCONCLUSIVE):
-        if any(f.verdict is verdict for f in findings):
-            return verdict
-    return Verdict.PASSED

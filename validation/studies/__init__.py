@@ -1,14 +1,22 @@
-"""Studies: of the paper, remade, and of what the answers depend on; one module each."""
+"""Studies: of the paper, remade, and of what the answers depend on; a file or folder each.
+
+Each has `STUDY`, see `palpate.validation.studies.study`; here they are named, and nothing heavy is
+loaded until one is run.
+"""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
 from pathlib import Path
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any
 
 from palpate.meshes.errors import InputError
+from palpate.validation.states import ExitCode, Progress
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from palpate.validation.studies.study import Study
 
 # Name -> what it shows, a line.
 STUDIES = {
@@ -27,17 +35,23 @@ STUDIES = {
 }
 
 
-def run_study(name: str, folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Run a study into an empty folder.
-
-    Returns:
-        The exit code: 0 passed, 1 failed, 3 inconclusive.
+def load_study(name: str) -> Study[Any]:
+    """A study by its name.
 
     Raises:
-        InputError: No such study.
+        InputError: There is none of this name.
     """
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
     module = importlib.import_module(f"palpate.validation.studies.{name.replace('-', '_')}")
-    code: int = module.run(folder, progress, console)
-    return code
+    study: Study[Any] = module.STUDY
+    return study
+
+
+def run_study(name: str, folder: Path, progress: Progress, console: Console) -> ExitCode:
+    """Run a study into an empty folder; the exit code is its verdict.
+
+    Raises:
+        InputError: No such study.
+    """
+    return load_study(name).run(name, folder, progress, console)

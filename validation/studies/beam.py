@@ -8,128 +8,119 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import BodyForce, Load, Traction
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.transforms import scale_loads
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
-from palpate.validation.quoting import csv_text
+from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import solve_state
+from palpate.validation.report.line_plot import OCHRE, RED, Line, Panel, line_figure
+from palpate.validation.report.study_page import Page, Table
 from palpate.validation.simulators import run_fastsim
-from palpate.validation.studies.common import code_of, judge_and_report
+from palpate.validation.states import Progress, in_silence
+from palpate.validation.studies.of_case import findings_of, judge_live, page_of
+from palpate.validation.studies.study import Study
 
 FACTORS = (0.1, 0.25, 0.5, 0.75, 1.0)
 
 
-def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Judge the beam, sweep its load, and leave report.html, sweep.csv and sweep.svg."""
-    result = judge_and_report("beam", folder, progress, console)
-    rows = sweep(load_case("beam").problem, progress)
-    columns = ("load_factor", "strain", "simulator", "tip_drop_mm", "stretch_percent")
-    (folder / "sweep.csv").write_text(csv_text(columns, rows), encoding="utf-8")
-    (folder / "sweep.svg").write_text(sweep_svg(rows), encoding="utf-8")
-    console.print(f"{'load':>6} {'strain':7} {'simulator':14} {'tip drop [mm]':>14} {'stretch':>9}")
-    for factor, strain, simulator, drop, stretch in rows:
-        console.print(f"{factor:6.2f} {strain:7} {simulator:14} {drop:14.3f} {stretch:8.2f}%")
-    return code_of(result)
+class Row(NamedTuple):
+    """Tip drop [mm] and stretch of the middle line [%] under a part of the weight."""
+
+    load_factor: float
+    strain: Strain
+    simulator: str
+    tip_drop: float
+    stretch: float
 
 
-Row = tuple[float, str, str, float, float]
+def compute(progress: Progress) -> tuple[CaseResult, list[Row]]:
+    """Judge the beam, sweep its load."""
+    return judge_live("beam", progress), sweep(load_case("beam").problem, progress)
 
 
-def sweep(problem: Problem, progress: Callable[[str], None]) -> list[Row]:
-    """Tip drop [mm] and stretch of the middle line [%] at each load, strain and simulator."""
+def sweep(problem: Problem, progress: Progress) -> list[Row]:
+    """Each load, strain and simulator."""
     rows: list[Row] = []
     for factor in FACTORS:
-        given = scaled(problem, factor)
+        given = scale_loads(problem, factor)
         for strain in Strain:
-            fast = run_fastsim(given, strain, lambda _line: None).displacement
-            rows.append((factor, strain.value, "fastsim", *_tip(problem.mesh, fast)))
+            answers = {"fastsim": run_fastsim(given, strain, in_silence).displacement}
             if is_available():
-                truth = solve_state(given, strain, 1, lambda _line: None).displacement
-                rows.append((factor, strain.value, "reference P1", *_tip(problem.mesh, truth)))
+                truth = solve_state(given, strain, 1, in_silence)
+                answers["reference P1"] = truth.displacement
+            for simulator, displacement in answers.items():
+                measured = measure_tip(problem.mesh, displacement)
+                rows.append(Row(factor, strain, simulator, *measured))
         progress(f"load sweep: {factor:g} of the weight done")
     return rows
 
 
-def scaled(problem: Problem, factor: float) -> Problem:
-    """The problem with all its loads multiplied."""
-    loads: list[Load] = []
-    for load in problem.loads:
-        if isinstance(load, BodyForce):
-            f = [factor * x for x in load.force_density]
-            loads.append(dataclasses.replace(load, force_density=(f[0], f[1], f[2])))
-        elif isinstance(load, Traction):
-            t = [factor * x for x in load.traction]
-            loads.append(dataclasses.replace(load, traction=(t[0], t[1], t[2])))
-        else:
-            raise ValueError(f"the sweep does not know {type(load).__name__}")
-    return dataclasses.replace(problem, loads=tuple(loads))
-
-
-def middle_line_length(mesh: TetMesh, displacement: Points, stations: int = 25) -> float:
-    """Length [m] of the line through the middles of slices along x, as displaced.
-
-    Each station is the mean over the boundary points nearest to it; the rest length is the body's.
-    """
-    x = mesh.points[:, 0]
-    places = np.linspace(x.min(), x.max(), stations)
-    width = 1.5 * (places[1] - places[0])
-    line = []
-    for place in places:
-        # A linear fit over a slice gives the mean section even where points lie unevenly.
-        near = np.abs(x - place) <= width
-        basis = np.column_stack(
-            [np.ones(near.sum()), x[near] - place, mesh.points[near, 1:] - _axis(mesh)]
-        )
-        moved = mesh.points[near] + displacement[near]
-        line.append(np.linalg.lstsq(basis, moved, rcond=None)[0][0])
-    return float(np.linalg.norm(np.diff(np.array(line), axis=0), axis=1).sum())
-
-
-def _axis(mesh: TetMesh) -> Points:
-    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
-    middle: Points = 0.5 * (low + high)[1:]
-    return middle
-
-
-def _tip(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
+def measure_tip(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
+    """Drop of the end [mm], and stretch of the middle line [%]."""
     end = mesh.points[:, 0] == mesh.points[:, 0].max()
     drop = -1e3 * float(displacement[end, 2].mean())
     length = float(np.ptp(mesh.points[:, 0]))
     return drop, (middle_line_length(mesh, displacement) / length - 1.0) * 100.0
 
 
-def sweep_svg(rows: list[Row]) -> str:
-    """Tip drop and stretch over load; lines: reference, marks: fastsim."""
-    from matplotlib import pyplot
+def middle_line_length(mesh: TetMesh, displacement: Points, stations: int = 25) -> float:
+    """Length [m] of the line through the middles of slices along x, as displaced."""
+    x = mesh.points[:, 0]
+    places = np.linspace(x.min(), x.max(), stations)
+    middle = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))[1:]
+    line = []
+    for place in places:
+        # A linear fit over a slice gives the mean section even where points lie unevenly.
+        near = np.abs(x - place) <= 1.5 * (places[1] - places[0])
+        basis = np.column_stack(
+            [np.ones(near.sum()), x[near] - place, mesh.points[near, 1:] - middle]
+        )
+        moved = mesh.points[near] + displacement[near]
+        line.append(np.linalg.lstsq(basis, moved, rcond=None)[0][0])
+    return float(np.linalg.norm(np.diff(np.array(line), axis=0), axis=1).sum())
 
-    from palpate.validation.report.plots import figure_svg
 
-    colours = {"linear": "#c98a12", "green": "#b5332e"}
-    figure, axes = pyplot.subplots(1, 2, figsize=(9.0, 3.6))
-    for panel, (column, label) in zip(
-        axes, ((3, "tip drop [mm]"), (4, "stretch of the middle line [%]")), strict=True
-    ):
-        for strain, colour in colours.items():
-            for simulator, style in (("reference P1", "-"), ("fastsim", "o")):
-                chosen = [r for r in rows if r[1] == strain and r[2] == simulator]
-                panel.plot(
-                    [r[0] for r in chosen],
-                    [r[column] for r in chosen],
-                    style,
-                    color=colour,
-                    label=f"{strain}, {simulator}",
-                )
-        panel.set_xlabel("part of the weight")
-        panel.set_ylabel(label)
-        panel.grid(color="#dddddd", lw=0.6)
-    axes[0].legend(frameon=False, fontsize=8)
-    figure.tight_layout()
-    return figure_svg(figure)
+def present(found: tuple[CaseResult, list[Row]]) -> Page:
+    """The case's report, and the sweep as a table and a figure."""
+    result, rows = found
+    columns = {"load_factor": "g", "strain": "", "simulator": "", "tip_drop_mm": ".3f"}
+    table = Table("Load sweep", {**columns, "stretch_percent": ".2f"}, rows)
+
+    def lines(measure: Callable[[Row], float]) -> list[Line]:
+        chosen = {
+            (strain, simulator): [r for r in rows if (r.strain, r.simulator) == (strain, simulator)]
+            for strain in Strain
+            for simulator in ("reference P1", "fastsim")
+        }
+        return [
+            Line(
+                x=[r.load_factor for r in some],
+                y=[measure(r) for r in some],
+                label=f"{strain}, {simulator}",
+                style="o" if simulator == "fastsim" else "-",
+                colour=OCHRE if strain is Strain.LINEAR else RED,
+            )
+            for (strain, simulator), some in chosen.items()
+            if some
+        ]
+
+    panels = [
+        Panel(lines=lines(lambda r: r.tip_drop), x="part of the weight", y="tip drop [mm]"),
+        Panel(
+            lines=lines(lambda r: r.stretch),
+            x="part of the weight",
+            y="stretch of the middle line [%]",
+        ),
+    ]
+    figure = line_figure([panels], "Lines: reference; marks: fastsim.", shares_legend=True)
+    return dataclasses.replace(page_of(result), tables={"sweep": table}, figures={"sweep": figure})
+
+
+STUDY = Study("The beam", __doc__, compute, lambda found: findings_of(found[0]), present)

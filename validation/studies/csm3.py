@@ -14,20 +14,20 @@ harmonic of the whole run.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
-from palpate.meshes.bricks import brick_box
+from palpate.meshes.bricks import brick_box, held, rollers
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.report.study_page import StudyFigure, StudyTable
-from palpate.validation.studies.study_folder import judged, leave_study
+from palpate.validation.report.line_plot import Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Page, Table, judged
+from palpate.validation.states import Progress
+from palpate.validation.studies.study import Study
 
 # Layers of cells over the bar's height, time step [s]: steps on one mesh, then the mesh halved.
 RUNS = ((2, 0.04), (2, 0.02), (2, 0.01), (2, 0.005), (4, 0.01))
@@ -35,8 +35,7 @@ END = 10.0
 _HARMONICS = 3
 
 
-@dataclass(frozen=True)
-class Published:
+class Published(NamedTuple):
     """Mean and amplitude of A along x and y [mm], frequency [1/s]."""
 
     mean: tuple[float, float]
@@ -51,17 +50,18 @@ COARSE = Published((-14.384, -64.271), (14.389, 64.595), 1.0956)
 
 @dataclass(frozen=True)
 class Swing:
-    """How point A swings.
+    """How point A swings; `mean` and `amplitude` by the extremes of the last period, as published.
 
     Attributes:
         num_layers: Cells over the bar's height.
         time_step: [s].
-        mean: Half the sum of the extremes of the last period, along x and y [mm].
+        mean: Half the sum of the extremes, along x and y [mm].
         amplitude: Half their difference [mm].
         frequency: That fits the whole run best [1/s].
         level: Mean along y of the whole run [mm].
         first_harmonic: Amplitude along y of that frequency in the whole run [mm].
         energy_error: Largest error of the energy balance over the largest strain energy [-].
+        path: Displacement of A along x and y over time [mm], (num_times, 2).
     """
 
     num_layers: int
@@ -72,6 +72,7 @@ class Swing:
     level: float
     first_harmonic: float
     energy_error: float
+    path: Points = field(repr=False)
 
 
 def bar_body(divisions: tuple[int, int, int]) -> tuple[TetMesh, tuple[Support, ...], int]:
@@ -81,25 +82,16 @@ def bar_body(divisions: tuple[int, int, int]) -> tuple[TetMesh, tuple[Support, .
         divisions: Bricks of six tetrahedra along, over the height (even) and through; the body is
             as thick as its bricks are high for each of the last.
     """
-    num_layers = divisions[1]
-    flat = brick_box(divisions, (1.0, 1.0, 0.02 * divisions[2] / num_layers))
+    thickness = 0.02 * divisions[2] / divisions[1]
+    flat = brick_box(divisions, (1.0, 1.0, thickness))
     points = flat.points.copy()
     points[:, 1] = 0.19 + 0.02 * flat.points[:, 1]
     arc = 0.2 + np.sqrt(0.05**2 - (points[:, 1] - 0.2) ** 2)
     points[:, 0] = arc + (0.6 - arc) * flat.points[:, 0] ** 1.5  # finer towards the clamp
     mesh = TetMesh(points, flat.cells)
     facets = mesh.boundary_facets
-    z = points[:, 2]
-    sides = [facets[(z[facets] == level).all(axis=1)] for level in (z.min(), z.max())]
     clamped = facets[(flat.points[facets, 0] == 0.0).all(axis=1)]
-
-    def held(rows: np.ndarray, components: tuple[bool, bool, bool]) -> Support:  # type: ignore[type-arg]
-        return Support(np.unique(rows).astype(np.int32), rows, components)
-
-    supports = (
-        held(clamped, (True, True, True)),
-        *(held(rows, (False, False, True)) for rows in sides),
-    )
+    supports = (held(clamped), *rollers(mesh, ((2, 0.0), (2, thickness))))
     return mesh, supports, int(np.argmin(np.linalg.norm(points - [0.6, 0.2, 0.0], axis=1)))
 
 
@@ -111,8 +103,8 @@ def bar_problem(num_layers: int, time_step: float, end_time: float = END) -> tup
     return Problem(mesh, Material(1.4e6, 0.4, 1000.0), supports, (load,), span), place
 
 
-def swing(num_layers: int, time_step: float, end_time: float = END) -> tuple[Swing, Points]:
-    """Run the bar; return how A swings and its displacement over time [mm], (num_times, 2)."""
+def swing(num_layers: int, time_step: float, end_time: float = END) -> Swing:
+    """Run the bar and measure how A swings."""
     from palpate.reference.child import run_task
     from palpate.reference.result import ImplicitResult
     from palpate.reference.tasks import ImplicitTask
@@ -123,20 +115,18 @@ def swing(num_layers: int, time_step: float, end_time: float = END) -> tuple[Swi
     path: Points = 1e3 * result.displacements[:, place, :2]
     frequency, level, harmonic = fit(result.times, path[:, 1])
     last = path[result.times >= end_time - 1.0 / frequency]
-    high, low = last.max(axis=0), last.min(axis=0)
-    error = float(np.abs(result.energy_errors).max() / result.strain_energies.max())
-    mean, amplitude = (high + low) / 2.0, (high - low) / 2.0
-    found = Swing(
+    (high_x, high_y), (low_x, low_y) = last.max(axis=0).tolist(), last.min(axis=0).tolist()
+    return Swing(
         num_layers,
         time_step,
-        (float(mean[0]), float(mean[1])),
-        (float(amplitude[0]), float(amplitude[1])),
+        ((high_x + low_x) / 2.0, (high_y + low_y) / 2.0),
+        ((high_x - low_x) / 2.0, (high_y - low_y) / 2.0),
         frequency,
         level,
         harmonic,
-        error,
+        float(np.abs(result.energy_errors).max() / result.strain_energies.max()),
+        path,
     )
-    return found, path
 
 
 def fit(times: Points, values: Points) -> tuple[float, float, float]:
@@ -165,77 +155,82 @@ def farthest(found: Swing, published: Published) -> float:
     return max(abs(a / b - 1.0) for a, b in zip(ours, theirs, strict=True))
 
 
-def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Run the sequence; leave report.html, results.json, swing.csv and swing.svg."""
-    rows: list[Swing] = []
-    paths: dict[tuple[int, float], Points] = {}
+def compute(progress: Progress) -> list[Swing]:
+    """Run the sequence."""
+    found = []
     for num_layers, time_step in RUNS:
         progress(f"{num_layers} layers of cells, steps of {time_step:g} s")
-        found, paths[num_layers, time_step] = swing(num_layers, time_step)
-        rows.append(found)
-    by = {(r.num_layers, r.time_step): r for r in rows}
-    a, b, c = (by[2, dt].frequency for dt in (0.02, 0.01, 0.005))
+        found.append(swing(num_layers, time_step))
+    return found
+
+
+def converged_frequency(rows: list[Swing]) -> tuple[float, float]:
+    """Frequency [1/s] extrapolated to no time step on the fine mesh, and its order in the step."""
+    by = {(r.num_layers, r.time_step): r.frequency for r in rows}
+    a, b, c = (by[2, dt] for dt in (0.02, 0.01, 0.005))
     order = math.log2(abs(b - a) / abs(c - b)) if c != b else math.inf
-    limit = c + (c - b) / 3.0 + by[4, 0.01].frequency - by[2, 0.01].frequency
-    first = by[4, 0.01].first_harmonic
-    coarse = farthest(by[2, 0.02], COARSE)
-    claims = (
-        ("frequency within 0.5 % of 1.0995 1/s, extrapolated to no time step, fine mesh",
-         f"{limit:.4f} 1/s, {100.0 * (limit / CONVERGED.frequency - 1.0):+.2f} %",
-         abs(limit / CONVERGED.frequency - 1.0) <= 0.005),
-        ("amplitude along y within 0.5 % of 65.160 mm (first harmonic of the run)",
-         f"{first:.3f} mm, {100.0 * (first / CONVERGED.amplitude[1] - 1.0):+.2f} %",
-         abs(first / CONVERGED.amplitude[1] - 1.0) <= 0.005),
-        ("steps of 0.02 s: all five numbers within 1 % of the published row of that step",
-         f"at most {100.0 * coarse:.2f} % off", coarse <= 0.01),
-        ("frequency converges with second order in the time step",
-         f"order {order:.2f}", abs(order - 2.0) <= 0.3),
+    return c + (c - b) / 3.0 + by[4, 0.01] - by[2, 0.01], order
+
+
+def judge(rows: list[Swing]) -> list[Finding]:
+    """Against the published rows."""
+    by = {(r.num_layers, r.time_step): r for r in rows}
+    limit, order = converged_frequency(rows)
+    first, coarse = by[4, 0.01].first_harmonic, farthest(by[2, 0.02], COARSE)
+    frequency_off = limit / CONVERGED.frequency - 1.0
+    amplitude_off = first / CONVERGED.amplitude[1] - 1.0
+    return [
+        judged(
+            "frequency within 0.5 % of 1.0995 1/s, extrapolated to no time step, fine mesh",
+            f"{limit:.4f} 1/s, {frequency_off:+.2%}",
+            abs(frequency_off) <= 0.005,
+        ),
+        judged(
+            "amplitude along y within 0.5 % of 65.160 mm (first harmonic of the run)",
+            f"{first:.3f} mm, {amplitude_off:+.2%}",
+            abs(amplitude_off) <= 0.005,
+        ),
+        judged(
+            "steps of 0.02 s: all five numbers within 1 % of the published row of that step",
+            f"at most {coarse:.2%} off",
+            coarse <= 0.01,
+        ),
+        judged(
+            "frequency converges with second order in the time step",
+            f"order {order:.2f}",
+            abs(order - 2.0) <= 0.3,
+        ),
+    ]
+
+
+def present(rows: list[Swing]) -> Page:
+    """How A swings, as numbers and as a figure."""
+    columns = {"layers": "d", "step [s]": "g", "mean x": ".3f", "amplitude x": ".3f"}
+    columns |= {"mean y": ".3f", "amplitude y": ".3f", "frequency": ".4f", "level y": ".3f"}
+    table = Table(
+        "Point A, millimetres and 1/s; last period, then whole run",
+        {**columns, "first harmonic y": ".3f", "energy error": ".1e"},
+        [
+            (r.num_layers, r.time_step, r.mean[0], r.amplitude[0], r.mean[1], r.amplitude[1],
+             r.frequency, r.level, r.first_harmonic, r.energy_error)
+            for r in rows
+        ],
     )  # fmt: skip
-    findings = [judged(*claim) for claim in claims]
-    columns = ("layers", "step [s]", "mean x", "amplitude x", "mean y", "amplitude y",
-               "frequency", "level y", "first harmonic y", "energy error")  # fmt: skip
-    table = [
-        (
-            str(r.num_layers), f"{r.time_step:g}",
-            *(f"{v:.3f}" for v in (r.mean[0], r.amplitude[0], r.mean[1], r.amplitude[1])),
-            f"{r.frequency:.4f}", f"{r.level:.3f}", f"{r.first_harmonic:.3f}",
-            f"{r.energy_error:.1e}",
+    shown = [(r, round(4.0 / r.time_step) + 1) for r in rows]
+    lines = [
+        Line(
+            x=r.time_step * np.arange(n),
+            y=r.path[:n, 1],
+            style="-",
+            label=f"{r.num_layers} layers, {r.time_step:g} s",
         )
-        for r in rows
-    ]  # fmt: skip
-    return leave_study(
-        folder,
-        console,
-        name="csm3",
-        title="Turek-Hron CSM3",
-        about=(__doc__ or "").split("\n\n")[1:],
-        findings=findings,
-        figures={"swing": StudyFigure(_figure(paths), "Displacement of A along y, 0 to 4 s.")},
-        tables={
-            "swing": StudyTable(
-                "Point A, millimetres and 1/s; last period, then whole run", columns, table
-            )
-        },
-        numbers={
-            "rows": [asdict(r) for r in rows],
-            "frequency": limit,
-            "order": order if math.isfinite(order) else None,
-        },
-    )
+        for r, n in shown
+    ]
+    panel = Panel(lines=lines, x="t [s]", y="u_y of A [mm]")
+    figure = line_figure([[panel]], "Displacement of A along y, 0 to 4 s.", shares_legend=True)
+    limit, order = converged_frequency(rows)
+    numbers = {"frequency": limit, "order": order}
+    return Page(figures={"swing": figure}, tables={"swing": table}, numbers=numbers)
 
 
-def _figure(paths: dict[tuple[int, float], Points]) -> str:
-    from matplotlib import pyplot
-
-    from palpate.validation.report.plots import figure_svg
-
-    figure, axes = pyplot.subplots(figsize=(9.0, 3.4))
-    for (num_layers, dt), path in paths.items():
-        times = dt * np.arange(len(path))
-        shown = times <= 4.0
-        axes.plot(times[shown], path[shown, 1], lw=1.0, label=f"{num_layers} layers, {dt:g} s")
-    axes.set_xlabel("t [s]")
-    axes.set_ylabel("u_y of A [mm]")
-    axes.legend(frameon=False, fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    figure.tight_layout()
-    return figure_svg(figure)
+STUDY = Study("Turek-Hron CSM3", __doc__, compute, judge, present)

@@ -9,37 +9,32 @@ drawn apart.
 
 from __future__ import annotations
 
-import json
-import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import Support, Traction
-from palpate.meshes.bricks import brick_box
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.metrics import l2_norm
-from palpate.validation.quoting import csv_text
-from palpate.validation.report.study_page import (
-    Finding,
-    StudyFigure,
-    StudyTable,
-    write_study_page,
-)
-from palpate.validation.run_folder import RESULTS
+from palpate.validation.references.sets import solve_state
+from palpate.validation.report.line_plot import Line, Panel, line_figure
+from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.simulators import CandidateFailedError, adapters
 from palpate.validation.simulators.interpreters import interpreter_with
 from palpate.validation.simulators.outside import OutsideSimulator
-from palpate.validation.states import Verdict
+from palpate.validation.states import Progress
+from palpate.validation.studies.study import Study
+from palpate.validation.versions import version_of
 
 SIZE = (0.08, 0.02, 0.02)
 DIVISIONS = (1, 2, 3, 4, 6)
@@ -59,19 +54,12 @@ _ADAPTERS = (
 )
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """One simulator on one mesh.
 
-    Attributes:
-        tool: Name.
-        version: Of the tool.
-        law: Material law it declares.
-        method: How it solves.
-        num_cells: Of the mesh.
-        seconds: Processor time of the solve.
-        error: Relative L2 distance from the quadratic reference.
-        same_mesh: Largest distance from fastsim on the same mesh, over the largest displacement.
+    `seconds` is the processor's time of the solve; `error` the relative L2 distance from the
+    quadratic reference; `same_mesh` the largest distance from fastsim on the same mesh, over the
+    largest displacement.
     """
 
     tool: str
@@ -84,190 +72,96 @@ class Row:
     same_mesh: float
 
 
+class Runs(NamedTuple):
+    """Every run; what was left out and why; how far the reference moves on a halved mesh."""
+
+    rows: Sequence[Row]
+    left_out: Sequence[str]
+    reference_change: float
+
+
 def make_problem(divisions: int) -> Problem:
     """The bar with `divisions` bricks across and four times as many along."""
     mesh = brick_box((4 * divisions, divisions, divisions), SIZE)
-    facets = mesh.boundary_facets
-    x = mesh.points[facets][:, :, 0]
-    held = facets[(x < 1e-9).all(axis=1)]
-    end = facets[(x > SIZE[0] - 1e-9).all(axis=1)]
-    support = Support(np.unique(held).astype(np.int32), held)
-    load = Traction(end, (0.0, 0.0, -TRACTION))
-    return Problem(mesh, Material(2e4, 0.3, 1000.0), (support,), (load,))
+    load = Traction(side(mesh, 0, SIZE[0]), (0.0, 0.0, -TRACTION))
+    return Problem(mesh, Material(2e4, 0.3, 1000.0), (held(side(mesh, 0, 0.0)),), (load,))
 
 
-def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Run everything that is installed; leave report.html, frontier.svg, frontier.csv."""
-    from palpate.validation.references.sets import solve_state
+@dataclass(frozen=True, eq=False)
+class _Truth:
+    """Quadratic elements on the finest mesh."""
 
+    problem: Problem
+    displacement: Points
+
+    def error_of(self, problem: Problem, displacement: Points) -> float:
+        """Relative L2 distance of an answer on another mesh [-]."""
+        mesh = self.problem.mesh
+        there = read_at(problem, displacement, mesh.points)
+        return l2_norm(mesh, there - self.displacement) / l2_norm(mesh, self.displacement)
+
+
+def read_at(problem: Problem, displacement: Points, places: Points) -> Points:
+    """A linear field at places of its body [m]."""
+    mesh = problem.mesh
+    return locate(mesh.points, mesh.cells, places).read(mesh.cells, displacement)
+
+
+def compute(progress: Progress) -> Runs:
+    """Run everything that is installed."""
     problems = {n: make_problem(n) for n in DIVISIONS}
-    finest = problems[DIVISIONS[-1]]
-    truth = solve_state(finest, Strain.GREEN, 2, progress)
-    coarser = solve_state(problems[3], Strain.GREEN, 2, progress)
-    at_coarser = _read(finest, truth.displacement, problems[3])
-    bar = l2_norm(problems[3].mesh, coarser.displacement - at_coarser)
-    bar /= l2_norm(problems[3].mesh, at_coarser)
-
-    rows, missing = [], []
+    finest, half = problems[DIVISIONS[-1]], problems[3]
+    truth = _Truth(finest, solve_state(finest, Strain.GREEN, 2, progress).displacement)
+    coarser = solve_state(half, Strain.GREEN, 2, progress).displacement
+    at_coarser = read_at(finest, truth.displacement, half.mesh.points)
+    bar = l2_norm(half.mesh, coarser - at_coarser) / l2_norm(half.mesh, at_coarser)
+    rows: list[Row] = []
+    left_out: list[str] = []
     answers: dict[int, Points] = {}
     for n, problem in problems.items():
         seconds, answers[n] = _time_fastsim(problem)
-        error = _error(problem, answers[n], finest, truth.displacement)
+        error, num_cells = truth.error_of(problem, answers[n]), problem.mesh.num_cells
+        method = "Newton, conjugate gradients"
         rows.append(
-            Row("fastsim", _version(), STVK, "Newton, conjugate gradients", problem.mesh.num_cells,
-                seconds, error, 0.0)
-        )  # fmt: skip
+            Row("fastsim", version_of("palpate"), STVK, method, num_cells, seconds, error, 0.0)
+        )
     for name, module, most in _ADAPTERS:
         interpreter = interpreter_with(module)
         if interpreter is None:
-            missing.append(f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)")
-            progress(missing[-1])
+            left_out.append(
+                f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)"
+            )
+            progress(left_out[-1])
             continue
         file = Path(adapters.__file__).parent / f"{name}.py"
         simulator = OutsideSimulator(f"{interpreter} {file} {{case}} {{result}}", TIME_LIMIT)
         for n in (n for n in DIVISIONS if n <= most):
-            problem = problems[n]
             try:
-                answer = simulator.run(problem, Strain.GREEN, progress)
+                rows.append(_run_adapter(simulator, problems[n], answers[n], truth, progress))
             except CandidateFailedError as failure:
-                missing.append(f"{name}, {problem.mesh.num_cells} cells: {failure}")
-                progress(missing[-1])
+                left_out.append(f"{name}, {problems[n].mesh.num_cells} cells: {failure}")
+                progress(left_out[-1])
                 break
-            about, found = answer.result.about, place(answer.result, problem).displacement[0]
-            apart = float(np.abs(found - answers[n]).max() / np.abs(answers[n]).max())
-            rows.append(
-                Row(
-                    str(about["tool"]),
-                    str(about["version"]),
-                    STVK if str(about["law"]).startswith(STVK) else str(about["law"]),
-                    str(about.get("method", "Newton, dense matrices")),
-                    problem.mesh.num_cells,
-                    float(str(about.get("seconds", answer.seconds))),
-                    _error(problem, found, finest, truth.displacement),
-                    apart,
-                )
-            )
-    return _write(folder, rows, missing, bar, console)
+    return Runs(rows, left_out, bar)
 
 
-def find_faults(rows: Sequence[Row]) -> list[Finding]:
-    """Claims that the figure rests on, each with what was found."""
-    findings = []
-    same_law = [row for row in rows if row.law == STVK]
-    worst = max(same_law, key=lambda row: row.same_mesh)
-    findings.append(
-        Finding(
-            f"simulators of the same law agree on the same mesh to {SAME_MESH:g}",
-            f"largest distance {worst.same_mesh:.2g} ({worst.tool}, {worst.num_cells} cells)",
-            Verdict.PASSED if worst.same_mesh <= SAME_MESH else Verdict.FAILED,
-        )
+def _run_adapter(
+    simulator: OutsideSimulator, problem: Problem, ours: Points, truth: _Truth, progress: Progress
+) -> Row:
+    answer = simulator.run(problem, Strain.GREEN, progress)
+    about: Mapping[str, object] = answer.result.about
+    found = place(answer.result, problem).displacement[0]
+    law = str(about["law"])
+    return Row(
+        str(about["tool"]),
+        str(about["version"]),
+        STVK if law.startswith(STVK) else law,
+        str(about.get("method", "Newton, dense matrices")),
+        problem.mesh.num_cells,
+        float(str(about.get("seconds", answer.seconds))),
+        truth.error_of(problem, found),
+        float(np.abs(found - ours).max() / np.abs(ours).max()),
     )
-    for tool in dict.fromkeys(row.tool for row in same_law):
-        errors = [row.error for row in same_law if row.tool == tool]
-        is_falling = all(b < a for a, b in pairwise(errors))
-        findings.append(
-            Finding(
-                f"{tool}: a finer mesh is nearer to the reference",
-                " > ".join(f"{error:.3f}" for error in errors),
-                Verdict.PASSED if is_falling else Verdict.FAILED,
-            )
-        )
-    for row in (r for r in rows if r.law != STVK):
-        findings.append(
-            Finding(
-                f"{row.tool} ({row.law}), {row.num_cells} cells: another law, judged apart",
-                f"model term {100 * row.same_mesh:.1f} % of the largest displacement, on this mesh",
-                Verdict.PASSED,
-            )
-        )
-    return findings
-
-
-def frontier_svg(rows: Sequence[Row], bar: float) -> str:
-    """Error over processor time, a line for each tool; another law dashed."""
-    from matplotlib import pyplot
-
-    from palpate.validation.report.plots import figure_svg
-
-    figure, axes = pyplot.subplots(figsize=(8.0, 5.2))
-    for tool in dict.fromkeys(row.tool for row in rows):
-        of = [row for row in rows if row.tool == tool]
-        axes.loglog(
-            [row.seconds for row in of],
-            [row.error for row in of],
-            "-o" if of[0].law == STVK else "--s",
-            lw=2.2 if tool == "fastsim" else 1.2,
-            ms=5,
-            label=f"{tool} {of[0].version}" + ("" if of[0].law == STVK else f", {of[0].law}"),
-        )
-        for row in (of[0], of[-1]):
-            axes.annotate(
-                f"{row.num_cells}", (row.seconds, row.error), (4, 4), textcoords="offset points",
-                fontsize=7,
-            )  # fmt: skip
-    axes.axhline(bar, color="black", lw=0.8, ls=":")
-    axes.set_xlabel("processor time of the solve [s], one thread")
-    axes.set_ylabel("relative L2 error against quadratic elements")
-    axes.set_title("Error against run time; numbers are cells", fontsize=10)
-    axes.grid(color="#dddddd", lw=0.6, which="both")
-    axes.legend(frameon=False, fontsize=8)
-    figure.tight_layout()
-    return figure_svg(figure)
-
-
-def _write(
-    folder: Path, rows: Sequence[Row], missing: Sequence[str], bar: float, console: Console
-) -> int:
-    svg = frontier_svg(rows, bar)
-    findings = find_faults(rows)
-    (folder / "frontier.svg").write_text(svg, encoding="utf-8")
-    text = csv_text(list(asdict(rows[0])), (asdict(row).values() for row in rows))
-    (folder / "frontier.csv").write_text(text, encoding="utf-8")
-    columns = ["tool", "version", "law", "method", "cells", "seconds", "error", "same mesh"]
-    table = [
-        [r.tool, r.version, r.law, r.method, str(r.num_cells), f"{r.seconds:.3g}",
-         f"{r.error:.4f}", f"{r.same_mesh:.2g}"]
-        for r in rows
-    ]  # fmt: skip
-    write_study_page(
-        folder / "report.html",
-        title="Error against run time",
-        about=[*(__doc__ or "").split("\n\n"), *(f"Left out: {line}" for line in missing)],
-        findings=findings,
-        figures=[
-            StudyFigure(
-                svg,
-                "Lower left is better. The dotted line is the reference's own change when its mesh "
-                "is halved: errors near it say nothing. Dashed: another material law.",
-            )
-        ],
-        tables=[StudyTable("Every run", columns, table)],
-    )
-    text = json.dumps(
-        {
-            "study": "frontier",
-            "reference_change": bar,
-            "rows": [asdict(row) for row in rows],
-            "left_out": list(missing),
-        },
-        indent=1,
-    )
-    (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
-    for line in table:
-        console.print("  ".join(line), markup=False, soft_wrap=True)
-    for finding in findings:
-        console.print(f"{finding.verdict}: {finding.claim}: {finding.found}", markup=False)
-    return 1 if any(f.verdict is Verdict.FAILED for f in findings) else 0
-
-
-def _error(problem: Problem, displacement: Points, finest: Problem, truth: Points) -> float:
-    read = _read(problem, displacement, finest)
-    return l2_norm(finest.mesh, read - truth) / l2_norm(finest.mesh, truth)
-
-
-def _read(problem: Problem, displacement: Points, other: Problem) -> Points:
-    mesh = problem.mesh
-    return locate(mesh.points, mesh.cells, other.mesh.points).read(mesh.cells, displacement)
 
 
 def _time_fastsim(problem: Problem) -> tuple[float, Points]:
@@ -279,10 +173,80 @@ def _time_fastsim(problem: Problem) -> tuple[float, Points]:
     return best, displacement
 
 
-def _version() -> str:
-    from importlib import metadata
+def judge(runs: Runs) -> list[Finding]:
+    """Claims that the figure rests on; another law is told, and judged by nobody."""
+    same_law = [row for row in runs.rows if row.law == STVK]
+    worst = max(same_law, key=lambda row: row.same_mesh)
+    findings = [
+        judged(
+            f"simulators of the same law agree on the same mesh to {SAME_MESH:g}",
+            f"largest distance {worst.same_mesh:.2g} ({worst.tool}, {worst.num_cells} cells)",
+            worst.same_mesh <= SAME_MESH,
+        )
+    ]
+    for tool in dict.fromkeys(row.tool for row in same_law):
+        errors = [row.error for row in same_law if row.tool == tool]
+        findings.append(
+            judged(
+                f"{tool}: a finer mesh is nearer to the reference",
+                " > ".join(f"{error:.3f}" for error in errors),
+                all(b < a for a, b in pairwise(errors)),
+            )
+        )
+    return findings + [
+        judged(
+            f"{row.tool} ({row.law}), {row.num_cells} cells: another law, judged apart",
+            f"model term {100 * row.same_mesh:.1f} % of the largest displacement, on this mesh",
+            True,
+        )
+        for row in runs.rows
+        if row.law != STVK
+    ]
 
-    try:
-        return metadata.version("palpate")
-    except metadata.PackageNotFoundError:
-        return f"of these sources, Python {sys.version_info.major}.{sys.version_info.minor}"
+
+def present(runs: Runs) -> Page:
+    """Error over processor time, and every run."""
+    columns = {"tool": "", "version": "", "law": "", "method": "", "cells": "d"}
+    columns |= {"seconds": ".3g", "error": ".4f", "same mesh": ".2g"}
+    return Page(
+        figures={"frontier": draw(runs)},
+        tables={"frontier": Table("Every run", columns, runs.rows)},
+        remarks=[f"Left out: {line}" for line in runs.left_out],
+        numbers={"reference_change": runs.reference_change, "left_out": list(runs.left_out)},
+    )
+
+
+def draw(runs: Runs) -> Figure:
+    """A line for each tool; another law dashed."""
+    lines, notes = [], []
+    for tool in dict.fromkeys(row.tool for row in runs.rows):
+        of = [row for row in runs.rows if row.tool == tool]
+        is_same = of[0].law == STVK
+        lines.append(
+            Line(
+                x=[row.seconds for row in of],
+                y=[row.error for row in of],
+                style="-o" if is_same else "--s",
+                width=2.2 if tool == "fastsim" else 1.2,
+                label=f"{tool} {of[0].version}" + ("" if is_same else f", {of[0].law}"),
+            )
+        )
+        notes += [(row.seconds, row.error, f"{row.num_cells}") for row in (of[0], of[-1])]
+    panel = Panel(
+        lines=lines,
+        notes=notes,
+        levels=(runs.reference_change,),
+        log="xy",
+        title="Error against run time; numbers are cells",
+        x="processor time of the solve [s], one thread",
+        y="relative L2 error against quadratic elements",
+    )
+    return line_figure(
+        [[panel]],
+        "Lower left is better. The dotted line is the reference's own change when its mesh "
+        "is halved: errors near it say nothing. Dashed: another material law.",
+        shares_legend=False,
+    )
+
+
+STUDY = Study("Error against run time", __doc__, compute, judge, present)

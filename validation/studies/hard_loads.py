@@ -9,77 +9,56 @@ answer is checked afterwards by the volumes of its cells, as they are.
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.transforms import prescribe, rotation
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.validation.case import load_case
-from palpate.validation.quoting import csv_text
-from palpate.validation.run_folder import RESULTS
+from palpate.validation.report.study_page import Finding, Page, Table, judged
+from palpate.validation.states import Progress
+from palpate.validation.studies.study import Study
 
-BODIES = ("kidney", "beam")
+# Which way each body lies.
+BODIES = {"kidney": 2, "beam": 0}
 PLAIN_STEPS = (1, 10)
 _PLAIN_ITERATIONS = 25
 _TOLERANCE = 1e-10
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One load on one body.
+class Trial(NamedTuple):
+    """One load on one body; `strength` is degrees, part of the length, or stress over E.
 
-    Attributes:
-        body: Built-in case whose mesh and material it is.
-        kind: What is done to it.
-        strength: How hard: degrees, part of the length, or stress over Young's modulus.
-        reference: "converged", or up to which part of the load there is equilibrium.
-        diagnosis: What ended it; empty where it converged.
-        reference_seconds: [s].
-        plain: "converged", "false success" (a cell inverted, or not stable) or "lost", for each
-            of `PLAIN_STEPS`.
-        is_wrong: The reference called converged what has an inverted cell.
+    `reference` is "converged", or up to which part of the load there is equilibrium, and
+    `diagnosis` then says why. `plain` is "converged", "false success" (a cell inverted, or not
+    stable) or "lost", for each of `PLAIN_STEPS`. `is_wrong`: the reference called converged what
+    has an inverted cell.
     """
 
     body: str
     kind: str
     strength: float
     reference: str
-    diagnosis: str
-    reference_seconds: float
     plain: tuple[str, ...]
+    reference_seconds: float
+    diagnosis: str
     is_wrong: bool
 
 
-def run(folder: Path, progress: Callable[[str], None], console: Console) -> int:
-    """Try every load; leave hard-loads.csv and results.json."""
+def compute(progress: Progress) -> list[Trial]:
+    """Try every load."""
     trials = []
     for body, kind, strength, problem in hard_loads():
         progress(f"{body}: {kind} {strength:g}")
         trials.append(attempt(body, kind, strength, problem))
-    columns = ("body", "kind", "strength", "reference", "plain", "reference_seconds", "diagnosis")
-    table = csv_text(columns, ([asdict(t)[c] for c in columns] for t in trials))
-    (folder / "hard-loads.csv").write_text(table, encoding="utf-8")
-    summary = summarise(trials)
-    text = json.dumps(
-        {"study": "hard-loads", "summary": summary, "trials": [asdict(t) for t in trials]}, indent=1
-    )
-    (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
-    for t in trials:
-        plain = " ".join(f"{p:14}" for p in t.plain)
-        line = f"{t.body:7} {t.kind:9} {t.strength:6g}  {t.reference:10} {plain} {t.diagnosis}"
-        console.print(line, markup=False, soft_wrap=True)
-    for name, value in summary.items():
-        console.print(f"{name.replace('_', ' ')}: {value}", markup=False)
-    return 1 if summary["false_successes"] else 0
+    return trials
 
 
 def summarise(trials: list[Trial]) -> dict[str, float]:
@@ -99,48 +78,69 @@ def summarise(trials: list[Trial]) -> dict[str, float]:
     return counts
 
 
+def judge(trials: list[Trial]) -> list[Finding]:
+    """The reference calls nothing converged that is not."""
+    counts = summarise(trials)
+    words = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in counts.items())
+    claim = "what the reference calls converged has no inverted cell"
+    return [judged(claim, words, counts["false_successes"] == 0)]
+
+
+def present(trials: list[Trial]) -> Page:
+    """Every trial."""
+    columns = {"body": "", "kind": "", "strength": "g", "reference": ""}
+    columns |= {f"plain, {n} steps" if n > 1 else "plain, 1 step": "" for n in PLAIN_STEPS}
+    columns |= {"reference [s]": ".1f", "diagnosis": ""}
+    rows = [(*t[:4], *t.plain, t.reference_seconds, t.diagnosis) for t in trials]
+    table = Table("Every load", columns, rows)
+    return Page(tables={"hard-loads": table}, numbers={"summary": summarise(trials)})
+
+
 def hard_loads() -> Iterator[tuple[str, str, float, Problem]]:
     """Body, kind, strength and problem of every trial."""
-    for body in BODIES:
+    for body, axis in BODIES.items():
         case = load_case(body).problem
         mesh, stiffness = case.mesh, case.material.youngs_modulus
-        # The kidney stands along z, the beam lies along x.
-        axis = {"kidney": 2, "beam": 0}[body]
         along = mesh.points[:, axis]
-        low, high = along.min(), along.max()
-        length = float(high - low)
-        foot = _hold(mesh, np.flatnonzero(along < low + 0.12 * length))
-        head = np.flatnonzero(along > high - 0.12 * length)
-        side = np.roll(np.eye(3), 1, axis=0)[axis]
-        width = float(np.ptp(mesh.points @ side))
-        top = _facets_within(mesh, head)
-        skin = _facets_outside(mesh, foot.points)
+        low, length = along.min(), float(np.ptp(along))
+        foot, head = (
+            np.flatnonzero(is_end).astype(np.int32)
+            for is_end in (along < low + 0.12 * length, along > along.max() - 0.12 * length)
+        )
+        facets = mesh.boundary_facets
+        top = facets[np.isin(facets, head).all(axis=1)]
+        skin = facets[~np.isin(facets, foot).any(axis=1)]
+        arms = mesh.points - mesh.points[head].mean(axis=0)
+        up, beside = np.eye(3)[axis], np.roll(np.eye(3), 1, axis=0)[axis]
+        width = float(np.ptp(mesh.points @ beside))
+        # The stress of bending is about the force times the length over the width.
+        bending = stiffness * width / length**2 * beside
+        foothold = _hold(mesh, foot)
 
-        def problem(
-            load: Load | None = None,
-            moved: tuple[Support, ...] = (),
-            case: Problem = case,
-            foot: Support = foot,
-        ) -> Problem:
-            return Problem(case.mesh, case.material, (foot, *moved), (load,) if load else ())
+        def loaded(load: Load, case: Problem = case, foot: Support = foothold) -> Problem:
+            return Problem(case.mesh, case.material, (foot,), (load,))
+
+        def moved(*supports: Support, case: Problem = case, foot: Support = foothold) -> Problem:
+            return Problem(case.mesh, case.material, (foot, *supports), ())
 
         for part in (0.02, 0.1, 0.3, 1.0, 3.0):
-            # The stress of bending is about the force times the length over the width.
-            density = part * stiffness * width / length**2
-            yield body, "bend", part, problem(BodyForce(_triple(density * side)))
+            yield body, "bend", part, loaded(BodyForce(_triple(part * bending)))
         for degrees in (30.0, 60.0, 90.0, 120.0, 150.0):
-            turned = _turned(mesh, head, axis, degrees)
-            yield body, "twist", degrees, problem(None, turned)
+            turned = arms @ rotation(_triple(up), degrees).T - arms
+            yield (
+                body,
+                "twist",
+                degrees,
+                moved(*prescribe(mesh, case.material, head, turned).supports),
+            )
         for part in (0.05, 0.1, 0.2, 0.3, 0.5):
-            down = _triple(-part * length * np.eye(3)[axis])
-            squeezed = _hold(mesh, head, down)
-            yield body, "squeeze", part, problem(None, (squeezed,))
+            yield body, "squeeze", part, moved(_hold(mesh, head, -part * length * up))
         for part in (0.05, 0.15, 0.3, 0.6, 1.2):
-            yield body, "press", part, problem(Pressure(skin, part * stiffness))
+            yield body, "press", part, loaded(Pressure(skin, part * stiffness))
         for part in (0.05, 0.1, 0.2, 0.5, 2.0):
-            push = _triple(-part * stiffness * np.eye(3)[axis])
-            yield body, "push", part, problem(Traction(top, push))
-            yield body, "pull", part, problem(Traction(top, _triple(-np.asarray(push))))
+            for kind, sign in (("push", -1.0), ("pull", 1.0)):
+                load = Traction(top, _triple(sign * part * stiffness * up))
+                yield body, kind, part, loaded(load)
 
 
 def attempt(body: str, kind: str, strength: float, problem: Problem) -> Trial:
@@ -163,7 +163,7 @@ def attempt(body: str, kind: str, strength: float, problem: Problem) -> Trial:
         is_wrong = _has_inverted(problem.mesh, found.displacement)
     seconds = time.perf_counter() - start
     plain = tuple(_iterate_plainly(problem, steps) for steps in PLAIN_STEPS)
-    return Trial(body, kind, strength, reference, diagnosis, seconds, plain, is_wrong)
+    return Trial(body, kind, strength, reference, plain, seconds, diagnosis, is_wrong)
 
 
 def _iterate_plainly(problem: Problem, num_steps: int) -> str:
@@ -214,34 +214,12 @@ def _triple(vector: Points) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _hold(
-    mesh: TetMesh, points: Indices, displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> Support:
-    facets = _facets_within(mesh, points)
-    return Support(points.astype(np.int32), facets, displacement=displacement)
-
-
-def _facets_within(mesh: TetMesh, points: Indices) -> Indices:
+def _hold(mesh: TetMesh, points: Indices, displacement: Points | None = None) -> Support:
+    """Points, with the facets between them."""
     facets = mesh.boundary_facets
-    found: Indices = facets[np.isin(facets, points).all(axis=1)]
-    return found
+    between = facets[np.isin(facets, points).all(axis=1)]
+    moved = _triple(np.zeros(3) if displacement is None else displacement)
+    return Support(points, between, displacement=moved)
 
 
-def _facets_outside(mesh: TetMesh, points: Indices) -> Indices:
-    facets = mesh.boundary_facets
-    found: Indices = facets[~np.isin(facets, points).any(axis=1)]
-    return found
-
-
-def _turned(mesh: TetMesh, points: Indices, axis: int, degrees: float) -> tuple[Support, ...]:
-    """Points held where a turn about the axis through their middle takes them."""
-    a = np.radians(degrees)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    arms = mesh.points[points] - mesh.points[points].mean(axis=0)
-    moved = np.zeros_like(arms)
-    moved[:, i] = np.cos(a) * arms[:, i] - np.sin(a) * arms[:, j] - arms[:, i]
-    moved[:, j] = np.sin(a) * arms[:, i] + np.cos(a) * arms[:, j] - arms[:, j]
-    return tuple(
-        Support(np.array([p], dtype=np.int32), displacement=_triple(u))
-        for p, u in zip(points, moved, strict=True)
-    )
+STUDY = Study("Loads up to where the material ends", __doc__, compute, judge, present)

@@ -11,10 +11,10 @@ import numpy as np
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
+from palpate.validation.report.line_plot import paper_style
 from palpate.validation.report.plots import figure_svg
-from palpate.validation.report.study_page import StudyFigure
+from palpate.validation.report.study_page import Figure
 from palpate.validation.solving import Simulator
-from palpate.validation.studies.study_folder import paper_style
 from palpate.validation.sweeps.runs import Run, linear_error
 from palpate.validation.sweeps.variants import Axis
 
@@ -23,7 +23,7 @@ _COLOURS = ("#30558f", "#b5332e", "#2f8f4e", "#c98a12", "#6b4c9a", "#4d4d4d")
 
 def sweep_figures(
     axes: Sequence[Axis], runs: Sequence[Run], case: Case, folder: Path
-) -> dict[str, StudyFigure]:
+) -> dict[str, Figure]:
     """Displacement, volume, and linear against Green strain; each as NAME.pdf in a folder too."""
     unit = case.spec.units.length
     made: dict[str, tuple[str, Callable[[Run], float | None], str]] = {
@@ -47,7 +47,7 @@ def sweep_figures(
     if any(axis.key.startswith(("geometry.", "mesh.")) for axis in axes):
         del made["volume"]  # there is no one rest volume
     for name, (label, measure, caption) in made.items():
-        figures[name] = StudyFigure(_lines(axes, runs, label, measure, folder / name), caption)
+        figures[name] = Figure(_lines(axes, runs, label, measure, folder / name), caption)
     return figures
 
 

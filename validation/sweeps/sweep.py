@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.report.study_page import Finding, StudyTable
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.solving import Simulator
-from palpate.validation.studies.study_folder import judged, leave_study
+from palpate.validation.states import Progress
+from palpate.validation.studies.study import leave
 from palpate.validation.sweeps.figures import sweep_figures
 from palpate.validation.sweeps.runs import Run, difference, linear_error, run_all
 from palpate.validation.sweeps.variants import Axis, variants
@@ -30,7 +32,7 @@ def sweep(
     simulators: Sequence[Simulator] = (Simulator.FASTSIM,),
     jobs: int = 1,
     scheduler: str | None = None,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> int:
     """Solve, and leave sweep.csv, figures (SVG, PDF), report.html and results.json.
 
@@ -53,16 +55,18 @@ def sweep(
         f"({case.mesh.origin}) unless the body itself varies.",
         *ends,
     ]
-    return leave_study(
+    return leave(
         folder,
         console,
         name="sweep",
         title=f"Sweep of {case.name}: {', '.join(axis.key for axis in axes)}",
         about=about,
         findings=_findings(runs),
-        figures=sweep_figures(axes, runs, case, folder),
-        tables={"sweep": table},
-        numbers={"case": case.name, "axes": {axis.key: list(axis.values) for axis in axes}},
+        page=Page(
+            figures=sweep_figures(axes, runs, case, folder),
+            tables={"sweep": table},
+            numbers={"case": case.name, "axes": {axis.key: list(axis.values) for axis in axes}},
+        ),
     )
 
 
@@ -117,41 +121,37 @@ def _findings(runs: Sequence[Run]) -> list[Finding]:
     return findings
 
 
-def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> StudyTable:
+def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> Table:
     scale = LENGTH[unit]
-    columns = [
-        *(axis.key for axis in axes),
-        "simulator",
-        "strain",
-        f"max displacement [{unit}]",
-        f"volume [{unit}3]",
-        f"surface area [{unit}2]",
-        "smallest det F [-]",
-        "linear - Green, of Green's displacement [-]",
-        "seconds",
-        "no answer because",
-    ]
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for run in runs:
-        head = [*(f"{value:.10g}" for value in run.values), str(run.simulator), str(run.strain)]
+        head = (*run.values, str(run.simulator), str(run.strain))
         state = run.state
         if state is None:
-            rows.append([*head, "", "", "", "", "", "", run.trouble])
+            rows.append((*head, *(None,) * 6, run.trouble))
             continue
         rows.append(
-            [
+            (
                 *head,
-                f"{state.max_displacement / scale:.8g}",
-                f"{state.volume / scale**3:.10g}",
-                f"{state.surface_area / scale**2:.10g}",
-                f"{state.smallest_det_f:.6g}",
-                _told_error(linear_error(run, runs)) if run.strain is Strain.LINEAR else "",
-                f"{state.seconds:.3g}",
+                state.max_displacement / scale,
+                state.volume / scale**3,
+                state.surface_area / scale**2,
+                state.smallest_det_f,
+                linear_error(run, runs) if run.strain is Strain.LINEAR else None,
+                state.seconds,
                 "",
-            ]
+            )
         )
-    return StudyTable("Every run", columns, rows)
-
-
-def _told_error(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+    columns = {
+        **{axis.key: ".10g" for axis in axes},
+        "simulator": "",
+        "strain": "",
+        f"max displacement [{unit}]": ".8g",
+        f"volume [{unit}3]": ".10g",
+        f"surface area [{unit}2]": ".10g",
+        "smallest det F [-]": ".6g",
+        "linear - Green, of Green's displacement [-]": ".4g",
+        "seconds": ".3g",
+        "no answer because": "",
+    }
+    return Table("Every run", columns, rows)

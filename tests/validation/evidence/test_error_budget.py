@@ -138,9 +138,9 @@ def test_a_wrong_law_is_not_booked_as_the_solvers_error(fault: Fault, rest: str)
 
 
 def _scaled(problem: Problem, factor: float) -> Problem:
-    from palpate.validation.studies.beam import scaled
+    from palpate.meshes.transforms import scale_loads
 
-    return scaled(problem, factor)
+    return scale_loads(problem, factor)
 
 
 @pytest.mark.parametrize("name", CASES)

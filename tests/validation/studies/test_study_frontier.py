@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from palpate.validation.states import Verdict
 from palpate.validation.studies import frontier
-from palpate.validation.studies.frontier import Row, find_faults, frontier_svg
+from palpate.validation.studies.frontier import Row, Runs, draw, judge
 
 ROWS = [
     Row("fastsim", "1", frontier.STVK, "m", 24, 0.001, 0.7, 0.0),
@@ -17,7 +15,7 @@ ROWS = [
 
 
 def verdicts(rows: list[Row]) -> list[Verdict]:
-    return [finding.verdict for finding in find_faults(rows)]
+    return [finding.verdict for finding in judge(Runs(rows, (), 0.01))]
 
 
 def test_what_agrees_and_converges_passes() -> None:
@@ -25,14 +23,14 @@ def test_what_agrees_and_converges_passes() -> None:
 
 
 def test_a_stranger_of_the_same_law_and_a_coarser_winner_fail() -> None:
-    far = [*ROWS[:2], dataclasses.replace(ROWS[2], same_mesh=1e-3)]
+    far = [*ROWS[:2], ROWS[2]._replace(same_mesh=1e-3)]
     assert Verdict.FAILED in verdicts(far)
-    growing = [ROWS[0], dataclasses.replace(ROWS[1], error=0.8)]
+    growing = [ROWS[0], ROWS[1]._replace(error=0.8)]
     assert Verdict.FAILED in verdicts(growing)
 
 
 def test_the_figure_names_tools_versions_and_the_other_law() -> None:
-    svg = frontier_svg(ROWS, 0.01)
+    svg = draw(Runs(ROWS, (), 0.01)).svg
     for word in ("fastsim 1", "Other 2", "Third 3, neo-Hookean"):
         assert word in svg
 

@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pytest
 
-from palpate.validation.report.study_page import write_study_page
+from palpate.validation.report.study_page import study_page
 from palpate.validation.states import Verdict
-from palpate.validation.studies import grading, grading_curves
-from palpate.validation.studies.grading_growth import Growth, count_cells
+from palpate.validation.studies import grading
+from palpate.validation.studies.grading.curves import (
+    Curves,
+    Point,
+    cells_for_error,
+    remainder,
+)
+from palpate.validation.studies.grading.growth import Growth, count_cells
 
 
-def family(order: float, cells: tuple[int, ...], constant: float) -> list[grading_curves.Point]:
-    return [
-        grading_curves.Point(n, constant * n**-order, -constant * n**-order, 1e-5) for n in cells
-    ]
+def family(order: float, cells: tuple[int, ...], constant: float) -> list[Point]:
+    return [Point(n, constant * n**-order, -constant * n**-order, 1e-5) for n in cells]
 
 
-def curves(graded_constant: float, bar: float) -> grading_curves.Curves:
+def curves(graded_constant: float, bar: float) -> Curves:
     cells = (1000, 10_000, 20_000, 100_000)
     uniform, graded = family(0.25, cells, 1.0), family(0.25, cells, graded_constant)
     # Both too stiff, so the answers are as far apart as their errors.
     gap = abs(uniform[-1].displacement_error - graded[2].displacement_error)
-    return grading_curves.Curves(
+    return Curves(
         "a body",
         "contact force",
         {"uniform": uniform, "graded": graded},
-        grading_curves.Pair(uniform[-1], graded[2], gap, gap),
-        bar,
-        bar,
+        (uniform[-1], graded[2]),
+        (gap, gap),
+        (bar, bar),
         (1, 2, 3),
     )
 
@@ -60,30 +63,25 @@ def test_uniform_cells_are_counted_and_continued_exactly() -> None:
 
 
 def test_cells_for_an_error_that_is_never_reached_are_infinite() -> None:
-    some = family(0.5, (100, 1000), 1.0)
-    assert grading_curves.cells_for_error(some, lambda p: p.displacement_error, 1e-3) == math.inf
-    found = grading_curves.cells_for_error(some, lambda p: p.displacement_error, 300**-0.5)
+    cells = (100, 1000)
+    errors = [p.displacement_error for p in family(0.5, cells, 1.0)]
+    assert cells_for_error(cells, errors, 1e-3) == math.inf
+    found = cells_for_error(cells, errors, 300**-0.5)
     assert found == pytest.approx(300.0, rel=1e-9)
 
 
 def test_the_remainder_of_a_geometric_series() -> None:
     # 1 + 1/2 + 1/4 + ...: after changes of 1/2 and 1/4, 1/4 is left; times 1.25.
-    assert grading_curves.remainder(0.5, 0.25) == pytest.approx(1.25 * 0.25)
-    assert grading_curves.remainder(0.25, 0.5) == math.inf
+    assert remainder(0.5, 0.25) == pytest.approx(1.25 * 0.25)
+    assert remainder(0.25, 0.5) == math.inf
 
 
-def test_the_page_stands_alone(tmp_path: Path) -> None:
-    found = curves(0.1**0.25, 0.01)
+def test_the_page_stands_alone() -> None:
     growths = [count_cells(name, (4, 8, 16)) for name in ("uniform", "a face")]
-    write_study_page(
-        tmp_path / "report.html",
-        title="A <study>",
-        about=["Why."],
-        findings=grading.judge_curves(found),
-        figures=[grading.draw_growth(growths), grading.draw_curves(found)],
-        tables=[grading.growth_table(growths), grading.curves_table(found)],
-    )
-    page = (tmp_path / "report.html").read_text()
+    found = grading.Found(growths, {"push": curves(0.1**0.25, 0.01)})
+    shown = grading.present(found)
+    assert set(shown.figures) == set(shown.tables) == {"growth", "push"}
+    page = study_page("A <study>", ["Why."], grading.judge(found), shown)
     assert "A &lt;study&gt;" in page
     assert page.count("<svg") == 2
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +18,11 @@ from palpate.validation.studies import meshing
 EPS = np.finfo(float).eps
 
 
-def test_a_surface_goes_once_round_what_is_inside() -> None:
-    box = shape_box((1.0, 2.0, 3.0), edge_length=0.7)
-    places = np.array([[0.5, 0.5, 0.5], [0.01, 1.9, 2.99], [-0.1, 1.0, 1.0], [9.0, 9.0, 9.0]])
-    numbers = meshing.winding_numbers(box, places)
-    # One rounding of an angle of up to pi for each facet.
-    assert np.abs(numbers - [1.0, 1.0, 0.0, 0.0]).max() < box.num_facets * 4.0 * EPS
-
-
 def test_traditional_cells_of_a_convex_body_fill_it() -> None:
     ball = shape_sphere(edge_length=0.5)
     mesh = meshing.mesh_traditionally(ball)
     assert mesh.num_points == len(ball.points)
-    measured = meshing.measure("ball", ball, mesh)
+    measured = meshing.measure(ball, mesh)
     assert measured.facets_lost == 0
     assert measured.volume_error < mesh.num_cells * EPS
 
@@ -39,8 +30,8 @@ def test_traditional_cells_of_a_convex_body_fill_it() -> None:
 def test_lost_facets_and_slivers_are_counted() -> None:
     box = shape_box(edge_length=0.5)
     mesh = mesh_surface(box)
-    whole = meshing.measure("box", box, mesh)
-    assert (whole.facets_lost, whole.share_below_10_deg) == (0, 0.0)
+    whole = meshing.measure(box, mesh)
+    assert (whole.facets_lost, whole.part_below_10_deg) == (0, 0.0)
     # Without a cell at the boundary its facets are missing, and its volume.
     boundary = {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()}
     outer = next(
@@ -49,34 +40,30 @@ def test_lost_facets_and_slivers_are_counted() -> None:
         if any(tuple(sorted(set(cell.tolist()) - {v})) in boundary for v in cell.tolist())
     )
     broken = TetMesh(mesh.points, np.delete(mesh.cells, outer, axis=0))
-    measured = meshing.measure("broken", box, broken)
+    measured = meshing.measure(box, broken)
     assert measured.facets_lost >= 1
     assert measured.volume_error > 1e-4
     # The whole mesh flattened to a hundredth: every cell is thin.
     flat = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
     thin = TetMesh(mesh.points * [1.0, 1.0, 0.01], mesh.cells)
-    assert meshing.measure("thin", flat, thin).share_below_10_deg == 1.0
+    assert meshing.measure(flat, thin).part_below_10_deg == 1.0
 
 
-def _row(name: str, **changes: float) -> meshing.Measured:
-    return replace(meshing.Measured(name, 10, 20, 0, 1e-16, 29.0, 31.0, 0.0, 0.3, 3e-4), **changes)
-
-
-def _rows() -> dict[str, meshing.Measured]:
-    return {
-        meshing.TRADITIONAL: _row(
-            meshing.TRADITIONAL, smallest_dihedral_deg=0.1, critical_time_step=1e-6
-        ),
-        meshing.UNCLEANED: _row(
-            meshing.UNCLEANED, smallest_dihedral_deg=1.0, critical_time_step=1e-5
-        ),
-        meshing.PAPER: _row(meshing.PAPER, smallest_dihedral_deg=25.0),
-        meshing.OURS: _row(meshing.OURS),
+def _made(**changed: dict[str, float]) -> meshing.Made:
+    good = meshing.Measured(10, 20, 0, 1e-16, 29.0, 31.0, 0.0, 0.3, 3e-4)
+    measured = {
+        meshing.TRADITIONAL: good._replace(smallest_dihedral_deg=0.1, critical_time_step=1e-6),
+        meshing.UNCLEANED: good._replace(smallest_dihedral_deg=1.0, critical_time_step=1e-5),
+        meshing.PAPER: good._replace(smallest_dihedral_deg=25.0),
+        meshing.OURS: good,
     }
+    for name, values in changed.items():
+        measured[name] = measured[name]._replace(**values)  # type: ignore[arg-type]
+    return meshing.Made({}, measured)
 
 
 def test_good_rows_pass() -> None:
-    assert {f.verdict for f in meshing.judge(list(_rows().values()))} == {Verdict.PASSED}
+    assert {f.verdict for f in meshing.judge(_made())} == {Verdict.PASSED}
 
 
 @pytest.mark.parametrize(
@@ -94,9 +81,7 @@ def test_good_rows_pass() -> None:
 def test_a_spoiled_row_fails_its_own_claim(
     name: str, changes: dict[str, float], failed: int
 ) -> None:
-    rows = _rows()
-    rows[name] = replace(rows[name], **changes)
-    verdicts = [f.verdict for f in meshing.judge(list(rows.values()))]
+    verdicts = [f.verdict for f in meshing.judge(_made(**{name: changes}))]
     assert verdicts == [
         Verdict.FAILED if k == failed else Verdict.PASSED for k in range(len(verdicts))
     ]
@@ -106,13 +91,13 @@ def test_the_study_leaves_its_page_and_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(meshing, "EDGE_LENGTH", 14e-3)  # coarse: a fast run
-    assert meshing.run(tmp_path, lambda _line: None, Console(quiet=True)) in (0, 1)
-    document = json.loads((tmp_path / "results.json").read_text("utf-8"))
-    assert [row["name"] for row in document["meshes"]] == [
+    assert meshing.STUDY.run("meshing", tmp_path, lambda _line: None, Console(quiet=True)) in (0, 1)
+    rows = json.loads((tmp_path / "results.json").read_text("utf-8"))["tables"]["quality"]
+    assert [row["mesh"] for row in rows] == [
         meshing.TRADITIONAL, meshing.UNCLEANED, meshing.PAPER, meshing.OURS
     ]  # fmt: skip
     # The surface's volume, kept by all three that keep its facets.
-    assert all(row["volume_error"] < 1e-12 for row in document["meshes"][1:])
+    assert all(row["volume error"] < 1e-12 for row in rows[1:])
     page = (tmp_path / "report.html").read_text("utf-8")
     assert page.count("<svg") == 1
     assert "Fig. 1" in page

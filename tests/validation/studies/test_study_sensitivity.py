@@ -15,24 +15,17 @@ from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import Verdict
-from palpate.validation.studies.input_sensitivity import (
+from palpate.validation.studies.bodies import changed
+from palpate.validation.studies.kidney.meshes import QUANTITIES, Response, StoredTruth
+from palpate.validation.studies.sensitivity import ASKED, Found, judge, present
+from palpate.validation.studies.sensitivity.budget import (
     COVERAGE,
     INPUTS,
     STEP,
     InputResponses,
-    changed,
     follow_inputs,
     make_budget,
 )
-from palpate.validation.studies.kidney_convergence import QUANTITIES, Response, StoredTruth
-from palpate.validation.studies.sensitivity import (
-    ASKED,
-    judge,
-    response_table,
-    sensitivity_table,
-    uncertainty_table,
-)
-from palpate.validation.studies.sensitivity_figure import draw_uncertainty
 
 WriteCase = Callable[..., Path]
 GRIDS = assess_grid_convergence([1.98, 1.96, 1.92], [1.0, 2.0, 4.0], expected_order=1.0)
@@ -47,9 +40,8 @@ def block(write_case: WriteCase) -> Problem:
 
 
 def response(value: float) -> Response:
-    """A response whose numbers are all `value` in the units of QUANTITIES."""
-    factors = {name: factor for name, _, factor in QUANTITIES.values()}
-    return Response(**{name: value / factor for name, factor in factors.items()})
+    """A response whose numbers are all `value`, each in its unit."""
+    return dict.fromkeys(QUANTITIES, value)
 
 
 def power_law(exponents: dict[str, float], scaling_error: float = 0.0) -> InputResponses:
@@ -85,14 +77,15 @@ def test_parts_add_up_as_they_should() -> None:
 def test_only_force_over_modulus_counts_for_a_block(block: Problem) -> None:
     found = follow_inputs(block, lambda _line: None)
     budgets = [make_budget(q, found, GRIDS, TRUTH) for q in ASKED]
-    verdicts = [f.verdict for f in judge(budgets, found)]
+    verdicts = [f.verdict for f in judge(Found(budgets, found))]
     assert verdicts[:3] == [Verdict.PASSED] * 3
     # Nearly linear: as much load, as much displacement.
     largest = next(b for b in budgets if b.quantity == "largest displacement")
     assert largest.sensitivities["load"] == pytest.approx(1.0, abs=0.02)
-    assert len(sensitivity_table(budgets).rows) == len(uncertainty_table(budgets).rows) == 3
-    assert len(response_table(found).rows) == 1 + 2 * len(INPUTS) + 1
-    assert draw_uncertainty(budgets).svg.startswith("<svg")
+    page = present(Found(budgets, found))
+    assert len(page.tables["sensitivities"].rows) == len(page.tables["uncertainty"].rows) == 3
+    assert len(page.tables["responses"].rows) == 1 + 2 * len(INPUTS) + 1
+    assert page.figures["uncertainty"].svg.startswith("<svg")
 
 
 def test_a_simulator_with_a_stiffness_of_its_own_is_seen(block: Problem) -> None:
@@ -103,13 +96,13 @@ def test_a_simulator_with_a_stiffness_of_its_own_is_seen(block: Problem) -> None
 
     found = follow_inputs(block, lambda _line: None, solve=stubborn)
     budgets = [make_budget(q, found, GRIDS, TRUTH) for q in ASKED]
-    assert [f.verdict for f in judge(budgets, found)][:2] == [Verdict.FAILED] * 2
+    assert [f.verdict for f in judge(Found(budgets, found))][:2] == [Verdict.FAILED] * 2
 
 
 def test_findings_go_red() -> None:
     def verdicts(responses: InputResponses, truth: StoredTruth = TRUTH) -> list[Verdict]:
         budgets = [make_budget(q, responses, GRIDS, truth) for q in ASKED]
-        return [f.verdict for f in judge(budgets, responses)]
+        return [f.verdict for f in judge(Found(budgets, responses))]
 
     assert verdicts(power_law(GOOD)) == [Verdict.PASSED] * 6
     assert verdicts(power_law(GOOD, scaling_error=1e-3))[0] is Verdict.FAILED

@@ -13,12 +13,17 @@ from rich.console import Console
 
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem
-from palpate.validation.report.study_page import Finding
+from palpate.validation.report.study_page import Finding, Page, judged
 from palpate.validation.states import Verdict
-from palpate.validation.studies.elastica import elastica_error, elastica_shape
-from palpate.validation.studies.study_folder import judged, leave_study
-from palpate.validation.studies.validity import judge_bending, judge_checks, judge_modes
-from palpate.validation.studies.validity_bending import (
+from palpate.validation.studies.closed_forms import (
+    COMPRESSION_LIMIT,
+    elastica_error,
+    elastica_shape,
+    stretch_under,
+)
+from palpate.validation.studies.study import leave
+from palpate.validation.studies.validity import judge, judge_bending, judge_checks, judge_modes
+from palpate.validation.studies.validity.bending import (
     BendingLimit,
     BendingPoint,
     DegreeCheck,
@@ -28,18 +33,23 @@ from palpate.validation.studies.validity_bending import (
     find_limit,
     follow_bar,
 )
-from palpate.validation.studies.validity_figures import draw_map, draw_modes, draw_rotation
-from palpate.validation.studies.validity_modes import (
-    COMPRESSION_LIMIT,
+from palpate.validation.studies.validity.modes import (
     HOMOGENEOUS,
     MOST,
     Mode,
     closed_form,
     find_mode_limit,
     follow_mode,
-    stretch_under,
 )
-from palpate.validation.studies.validity_tables import bending_table, mode_table
+from palpate.validation.studies.validity.present import (
+    Found,
+    bending_table,
+    draw_map,
+    draw_modes,
+    draw_rotation,
+    mode_table,
+    present,
+)
 
 SETTINGS = MapSettings(
     slendernesses=(4.0, 8.0),
@@ -152,7 +162,7 @@ def test_a_small_map_shows_what_the_whole_one_claims(
     assert verdicts(judge_bending(bars, ends)) == [Verdict.PASSED] * 4
     table = bending_table(bars, ends)
     assert len(table.rows) == 4
-    assert all(float(row[2]) < float(row[3]) < float(row[4]) < float(row[-2]) for row in table.rows)
+    assert all(row[2] < row[3] < row[4] < row[-2] for row in table.rows)
 
 
 def test_a_bent_bar_that_is_spoiled_turns_the_findings_red(
@@ -167,23 +177,21 @@ def test_a_bent_bar_that_is_spoiled_turns_the_findings_red(
     assert verdicts(judge_bending(wrong, ends))[2] is Verdict.FAILED
     kept = [dataclasses.replace(p, linear_volume_change=p.green_volume_change) for p in bars]
     assert verdicts(judge_bending(kept, ends))[1] is Verdict.FAILED
-    early = [dataclasses.replace(m, deflection=0.1) for m in ends]
+    early = [m._replace(deflection=0.1) for m in ends]
     assert verdicts(judge_bending(bars, early))[3] is Verdict.FAILED
 
 
-def test_a_border_is_where_a_power_law_crosses_it(bars: list[BendingPoint]) -> None:
-    bar = [
-        dataclasses.replace(bars[0], deflection=x, displacement_error=0.5 * x)
-        for x in (0.01, 0.05, 0.25)
-    ]
-    assert border(bar, lambda p: p.displacement_error, 0.1) == pytest.approx(0.2, rel=1e-12)
-    assert border(bar, lambda p: p.displacement_error, 0.2) is None
+def test_a_border_is_where_a_power_law_crosses_it() -> None:
+    loads = (0.01, 0.05, 0.25)
+    errors = [0.5 * x for x in loads]
+    assert border(errors, loads, 0.1) == pytest.approx(0.2, rel=1e-12)
+    assert border(errors, loads, 0.2) is None
 
 
 def test_quadratic_tetrahedra_that_disagree_are_seen(bars: list[BendingPoint]) -> None:
     p = bars[0]
     good = DegreeCheck(p, 1.02 * p.displacement_error, 0.97 * p.volume_error, 1.2)
-    bad = dataclasses.replace(good, quadratic_volume_error=1.08 * p.volume_error)
+    bad = good._replace(volume_error=1.08 * p.volume_error)
     assert verdicts(judge_checks([good])) == [Verdict.PASSED]
     assert verdicts(judge_checks([good, bad])) == [Verdict.FAILED]
     assert judge_checks([]) == []
@@ -203,25 +211,46 @@ def test_quadratic_tetrahedra_agree_on_a_small_bar() -> None:
 def test_the_page_stands_alone(
     bars: list[BendingPoint], ends: list[BendingLimit], tmp_path: Path
 ) -> None:
-    code = leave_study(
+    page = Page(
+        figures={
+            "map": draw_map(bars, ends, 0.3, slenderness=4.0),
+            "rotation": draw_rotation(bars, 0.3),
+        },
+        tables={"bending": bending_table(bars, ends)},
+        numbers={"points": [dataclasses.asdict(p) for p in bars]},
+    )
+    code = leave(
         tmp_path,
         Console(record=True, width=200),
         name="validity",
         title="A <map>",
         about=["Why."],
         findings=[judged("a claim", "a, b", True), judged("another", "c", False)],
-        figures={
-            "map": draw_map(bars, ends, poissons_ratio=0.3, slenderness=4.0),
-            "rotation": draw_rotation(bars, 0.3),
-        },
-        tables={"bending": bending_table(bars, ends)},
-        numbers={"points": [dataclasses.asdict(p) for p in bars]},
+        page=page,
     )
     assert code == 1
     names = {"report.html", "map.svg", "rotation.svg", "bending.csv", "results.json"}
     assert {f.name for f in tmp_path.iterdir()} == names
-    page = (tmp_path / "report.html").read_text("utf-8")
-    assert "A &lt;map&gt;" in page
-    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    html = (tmp_path / "report.html").read_text("utf-8")
+    assert "A &lt;map&gt;" in html
+    assert "http" not in html.replace("http-equiv", "").replace("http://www.w3.org", "")
     rows = np.genfromtxt(tmp_path / "bending.csv", delimiter=",", skip_header=1)
     assert rows.shape == (4, 13)
+
+
+def test_what_was_found_is_judged_and_shown_whole(
+    bars: list[BendingPoint], ends: list[BendingLimit]
+) -> None:
+    modes = [p for mode in Mode for p in follow_mode(mode, 0.3, cells_across=2)]
+    mode_ends = {(mode, 0.3): find_mode_limit(mode, 0.3) for mode in Mode}
+    check = DegreeCheck(bars[0], bars[0].displacement_error, bars[0].volume_error, 1.2)
+    finer = find_limit(4.0, 0.3, 4)
+    found = Found(bars, ends, finer, modes, mode_ends, [check])
+    assert verdicts(judge(found)) == [Verdict.PASSED] * 7
+    page = present(found)
+    assert set(page.figures) == {"map", "rotation", "modes"}
+    assert len(page.tables["points"].rows) == len(bars)
+    assert page.tables["quadratic"].texts[0][-1] == "1.200"
+    assert len(page.remarks) == 1
+    assert "with 3 bricks across" in page.remarks[0]
+    assert "FEniCSx is not here" in present(found._replace(checks=[])).remarks[0]

@@ -1,0 +1,157 @@
+"""Lines over axes: the one way in which studies plot numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullFormatter
+
+from palpate.meshes.arrays import Points
+from palpate.validation.report.plots import figure_svg
+from palpate.validation.report.study_page import Figure
+
+BLUE, RED, OCHRE, GREEN, PURPLE, GREY = COLOURS = (
+    "#2f6f8f", "#b5332e", "#c98a12", "#2f8f4e", "#6b4c9a", "#4d4d4d",
+)  # fmt: skip
+
+
+def paper_style() -> AbstractContextManager[None]:
+    """Figures whose text stays text and which fit a paper."""
+    return mpl.rc_context(
+        {
+            "font.size": 10,
+            "svg.fonttype": "none",
+            "font.family": "sans-serif",
+            "axes.prop_cycle": mpl.rcsetup.cycler(color=COLOURS),
+        }
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """Numbers over numbers.
+
+    Attributes:
+        x: Places.
+        y: Numbers there, as many.
+        label: For the legend, where there is one.
+        style: Of the line and its marks, as matplotlib writes it.
+        colour: None takes the next one.
+        width: Of the line [points].
+        alpha: 0 is clear.
+    """
+
+    x: Sequence[float] | Points
+    y: Sequence[float] | Points
+    label: str = ""
+    style: str = "-o"
+    colour: str | None = None
+    width: float = 1.3
+    alpha: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """Lines in one pair of axes.
+
+    Attributes:
+        lines: Drawn in this order.
+        x: Words below.
+        y: Words beside.
+        title: Words above.
+        log: Which axes are logarithmic: "", "x", "y" or "xy".
+        levels: Values of y that are marked by dotted lines.
+        places: Values of x, likewise.
+        band: From where to where on y is grey.
+        notes: Words at (x, y).
+        ticks: Words at places along x.
+        x_range: Lower and upper end; None as the lines need it.
+        y_range: Likewise.
+    """
+
+    lines: Sequence[Line]
+    x: str
+    y: str = ""
+    title: str = ""
+    log: str = ""
+    levels: Sequence[float] = ()
+    places: Sequence[float] = ()
+    band: tuple[float, float] | None = None
+    notes: Sequence[tuple[float, float, str]] = ()
+    ticks: Mapping[float, str] | None = None
+    x_range: tuple[float | None, float | None] = (None, None)
+    y_range: tuple[float | None, float | None] = (None, None)
+
+
+def line_figure(rows: Sequence[Sequence[Panel]], caption: str, *, shares_legend: bool) -> Figure:
+    """Panels beside and above each other.
+
+    Args:
+        rows: Panels, as many in each row.
+        caption: What the figure shows.
+        shares_legend: One legend below them all, or one in each that has labels.
+    """
+    from matplotlib import pyplot
+
+    width = {1: 6.4, 2: 9.6, 3: 11.0}.get(len(rows[0]), 12.0)
+    height = min(4.2, 1.1 * width / len(rows[0])) * len(rows) + 0.3 * shares_legend
+    with paper_style():
+        figure, axes = pyplot.subplots(
+            len(rows), len(rows[0]), figsize=(width, height), squeeze=False
+        )
+        for row, beside in zip(rows, axes, strict=True):
+            for panel, place in zip(row, beside, strict=True):
+                _draw(place, panel)
+                if not shares_legend and any(line.label for line in panel.lines):
+                    place.legend(frameon=False, fontsize=8)
+        below = 0.0
+        if shares_legend:
+            found = [place.get_legend_handles_labels() for place in axes.flat]
+            labels = {
+                lb: h for handles, words in found for h, lb in zip(handles, words, strict=True)
+            }
+            columns = max(1, int(width / (0.45 + 0.075 * max(map(len, labels)))))
+            figure.legend(
+                labels.values(), labels.keys(), loc="lower center", ncols=min(columns, len(labels)),
+                frameon=False, fontsize=9,
+            )  # fmt: skip
+            below = 0.26 * -(-len(labels) // columns) / height
+        figure.tight_layout(rect=(0.0, below, 1.0, 1.0))
+        return Figure(figure_svg(figure), caption)
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    for line in panel.lines:
+        axes.plot(
+            line.x, line.y, line.style, label=line.label or None, color=line.colour,
+            lw=line.width, ms=8 if line.style == "x" else 4, alpha=line.alpha,
+        )  # fmt: skip
+    axes.set_xscale("log" if "x" in panel.log else "linear")
+    axes.set_yscale("log" if "y" in panel.log else "linear")
+    for level in panel.levels:
+        axes.axhline(level, color="black", lw=0.8, ls=":")
+    for place in panel.places:
+        axes.axvline(place, color="black", lw=0.8, ls=":")
+    if panel.band is not None:
+        axes.axhspan(*panel.band, color="#999999", alpha=0.25, lw=0)
+    axes.margins(x=0.08 if panel.notes else 0.05)
+    for x, y, words in panel.notes:
+        axes.annotate(words, (x, y), (4, 4), textcoords="offset points", fontsize=8)
+    axes.set_xlim(*panel.x_range)
+    axes.set_ylim(*panel.y_range)
+    for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+        low, high = axis.get_view_interval()
+        if letter in panel.log and 10.0 * low < high <= 1e5 * low:
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_minor_formatter(NullFormatter())
+    if panel.ticks is not None:
+        axes.set_xticks(list(panel.ticks), list(panel.ticks.values()))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(panel.x)
+    axes.set_ylabel(panel.y)
+    axes.set_title(panel.title, fontsize=10)
+    axes.grid(color="#e0e0e0", lw=0.6)

@@ -1,0 +1,134 @@
+"""A manufactured solution for Saint-Venant-Kirchhoff: choose u, work out the body force it needs.
+
+u_i = A c_i sin(pi x) sin(pi y) sin(pi z) on the unit cube, held at 0 all around. With H = grad u,
+F = I + H and G_iJK = d2 u_i / dX_J dX_K,
+
+(Div P)_i = G_iJK S_JK + F_iJ S_JK,K,   S_JK,K = lmbda tr(E),J + 2 mu E_JK,K,
+tr(E),J = G_iiJ + H_iK G_iKJ,   E_JK,K = (G_JKK + G_KJK + G_iJK H_iK + H_iJ G_iKK) / 2.
+
+Method: P. J. Roache, J. Fluids Eng. 124 (2002) 4-10.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import PointForce
+from palpate.meshes.bricks import brick_box, held
+from palpate.meshes.problem import Material, Problem
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+MATERIAL = Material(1.0, 0.3)
+# Strains up to about a third: the quadratic part of Green strain counts.
+AMPLITUDE = 0.1
+_DIRECTION = np.array([1.0, -0.7, 0.5])
+
+
+def exact_displacement(places: Points) -> Points:
+    """U at places, shape (n, 3)."""
+    sines = np.sin(np.pi * places)
+    u: Points = AMPLITUDE * sines.prod(axis=1)[:, None] * _DIRECTION
+    return u
+
+
+def exact_gradient(places: Points) -> Points:
+    """H_iJ = du_i/dX_J at places [-], shape (n, 3, 3)."""
+    H: Points = AMPLITUDE * _DIRECTION[None, :, None] * _first(places)[:, None, :]
+    return H
+
+
+def body_force(places: Points, material: Material = MATERIAL) -> Points:
+    """-Div P of the exact solution [N/m3], shape (n, 3)."""
+    E_, nu = material.youngs_modulus, material.poissons_ratio
+    lmbda, mu = E_ * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E_ / (2.0 * (1.0 + nu))
+    H = exact_gradient(places)
+    G = AMPLITUDE * _DIRECTION[None, :, None, None] * _second(places)[:, None]
+    E = 0.5 * (H + H.transpose(0, 2, 1) + np.einsum("nki,nkj->nij", H, H))
+    S = 2.0 * mu * E + lmbda * np.einsum("nii->n", E)[:, None, None] * np.eye(3)
+    trace = np.einsum("niij->nj", G) + np.einsum("nik,nikj->nj", H, G)
+    turn = np.einsum("njkk->nj", G) + np.einsum("nkjk->nj", G)
+    turn += np.einsum("nijk,nik->nj", G, H) + np.einsum("nij,nikk->nj", H, G)
+    slope = lmbda * trace + mu * turn
+    force: Points = -(np.einsum("nijk,njk->ni", G, S) + slope + np.einsum("nij,nj->ni", H, slope))
+    return force
+
+
+def manufactured_problem(bricks: int, *, amplitude: float = 1.0) -> Problem:
+    """The unit cube, held all around, with the consistent nodal forces of the body force.
+
+    Args:
+        bricks: Along each edge, six cells each.
+        amplitude: Factor on the forces: 1, unless the problem is spoiled on purpose.
+    """
+    mesh = brick_box((bricks, bricks, bricks), (1.0, 1.0, 1.0))
+    forces = np.zeros_like(mesh.points)
+    for barycentric, weight in zip(*_rule(), strict=True):
+        places = np.einsum("a,cai->ci", barycentric, mesh.points[mesh.cells])
+        share = weight * signed_volumes(mesh.points, mesh.cells)[:, None] * body_force(places)
+        for a in range(4):
+            np.add.at(forces, mesh.cells[:, a], barycentric[a] * share)
+    every = np.arange(mesh.num_points, dtype=np.int32)
+    load = PointForce(every, amplitude * forces)
+    return Problem(mesh, MATERIAL, (held(mesh.boundary_facets),), (load,))
+
+
+def errors(mesh: TetMesh, displacement: Points) -> tuple[float, float]:
+    """Relative L2 error of u and of its gradient (H1 seminorm) [-], by quadrature."""
+    corners = mesh.points[mesh.cells]
+    edges = corners[:, 1:] - corners[:, :1]
+    moved = displacement[mesh.cells]
+    # Rows of `edges` are dX, rows of the other du: du = dX H^T.
+    H = np.linalg.solve(edges, moved[:, 1:] - moved[:, :1]).transpose(0, 2, 1)
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    sums = np.zeros(4)
+    for barycentric, weight in zip(*_rule(), strict=True):
+        places = np.einsum("a,cai->ci", barycentric, corners)
+        u, gradient = exact_displacement(places), exact_gradient(places)
+        found = np.einsum("a,cai->ci", barycentric, moved)
+        fields = (found - u, u, H - gradient, gradient)
+        sums += weight * np.array(
+            [volumes @ (f**2).reshape(len(volumes), -1).sum(axis=1) for f in fields]
+        )
+    return float(np.sqrt(sums[0] / sums[1])), float(np.sqrt(sums[2] / sums[3]))
+
+
+def gauss_rule(count: int) -> tuple[Points, Points]:
+    """Gauss-Legendre points and weights on 0 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)  # type: ignore[no-untyped-call]
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def _first(places: Points) -> Points:
+    """Gradient of the product of sines, shape (n, 3)."""
+    s, c = np.sin(np.pi * places), np.pi * np.cos(np.pi * places)
+    gradient: Points = np.column_stack(
+        [c[:, 0] * s[:, 1] * s[:, 2], s[:, 0] * c[:, 1] * s[:, 2], s[:, 0] * s[:, 1] * c[:, 2]]
+    )
+    return gradient
+
+
+def _second(places: Points) -> Points:
+    """Second derivatives of the product of sines, shape (n, 3, 3)."""
+    s, c = np.sin(np.pi * places), np.pi * np.cos(np.pi * places)
+    second = np.empty((len(places), 3, 3))
+    for j in range(3):
+        for k in range(3):
+            i = 3 - j - k
+            second[:, j, k] = (
+                -(np.pi**2) * s.prod(axis=1) if j == k else c[:, j] * c[:, k] * s[:, i]
+            )
+    return second
+
+
+def _rule() -> tuple[Points, Points]:
+    """Barycentric points and weights (sum 1): Gauss points of a cube folded to a tetrahedron.
+
+    Three in each direction: exact to degree 3 (Stroud 1971, conical product formulas).
+    """
+    t, w = gauss_rule(3)
+    a, b, c = (g.ravel() for g in np.meshgrid(t, t, t, indexing="ij"))
+    wa, wb, wc = (g.ravel() for g in np.meshgrid(w, w, w, indexing="ij"))
+    x, y, z = a, b * (1.0 - a), c * (1.0 - a) * (1.0 - b)
+    barycentric = np.column_stack([1.0 - x - y - z, x, y, z])
+    return barycentric, 6.0 * wa * wb * wc * (1.0 - a) ** 2 * (1.0 - b)

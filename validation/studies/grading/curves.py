@@ -1,0 +1,202 @@
+"""Error against cells on one body: a uniform family of meshes and one graded by its own error.
+
+All meshes are bisections of one coarse mesh, so the body and its held, pushed and touched parts
+are the same polyhedra in all, and the coarse mesh's points are in all. The truth is P2 on meshes
+graded by the same indicator, three of them, which gives it an error bar.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.fastsim.body import Body
+from palpate.fastsim.grading.carried_problem import carry_problem
+from palpate.fastsim.grading.error_indicator import estimate_error, mark_largest
+from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem
+from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
+from palpate.validation.states import Progress
+
+# Part of the squared error that is refined from one mesh to the next.
+PART = 0.2
+# The graded mesh compared with the finest uniform one has at most this part of its cells.
+PART_OF_CELLS = 1.0 / 5.0
+MOST_CELLS = {"uniform": 150_000, "graded": 45_000}
+
+# Displacement [m] and the scalar that is judged beside it, in SI units.
+Solved = tuple[Points, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A body under load, and what is asked of it.
+
+    Attributes:
+        title: For people.
+        quantity: The scalar that is judged: "change of volume", "contact force".
+        problem: On the coarse mesh.
+        solve: The candidate's answer on a mesh.
+        solve_truth: The reference's, quadratic.
+        truth_cells: Of the finest mesh that the truth is solved on, at most.
+        truth_ratio: Cells of one truth over those of the one before, about.
+    """
+
+    title: str
+    quantity: str
+    problem: Problem
+    solve: Callable[[Problem], Solved]
+    solve_truth: Callable[[Problem], Solved]
+    truth_cells: int
+    truth_ratio: float
+
+
+class Point(NamedTuple):
+    """One mesh of a family.
+
+    The error of displacement is relative L2 over the coarse mesh's points, that of the scene's
+    scalar over the true one and signed; the critical time step [s] is about the rest state.
+    """
+
+    cells: int
+    displacement_error: float
+    quantity_error: float
+    critical_time_step: float
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """Of displacement and scalar, without sign."""
+        return self.displacement_error, abs(self.quantity_error)
+
+    @property
+    def cost(self) -> float:
+        """Cells times steps of a simulated second."""
+        return self.cells / self.critical_time_step
+
+
+class Curves(NamedTuple):
+    """Errors against cells, and how far the truth itself may be off.
+
+    `families` are meshes by "uniform" and "graded", from coarse to fine. `pair` is the finest
+    uniform mesh and the finest graded one with at most a fifth of its cells; `gaps` is how far
+    their displacements and scalars are apart, `bars` how far the truth's may be off, both in the
+    errors' units. `truth_cells` are those of the P2 meshes.
+    """
+
+    title: str
+    quantity: str
+    families: dict[str, list[Point]]
+    pair: tuple[Point, Point]
+    gaps: tuple[float, float]
+    bars: tuple[float, float]
+    truth_cells: tuple[int, ...]
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Of the two errors."""
+        return "displacement", self.quantity
+
+
+class _Answer(NamedTuple):
+    """A solution where all meshes can be compared."""
+
+    cells: int
+    at_coarse_points: Points
+    quantity: float
+    critical_time_step: float = float("nan")
+
+    def gaps(self, other: _Answer, truth: _Answer) -> tuple[float, float]:
+        """How far two are apart, over the truth; the scalar with its sign."""
+        apart = np.linalg.norm(self.at_coarse_points - other.at_coarse_points)
+        scale = np.linalg.norm(truth.at_coarse_points)
+        return float(apart / scale), (self.quantity - other.quantity) / truth.quantity
+
+
+def follow(scene: Scene, progress: Progress) -> Curves:
+    """Solve both families by fastsim, the truth by the reference, and measure.
+
+    Raises:
+        ReferenceFailedError: No truth: FEniCSx is missing or a solve failed.
+    """
+    first, count = scene.problem, scene.problem.mesh.num_points
+    answers: dict[str, list[_Answer]] = {kind: [] for kind in MOST_CELLS}
+    problems: list[Problem] = []
+    for kind, found in answers.items():
+        graded = GradedMesh(first.mesh)
+        while True:
+            carried = carry_problem(first, graded)
+            displacement, quantity = scene.solve(carried)
+            body = Body(carried.mesh, first.material)
+            step = body.critical_time_step()
+            found.append(_Answer(len(graded.cells), displacement[:count], quantity, step))
+            progress(f"{scene.title}, {kind}: {len(graded.cells)} cells solved by fastsim")
+            if kind == "uniform":
+                marks = np.ones(len(graded.cells), dtype=bool)
+            else:
+                problems.append(carried)
+                marks = mark_largest(estimate_error(body, displacement), part=PART)
+            if len(graded.cells) + 1.5 * marks.sum() > MOST_CELLS[kind]:
+                break
+            graded.refine(marks)
+    truths = []
+    for fine in choose_truths(problems, scene.truth_cells, scene.truth_ratio):
+        progress(f"{scene.title}, truth: P2 on {fine.mesh.num_cells} graded cells")
+        displacement, quantity = scene.solve_truth(fine)
+        truths.append(_Answer(fine.mesh.num_cells, displacement[:count], quantity))
+    return _measure(scene, answers, truths)
+
+
+def choose_truths(problems: list[Problem], most_cells: int, ratio: float) -> list[Problem]:
+    """Three meshes of the family, whose numbers of cells are nearest to a geometric series."""
+    cells = np.array([p.mesh.num_cells for p in problems])
+    finest = int(np.flatnonzero(cells <= most_cells)[-1])
+    wanted = cells[finest] / ratio ** np.array([2.0, 1.0, 0.0])
+    return [problems[int(np.abs(np.log(cells / n)).argmin())] for n in wanted]
+
+
+def cells_for_error(cells: Sequence[int], errors: Sequence[float], wanted: float) -> float:
+    """Cells at which a family's error falls to a value: straight lines between logarithms.
+
+    Infinite where it does not fall so far.
+    """
+    if not wanted >= min(errors):
+        return float("inf")
+    e = np.log(np.maximum.accumulate(errors[::-1]))
+    return float(np.exp(np.interp(np.log(wanted), e, np.log(cells)[::-1])))
+
+
+def _measure(scene: Scene, answers: dict[str, list[_Answer]], truths: list[_Answer]) -> Curves:
+    truth = truths[-1]
+    families = {
+        kind: [Point(a.cells, *a.gaps(truth, truth), a.critical_time_step) for a in found]
+        for kind, found in answers.items()
+    }
+    uniform, graded = families["uniform"], families["graded"]
+    most = PART_OF_CELLS * uniform[-1].cells
+    chosen = max(k for k, p in enumerate(graded) if p.cells <= most)
+    apart, between = answers["uniform"][-1].gaps(answers["graded"][chosen], truth)
+    changes = [b.gaps(a, truth) for a, b in pairwise(truths)]
+    (u1, q1), (u2, q2) = changes
+    return Curves(
+        scene.title,
+        scene.quantity,
+        families,
+        (uniform[-1], graded[chosen]),
+        (apart, abs(between)),
+        (remainder(u1, u2), remainder(abs(q1), abs(q2))),
+        tuple(t.cells for t in truths),
+    )
+
+
+def remainder(first: float, second: float) -> float:
+    """What is left after two successive changes that shrink like a geometric series.
+
+    second / (first / second - 1), with Roache's factor of safety for three meshes, 1.25.
+    Infinite where they do not shrink.
+    """
+    return SAFETY_FACTOR * second / (first / second - 1.0) if first > second else float("inf")
