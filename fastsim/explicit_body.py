@@ -25,7 +25,6 @@ from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain, TimeSpan
-from palpate.meshes.rigid_tool import ToolPath
 
 # Part of the critical step used when none is chosen: Green strain stiffens under stretch.
 SAFETY = 0.8
@@ -171,7 +170,7 @@ class ExplicitBody:
         self._increment = np.zeros_like(mesh.points)
         self._read_only = self._displacement.view()
         self._read_only.flags.writeable = False
-        self._ways: dict[int, tuple[Points, Points]] = {}
+        self._goals: dict[int, tuple[list[float], list[float] | None]] = {}
         self._tool_steps: NDArray[np.void] = np.zeros(0, dtype=TOOL_STEP)
         self._pace = 1e-4
         self.set_state(self._displacement if displacement is None else displacement, velocity)
@@ -237,8 +236,11 @@ class ExplicitBody:
                 pass through a tool, or energy grew from nothing; carries the last good state.
             ToolTooFastError: A tool cannot get where it was sent in these steps.
         """
-        if self._ways:
-            self._set_off(num_steps)
+        if self._goals and self.tools is not None:
+            end = self.time + num_steps * self.time_step
+            for number, goal in self._goals.items():
+                self.tools.send(number, goal, self.time, end)
+            self._goals = {}
         while num_steps > 0:
             piece = min(num_steps, max(1, int(_BREATH / self._pace)))
             start = time.perf_counter()
@@ -288,14 +290,11 @@ class ExplicitBody:
             rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
 
         Raises:
-            InputError: There is no such tool.
+            InputError: There is no such tool, it is driven by a force, or this is no pose.
         """
         if self.tools is None:
             raise InputError(f"tool number {number}: the problem has no tools")
-        turn = self.tools.pose_at(number, self.time)[1]
-        if rotation is not None:
-            turn = np.asarray(rotation, dtype=np.float64)
-        self._ways[number] = (np.asarray(position, dtype=np.float64), turn)
+        self._goals[number] = self.tools.goal(number, position, rotation)
 
     def tool_steps(self) -> NDArray[np.void]:
         """Where the tools' paths are now, shape (num_tools,) of `TOOL_STEP`."""
@@ -355,17 +354,6 @@ class ExplicitBody:
         if self.tools is None:
             return factors, np.empty((num_steps + 1, 0))
         return factors, self.tools.steps(times).view(np.float64).reshape(num_steps + 1, -1)
-
-    def _set_off(self, num_steps: int) -> None:
-        """Put the tools that were sent elsewhere onto their ways."""
-        assert self.tools is not None
-        now = self.time
-        for number, (position, turn) in self._ways.items():
-            here, turned = self.tools.pose_at(number, now)
-            ends = np.array([now, now + num_steps * self.time_step])
-            way = ToolPath(ends, np.stack([here, position]), np.stack([turned, turn]))
-            self.tools.send(number, way)
-        self._ways = {}
 
     def _read_state(self) -> None:
         if not self._is_read:

@@ -19,7 +19,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.tri_surface import TriSurface
 
 # How far from 1 a quaternion's length may be; what is nearer is normalised.
-_UNIT_TOLERANCE = 1e-6
+UNIT_TOLERANCE = 1e-6
 
 
 class ToolError(InputError):
@@ -154,7 +154,7 @@ class ToolPath:
                 f"{times[k - 1]:g} s; times must increase"
             )
         length = np.linalg.norm(rotations, axis=1)
-        bad = np.flatnonzero(~(np.abs(length - 1.0) < _UNIT_TOLERANCE))
+        bad = np.flatnonzero(~(np.abs(length - 1.0) < UNIT_TOLERANCE))
         if bad.size:
             raise ToolError(
                 f"the tool's rotation at knot {bad[0]} has length {length[bad[0]]:g}; "
@@ -201,7 +201,7 @@ class ForceDrive:
 
     def __post_init__(self) -> None:
         length = math.sqrt(sum(d * d for d in self.direction))
-        if not abs(length - 1.0) < _UNIT_TOLERANCE:
+        if not abs(length - 1.0) < UNIT_TOLERANCE:
             raise ToolError(f"the tool's direction has length {length:g}; give a unit vector")
         if not math.isfinite(self.force):
             raise ToolError(f"the tool's force is {self.force:g} N; it must be finite")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.contact.contact_law import (
@@ -18,16 +19,17 @@ from palpate.fastsim.contact.contact_law import (
     largest_speed,
     layer_stiffness,
 )
+from palpate.fastsim.contact.errors import ToolTooFastError
 from palpate.fastsim.contact.tool_checks import (
+    farthest,
     require_larger_than_gaps,
     require_outside,
-    require_slow,
 )
 from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import ToolPath
+from palpate.meshes.rigid_tool import UNIT_TOLERANCE
 
 # As core/explicit/contact.hpp names them: where a tool is to be at a time, and what acts on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
@@ -129,6 +131,7 @@ class ExplicitTools:
         )
         self._speeds: list[float] = []
         self._paths = [core_path(contact.tool.path) for contact in self.contacts]
+        self._reaches = [farthest(contact.tool.shape) for contact in self.contacts]
 
     @property
     def penalties(self) -> list[tuple[ToolContact, float]]:
@@ -145,7 +148,7 @@ class ExplicitTools:
             allowed = largest_speed(self._problem, contact, self._mass, time_step, k)
             self._speeds.append(allowed)
             if is_timed:
-                require_slow(tool, number, allowed)
+                self._require_slow(self._paths[number], number)
             deepest = _DEEPEST * half_thickness(tool.shape)
             drive = tool.drive
             run.add_tool(
@@ -167,28 +170,50 @@ class ExplicitTools:
         for number, contact in enumerate(self.contacts):
             require_outside(self._problem, contact, number, displacement)
 
-    def send(self, number: int, way: ToolPath) -> None:
-        """Put a tool onto another path, which it begins where it is.
+    def goal(
+        self, number: int, position: ArrayLike, rotation: ArrayLike | None
+    ) -> tuple[list[float], list[float] | None]:
+        """A pose that a tool can be sent to: position [m], unit quaternion or None.
 
         Raises:
-            InputError: There is no such tool, or it is driven by a force.
-            ToolTooFastError: Vertices could not follow.
+            InputError: There is no such tool, it is driven by a force, or the numbers are no pose.
         """
         if not 0 <= number < len(self.contacts):
             raise InputError(f"tool number {number}: there are {len(self.contacts)}, from 0")
-        tool = self.contacts[number].tool
-        if tool.drive is not None:
+        if self.contacts[number].tool.drive is not None:
             raise InputError(f"tool {number + 1} is driven by a force and goes its own way")
-        require_slow(replace(tool, path=way), number, self._speeds[number])
-        self._paths[number] = core_path(way)
+        place = _numbers(position, 3, f"position of tool {number + 1}")
+        if rotation is None:
+            return place, None
+        turn = _numbers(rotation, 4, f"rotation of tool {number + 1}")
+        length = math.hypot(*turn)
+        if not abs(length - 1.0) < UNIT_TOLERANCE:
+            raise InputError(
+                f"the rotation of tool {number + 1} has length {length:g}; give a unit quaternion "
+                "(w, x, y, z)"
+            )
+        return place, [q / length for q in turn]
 
-    def pose_at(self, number: int, time: float) -> tuple[Floats, Floats]:
-        """Position [m], shape (3,), and rotation (w, x, y, z) of a tool on its path."""
-        if not 0 <= number < len(self.contacts):
-            raise InputError(f"tool number {number}: there are {len(self.contacts)}, from 0")
-        path = self._paths[number]
-        pose = path.poses_at(np.array([time])).view(POSE)[0, 0]
-        return pose["position"], np.array(path.rotation_at(time))
+    def send(
+        self,
+        number: int,
+        goal: tuple[list[float], list[float] | None],
+        begin: float,
+        end: float,
+    ) -> None:
+        """Put a tool onto the straight way from where it is at a time to its goal at another.
+
+        Raises:
+            ToolTooFastError: Vertices could not follow.
+        """
+        way = self._paths[number].way_to(*goal, begin, end)
+        self._require_slow(way, number)
+        self._paths[number] = way
+
+    def _require_slow(self, path: _core.ToolPath, number: int) -> None:
+        speed = path.fastest_point(self._reaches[number])
+        if speed > self._speeds[number]:
+            raise ToolTooFastError(number, speed, self._speeds[number])
 
     def steps(self, times: Floats) -> NDArray[np.void]:
         """Poses and drives at times of the run, shape (n, num_tools) of `TOOL_STEP`."""
@@ -229,3 +254,14 @@ class ExplicitTools:
                 )
             )
         return tuple(out)
+
+
+def _numbers(given: ArrayLike, count: int, what: str) -> list[float]:
+    """So many finite numbers; quicker than arrays for a loop that moves a tool at every step."""
+    try:
+        numbers = [float(number) for number in given]  # type: ignore[union-attr, arg-type]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise InputError(f"{what}: needs {count} finite numbers, got {given!r}")
+    return numbers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.fastsim.contact.contact_law import half_thickness, mean_edge
-from palpate.fastsim.contact.errors import ToolInsideError, ToolTooFastError, ToolTooSmallError
+from palpate.fastsim.contact.errors import ToolInsideError, ToolTooSmallError
 from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
@@ -13,7 +13,6 @@ from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
     PlaneShape,
-    RigidTool,
     SphereShape,
     ToolShape,
 )
@@ -68,34 +67,6 @@ def require_larger_than_gaps(problem: Problem, contact: ToolContact, number: int
         radius = radius[is_near]
     if radius.size and thin < radius.max():
         raise ToolTooSmallError(number, thin, float(radius.max()))
-
-
-def require_slow(tool: RigidTool, number: int, allowed: float) -> None:
-    """Refuse a path that is faster somewhere than vertices can follow.
-
-    Raises:
-        ToolTooFastError: Its fastest point is.
-    """
-    speed = fastest_point(tool)
-    if speed > allowed:
-        raise ToolTooFastError(number, speed, allowed)
-
-
-def fastest_point(tool: RigidTool) -> float:
-    """Largest speed of a point of the tool along its path [m/s].
-
-    Speed of the origin plus rate of turn times the farthest point; a half space that turns has
-    no such bound and is taken by its origin.
-    """
-    path = tool.path
-    if len(path.times) < 2:
-        return 0.0
-    duration = np.diff(path.times)
-    speed = np.linalg.norm(np.diff(path.positions, axis=0), axis=1) / duration
-    cosine = np.abs(np.sum(path.rotations[1:] * path.rotations[:-1], axis=1))
-    turn = 2.0 * np.arccos(np.minimum(cosine, 1.0)) / duration
-    reach = farthest(tool.shape)
-    return float((speed + (turn * reach if np.isfinite(reach) else 0.0)).max())
 
 
 def farthest(shape: ToolShape) -> float:

@@ -4,6 +4,7 @@
 #include "contact/tool_path.hpp"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 
 #include <tuple>
@@ -69,7 +70,9 @@ void bind_contact(nb::module_ &module) {
             },
             nb::arg("times").noconvert(), nb::arg("positions").noconvert(),
             nb::arg("rotations").noconvert())
-        .def("rotation_at", &ToolPath::rotation_at, nb::arg("time"))
+        .def("way_to", &ToolPath::way_to, nb::arg("position"), nb::arg("rotation").none(),
+             nb::arg("begin"), nb::arg("end"))
+        .def("fastest_point", &ToolPath::fastest_point, nb::arg("reach"))
         .def(
             "poses_at",
             [](const ToolPath &path, GivenColumn<double> times) {

@@ -175,8 +175,16 @@ def test_what_cannot_be_is_refused(ragged_box: TetMesh) -> None:
             body.apply_force(force, points=points)
     with pytest.raises(InputError, match="no tools"):
         body.move_tool(0, [0.0, 0.0, 0.0])
+    with_tool = ExplicitBody(loaded(ragged_box, ball(0.0)))
     with pytest.raises(InputError, match="from 0"):
-        ExplicitBody(loaded(ragged_box, ball(0.0))).move_tool(1, [0.0, 0.0, 0.0])
+        with_tool.move_tool(1, [0.0, 0.0, 0.0])
+    for position in ([0.0, 0.0], [0.0, 0.0, np.nan], 1.0, [[0.0, 0.0, 0.0]], "abc"):
+        with pytest.raises(InputError, match="position of tool 1: needs 3 finite numbers"):
+            with_tool.move_tool(0, position)
+    with pytest.raises(InputError, match="rotation of tool 1: needs 4"):
+        with_tool.move_tool(0, [0.0, 0.0, 2.0], [1.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="length 2;"):
+        with_tool.move_tool(0, [0.0, 0.0, 2.0], [0.0, 2.0, 0.0, 0.0])
     with pytest.raises(InputError, match="displacement"):
         body.set_state(np.zeros((3, 3)))
     with pytest.raises(UnstableStepError):

@@ -41,6 +41,28 @@ Quaternion ToolPath::rotation_at(double time) const {
     return between;
 }
 
+ToolPath ToolPath::way_to(const Point &position, const std::optional<Quaternion> &rotation,
+                          double begin, double end) const {
+    const Quaternion turned = rotation_at(begin);
+    return ToolPath(std::array{begin, end}, std::array{pose_at(begin).position, position},
+                    std::array{turned, rotation.value_or(turned)});
+}
+
+double ToolPath::fastest_point(double reach) const {
+    double fastest = 0.0;
+    for (std::size_t k = 1; k < _times.size(); ++k) {
+        double squared = 0.0, cosine = 0.0;
+        for (std::size_t j = 0; j < 3; ++j)
+            squared += std::pow(_positions[k][j] - _positions[k - 1][j], 2);
+        for (std::size_t j = 0; j < 4; ++j)
+            cosine += _rotations[k][j] * _rotations[k - 1][j];
+        const double turn = 2.0 * std::acos(std::min(std::abs(cosine), 1.0));
+        const double way = std::sqrt(squared) + (std::isfinite(reach) ? turn * reach : 0.0);
+        fastest = std::max(fastest, way / (_times[k] - _times[k - 1]));
+    }
+    return fastest;
+}
+
 Pose ToolPath::pose_at(double time) const {
     const auto [knot, since] = place_of(time);
     Pose pose{_positions[knot], {}};

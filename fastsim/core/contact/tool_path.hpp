@@ -4,6 +4,7 @@
 
 #include "contact/tool_shape.hpp"
 
+#include <optional>
 #include <vector>
 
 namespace fastsim {
@@ -18,6 +19,13 @@ class ToolPath {
 
     Quaternion rotation_at(double time) const;
     Pose pose_at(double time) const;
+    /// From where the tool is at a time straight to a pose at a later one; no rotation keeps that
+    /// which it has.
+    ToolPath way_to(const Point &position, const std::optional<Quaternion> &rotation, double begin,
+                    double end) const;
+    /// Largest speed of a point this far from the origin: the origin's, and the rate of turn times
+    /// the reach. Where that is infinite (a half space) the origin's alone.
+    double fastest_point(double reach) const;
 
   private:
     /// The last knot not after a time, and how far on the way to the next one it is.
