@@ -1,186 +1,256 @@
-"""Rivals and our own code, each timed in a child process, taking turns.
+"""Tools in processes of their own, timed in turns, each driven by its adapter.
 
-A rival may live in another Python environment: PALPATE_BENCH_PYTHON names interpreters to try
-besides this one, separated like PATH. One thread each unless the body says otherwise.
+A tool may live in another Python environment: PALPATE_BENCH_PYTHON names interpreters to try
+besides this one, separated like PATH. One thread each unless its options say otherwise.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
-from palpate.validation.benchmarks.child import ChildFailedError
+from palpate.validation.simulators import adapters
 from palpate.validation.simulators.interpreters import interpreters
+from palpate.validation.states import Progress
 
-FOLDER = Path(__file__).parent / "rivals"
-TIME_LIMIT = 300.0  # of one set-up or one timing [s]
+FOLDER = Path(adapters.__file__).parent
+HARNESS = FOLDER / "harness.py"
 _THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "CCX_NPROC_EQUATION_SOLVER")
+OURS = "palpate"
 
 
-class TimedChild:
-    """One rival that is set up and waits to be timed.
+class ChildFailedError(RuntimeError):
+    """A tool gave no answer; the message says how it ended."""
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Who is timed.
 
     Attributes:
-        about: tool, version, precision.
-        force: Its internal force at the test displacement, or None.
-        refused: Why there is nothing to time, or "".
-        num_threads: Of the body; 1 where it says nothing.
-        answers: One for each timing so far: processor and wall seconds, and more.
+        name: In the rows; our own is "palpate".
+        adapter: Its file in the folder of adapters, without .py.
+        install: How to get it.
+        options: For its adapter, besides the job.
+        runs_everywhere: Whether it is timed in all interpreters that have another version of it.
     """
 
-    def __init__(self, file: str, body: Mapping[str, Any], interpreter: str) -> None:
-        self.is_ours = is_ours(file)
-        self.num_threads = int(body.get("num_threads", 1))
+    name: str
+    adapter: str
+    install: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    runs_everywhere: bool = False
+
+    @property
+    def num_threads(self) -> int:
+        """Of its process."""
+        return int(self.options.get("num_threads", 1))
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How tools are timed.
+
+    Attributes:
+        turns: Timings of each tool. The first is not counted, but where processes are fresh.
+        seconds: Work of one timing, about; 0 is one step.
+        unit: Of which a timing does a whole number [steps].
+        long: Whoever needs so long for one [s] gets `turns_if_long`.
+        is_fresh: Whether every timing is a process of its own.
+        time_limit: Of one set-up or one timing [s].
+    """
+
+    turns: int
+    seconds: float = 0.0
+    unit: int = 1
+    long: float = math.inf
+    turns_if_long: int = 1
+    is_fresh: bool = False
+    time_limit: float = 300.0
+
+
+class Child:
+    """A tool in a process of its own.
+
+    Attributes:
+        version: Of the tool; empty where it is not installed.
+        precision: Of its arithmetic.
+        timings: Of each so far: processor and wall seconds of one step, and what the tool said.
+    """
+
+    def __init__(
+        self, tool: Tool, task: str, job: Mapping[str, Any], interpreter: str, schedule: Schedule
+    ) -> None:
+        self.tool, self._schedule = tool, schedule
+        self.timings: list[dict[str, Any]] = []
+        self._num_steps = 0
         self._ends = contextlib.ExitStack()
+        self._process = self._ends.enter_context(contextlib.ExitStack())
         folder = self._ends.enter_context(scratch_folder("bench"))
-        given, force = folder / "body.npz", folder / "force.npy"
-        np.savez(given, **body)
-        self._errors = self._ends.enter_context(
-            (folder / "errors.txt").open("w+", encoding="utf-8")
-        )
-        self._process = self._ends.enter_context(
+        self._job, self._answer = folder / "job.npz", folder / "answer.npz"
+        np.savez(self._job, **job, **tool.options)
+        file = FOLDER / f"{tool.adapter}.py"
+        self._command: list[str | Path] = [
+            interpreter,
+            "-P",
+            HARNESS,
+            file,
+            task,
+            self._job,
+            self._answer,
+        ]
+
+    def start(self) -> None:
+        """Set the tool up in a new process.
+
+        Raises:
+            ChildFailedError: It failed, or the job is not for it.
+        """
+        self._process.close()
+        errors = self._job.with_name("errors.txt").open("w+", encoding="utf-8")
+        self._errors = self._process.enter_context(errors)
+        process = self._process.enter_context(
             supervised(
-                [interpreter, "-P", FOLDER / "child.py", FOLDER / file, given, force],
+                self._command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 text=True,
-                env=_environment(interpreter),
-                cwd=folder,  # some write log files
+                env=_environment(str(self._command[0])),
+                cwd=self._job.parent,  # some write log files
             )
         )
-        for stream in (self._process.stdin, self._process.stdout):
-            assert stream is not None
-            self._ends.callback(_close, stream)
-        self.answers: list[dict[str, Any]] = []
-        self.about = self._read()
-        self.refused = str(self.about.get("missing", self.about.get("unfit", "")))
-        self.is_missing = "missing" in self.about
-        self.force: Points | None = np.load(force) if self.about.get("has_force") else None
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._say, self._said, self._end = process.stdin, process.stdout, process.terminate
+        for stream in (process.stdin, process.stdout):
+            self._process.callback(_close, stream)
+        about = self._read()
+        if "unfit" in about:
+            raise ChildFailedError(about["unfit"])
+        self.version, self.precision = about.get("version", ""), about.get("precision", "")
 
-    def time(self, num_steps: int) -> dict[str, Any]:
-        """Time that many steps; return the answer and keep it."""
-        assert self._process.stdin is not None
+    @property
+    def answer(self) -> dict[str, NDArray[Any]]:
+        """The arrays that the tool answered last."""
+        with np.load(self._answer) as stored:
+            return {name: stored[name] for name in stored.files}
+
+    def time(self) -> None:
+        """Time the tool once; the first steps of all, which may compile, do not count."""
+        if self._schedule.is_fresh and self.timings:
+            self.start()
+        if not self._num_steps:
+            self._num_steps = self._calibrate()
+        self.timings.append(self._time(self._num_steps))
+
+    def _calibrate(self) -> int:
+        unit, seconds = self._schedule.unit, self._schedule.seconds
+        count = unit
+        if seconds:
+            self._time(count)
+            while (wall := count * self._time(count)["wall"]) < 0.1 * seconds:
+                count *= 4
+            count = unit * max(1, round(count / unit * seconds / wall))
+        return count
+
+    def _time(self, num_steps: int) -> dict[str, Any]:
         with contextlib.suppress(BrokenPipeError):  # the answer says why
-            self._process.stdin.write(f"{num_steps}\n")
-            self._process.stdin.flush()
-        self.answers.append(self._read())
-        return self.answers[-1]
+            self._say.write(f"{num_steps}\n")
+            self._say.flush()
+        timing = self._read()
+        for clock in ("processor", "wall"):
+            timing[clock] /= num_steps
+        return timing
 
     def best(self, clock: str) -> float:
-        """Least seconds of all timings but the first, by processor or wall clock."""
-        return float(min(answer[clock] for answer in self.answers[1:] or self.answers))
+        """Least seconds of a step, by processor or wall clock."""
+        first = 0 if self._schedule.is_fresh else 1
+        return float(min(timing[clock] for timing in self.timings[first:] or self.timings))
 
     def close(self) -> None:
-        """End the child."""
+        """End the process and forget the answer."""
         self._ends.close()
 
     def _read(self) -> dict[str, Any]:
-        assert self._process.stdout is not None
         # Whoever hangs is ended, and has failed.
-        timer = threading.Timer(TIME_LIMIT, self._process.terminate)
+        timer = threading.Timer(self._schedule.time_limit, self._end)
         timer.start()
-        line = self._process.stdout.readline()
+        line = self._said.readline()
+        is_late = not timer.is_alive()
         timer.cancel()
         if line:
             answer: dict[str, Any] = json.loads(line)
             return answer
+        if is_late:
+            raise ChildFailedError(f"not done within {self._schedule.time_limit:g} s")
         self._errors.seek(0)
         last = self._errors.read().strip().splitlines()[-12:]
-        self.close()
         raise ChildFailedError("\n".join(last) or "the process ended without a word")
 
 
 @contextlib.contextmanager
-def started(
-    files: Iterable[tuple[str, Mapping[str, Any]]],
-    progress: Callable[[str], None] | None,
-    every_version: Sequence[str] = (),
-) -> Iterator[list[TimedChild]]:
-    """Children for (file, body) pairs, each in the first interpreter that has what it needs.
+def timed(
+    tools: Sequence[Tool],
+    task: str,
+    job: Mapping[str, Any],
+    schedule: Schedule,
+    progress: Progress,
+) -> Iterator[list[Child]]:
+    """Set tools up for a task, and time them in turns.
 
-    Files of `every_version` run in all interpreters that have another version of their tool; our
-    own run in this one alone. What is installed but fails, or does not fit the body, goes to
-    `progress`.
+    Each runs in the first interpreter that has what it needs, our own in this one. A rival that is
+    not installed is left out; so is one that fails or does not fit the job, and `progress` is told.
+
+    Raises:
+        ChildFailedError: Our own failed.
     """
-    tell = progress or _say_nothing
-    children: list[TimedChild] = []
-    begun: list[TimedChild] = []
-    try:
-        for file, body in files:
-            seen = set()
-            for interpreter in interpreters()[: 1 if is_ours(file) else None]:
-                try:
-                    child = TimedChild(file, body, interpreter)
-                except ChildFailedError as error:
-                    if is_ours(file):
-                        raise
-                    tell(f"{file} failed: {str(error).splitlines()[-1]}")
-                    continue
-                version = child.about.get("version")
-                if child.refused or version in seen:
-                    if child.refused and not child.is_missing:
-                        tell(f"{file} left out: {child.refused}")
-                    child.close()
-                    continue
-                seen.add(version)
-                children.append(child)
-                begun.append(child)
-                if file not in every_version:
+
+    def tell(tool: Tool, error: ChildFailedError) -> None:
+        if tool.name == OURS:
+            raise error
+        progress(f"{tool.name}: {str(error).splitlines()[-1]}")
+
+    children: list[Child] = []
+    with contextlib.ExitStack() as ends:
+        for tool in tools:
+            for interpreter in interpreters()[: 1 if tool.name == OURS else None]:
+                versions = {child.version for child in children if child.tool is tool}
+                if versions and not tool.runs_everywhere:
                     break
+                child = Child(tool, task, job, interpreter, schedule)
+                ends.callback(child.close)
+                try:
+                    child.start()
+                except ChildFailedError as error:
+                    tell(tool, error)
+                    continue
+                if child.version not in {"", *versions}:
+                    children.append(child)
+        for turn in range(schedule.turns):
+            for child in tuple(children):
+                if turn >= schedule.turns_if_long and child.best("wall") >= schedule.long:
+                    continue
+                try:
+                    child.time()
+                except ChildFailedError as error:
+                    children.remove(child)
+                    tell(child.tool, error)
         yield children
-    finally:
-        for child in begun:
-            child.close()
-
-
-def take_turns(
-    children: list[TimedChild],
-    num_turns: int,
-    count: Callable[[TimedChild, int], int],
-    progress: Callable[[str], None] | None,
-) -> None:
-    """Time every child in each turn; a rival that fails leaves the list, and that is said.
-
-    Args:
-        children: What to time; rivals that fail are taken out.
-        num_turns: How often.
-        count: Steps for a child in a turn, 0 to let it rest.
-        progress: Told of failures.
-    """
-    for turn in range(num_turns):
-        for child in tuple(children):
-            try:
-                if steps := count(child, turn):
-                    child.time(steps)
-            except ChildFailedError as error:
-                if child.is_ours:
-                    raise
-                children.remove(child)
-                (progress or _say_nothing)(
-                    f"{child.about['tool']} failed: {str(error).splitlines()[-1]}"
-                )
-
-
-def is_ours(file: str) -> bool:
-    """Whether a file times palpate itself."""
-    return file.startswith("palpate_")
-
-
-def _say_nothing(_line: str) -> None:
-    pass
 
 
 def _close(stream: IO[str]) -> None:

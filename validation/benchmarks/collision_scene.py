@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Points
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -30,23 +29,13 @@ class Place(Enum):
 _BETWEEN = {Place.OVERLAPPING: 1.7, Place.APART: 2.5}
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """Two bodies of one mesh, the second turned, with a frame for each step.
+def make_bodies(divisions: int, place: Place) -> dict[str, NDArray[np.generic]]:
+    """Rounded boxes of divisions^3 bricks, six tetrahedra each, the second one turned.
 
-    Attributes:
-        cells: Of either body, shape (num_cells, 4).
-        frames: Points of each body by step [m], shape (NUM_FRAMES, num_points, 3).
-        facets: Boundary facets, shape (num_facets, 3).
+    Returns:
+        `cells` and boundary `facets` of either body, 24 divisions^2 in all, and `frames`, points
+        of each body by step [m], shape (2, NUM_FRAMES, num_points, 3).
     """
-
-    cells: Indices
-    frames: tuple[NDArray[np.float64], NDArray[np.float64]]
-    facets: Indices
-
-
-def make_scene(divisions: int, place: Place) -> Scene:
-    """Rounded boxes of divisions^3 bricks, six tetrahedra each; 24 divisions^2 triangles in all."""
     box = brick_box((divisions,) * 3, (2.0,) * 3, ragged=0.1)
     points = box.points - 1.0
     largest = np.abs(points).max(axis=1)
@@ -56,14 +45,13 @@ def make_scene(divisions: int, place: Place) -> Scene:
     )
     mesh = TetMesh((1.0 - _ROUND) * points + _ROUND * ball, box.cells)
     between = _BETWEEN[place] / np.sqrt(3.0) * np.ones(3)
-    return Scene(
-        mesh.cells,
-        (
-            _frames(mesh.points, _turned(0.4, 0.3), np.zeros(3), 0.0),
-            _frames(mesh.points, _turned(1.1, -0.7), between, 2.0),
-        ),
-        mesh.boundary_facets,
-    )
+    first = _frames(mesh.points, _turned(0.4, 0.3), np.zeros(3), 0.0)
+    second = _frames(mesh.points, _turned(1.1, -0.7), between, 2.0)
+    return {
+        "cells": mesh.cells,
+        "facets": mesh.boundary_facets,
+        "frames": np.stack([first, second]),
+    }
 
 
 def _turned(about_z: float, about_x: float) -> Points:

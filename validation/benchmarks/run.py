@@ -1,4 +1,4 @@
-"""Runs a benchmark by name: its rows, the machine they were timed on, rivals left out."""
+"""Runs a benchmark by name: its rows, what they say, the machine, and rivals left out."""
 
 from __future__ import annotations
 
@@ -6,48 +6,85 @@ import importlib
 import json
 import os
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from palpate.meshes.errors import InputError
+from palpate.validation.benchmarks.children import (
+    OURS,
+    Child,
+    Schedule,
+    Tool,
+    timed,
+)
+from palpate.validation.states import Progress, in_silence
 
 Row = dict[str, Any]
 # Columns that every row has, in the order of the table.
 COMMON = ("tool", "size", "threads", "precision", "seconds", "rate")
 
 
-class Benchmark(Protocol):
-    """A function that times ours beside rivals and returns a row for each timing."""
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What all tools do beside each other.
 
-    def __call__(
-        self, *, sizes: Sequence[int] = ..., progress: Callable[[str], None] | None = None
-    ) -> list[Row]:
-        """Time the given sizes (default: all of the benchmark's own)."""
+    Attributes:
+        size: For the rows.
+        job: Plain arrays for the adapters.
+        columns: More for the rows, the same in all.
+        finish: Adds what follows from the answers, from the rows of all tools and from those of
+            earlier scenes: finish(rows, children, earlier).
+    """
+
+    size: int
+    job: Mapping[str, Any]
+    columns: Mapping[str, Any]
+    finish: Callable[[list[Row], list[Child], list[Row]], None]
 
 
-# Name on the command line -> module and function. A module may have RIVALS, tool -> how to
-# install it: those without a row are named as left out; TABLE, the columns worth a place on the
-# terminal; and `summarise(rows)`, what the rows say in a few lines.
-BENCHMARKS = {
-    "steps": ("steps", "bench_steps"),
-    "static": ("static", "bench_static"),
-    "delaunay": ("delaunay", "bench_delaunay"),
-    "mesh": ("mesh", "bench_mesh"),
-    "collision": ("collision", "bench_collision"),
-}
+@dataclass(frozen=True)
+class Benchmark:
+    """A comparison of tools.
+
+    Attributes:
+        task: Class of the adapters.
+        sizes: That there are.
+        tools: Ours and the rivals.
+        schedule: How they are timed.
+        make_scenes: What is done at a size.
+        measure_work: Of one step, for the rate.
+        rate_unit: Of that work over seconds.
+        same: Columns in which rows must agree to be compared.
+        table: Columns worth a place on the terminal beside `COMMON`; all, where it is empty.
+        remark: What the summary says beside the rates, of our rows that are alike in `same`,
+            and of those of the rivals, the quickest first.
+    """
+
+    task: str
+    sizes: Sequence[int]
+    tools: Sequence[Tool]
+    schedule: Schedule
+    make_scenes: Callable[[int, Progress], Iterator[Scene]]
+    measure_work: Callable[[Row], float]
+    rate_unit: str
+    same: tuple[str, ...] = ()
+    table: tuple[str, ...] = ()
+    remark: Callable[[list[Row], list[Row]], list[str]] = lambda _ours, _rivals: []
+
+
+# Names on the command line, and of modules with a `BENCHMARK`.
+NAMES = ("steps", "static", "delaunay", "mesh", "collision")
 
 
 def run_benchmark(
-    name: str,
-    *,
-    sizes: Sequence[int] | None = None,
-    progress: Callable[[str], None] | None = None,
+    name: str, *, sizes: Sequence[int] | None = None, progress: Progress | None = None
 ) -> dict[str, Any]:
     """Time a benchmark.
 
     Args:
-        name: A key of `BENCHMARKS`.
+        name: Of `NAMES`.
         sizes: Problem sizes, of those the benchmark has; None times them all.
         progress: Called with one line per row.
 
@@ -59,36 +96,82 @@ def run_benchmark(
     Raises:
         InputError: No such benchmark, or it does not have such a size.
     """
-    if name not in BENCHMARKS:
-        raise InputError(f"no benchmark {name!r}; there are {', '.join(BENCHMARKS)}")
-    module_name, function_name = BENCHMARKS[name]
-    module = importlib.import_module(f"palpate.validation.benchmarks.{module_name}")
-    function: Benchmark = getattr(module, function_name)
-    if sizes:
-        known: Sequence[int] = tuple(getattr(module, "SIZES", sizes))
-        if unknown := [size for size in sizes if size not in known]:
-            raise InputError(
-                f"benchmark {name} has no size {unknown[0]}; it has {', '.join(map(str, known))}"
-            )
-        rows = function(sizes=tuple(sizes), progress=progress)
-    else:
-        rows = function(progress=progress)
+    if name not in NAMES:
+        raise InputError(f"no benchmark {name!r}; there are {', '.join(NAMES)}")
+    module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
+    benchmark: Benchmark = module.BENCHMARK
+    if unknown := [size for size in sizes or () if size not in benchmark.sizes]:
+        known = ", ".join(map(str, benchmark.sizes))
+        raise InputError(f"benchmark {name} has no size {unknown[0]}; it has {known}")
+    rows = time_all(benchmark, sizes or benchmark.sizes, progress or in_silence)
     timed = {row["tool"] for row in rows}
-    rivals: dict[str, str] = getattr(module, "RIVALS", {})
-    left_out = {tool: how for tool, how in rivals.items() if tool not in timed}
-    summarise: Callable[[list[Row]], list[str]] = getattr(module, "summarise", _say_nothing)
+    rivals = {tool.name: tool.install for tool in benchmark.tools if tool.name != OURS}
     return {
         "bench": name,
         "machine": describe_machine(),
         "rows": rows,
-        "left_out": left_out,
-        "summary": summarise(rows),
-        "table": list(getattr(module, "TABLE", ())),
+        "left_out": {tool: how for tool, how in rivals.items() if tool not in timed},
+        "summary": summarise(benchmark, rows),
+        "table": list(benchmark.table),
     }
 
 
-def _say_nothing(_rows: list[Row]) -> list[str]:
-    return []
+def time_all(benchmark: Benchmark, sizes: Sequence[int], progress: Progress) -> list[Row]:
+    """Rows of all scenes of some sizes; what fails or does not fit goes to `progress`."""
+    rows: list[Row] = []
+    for size in sizes:
+        for scene in benchmark.make_scenes(size, progress):
+            task, schedule = benchmark.task, benchmark.schedule
+            with timed(benchmark.tools, task, scene.job, schedule, progress) as children:
+                found = [_row(child, scene) for child in children]
+                scene.finish(found, children, rows)
+            for row in found:
+                row["rate"] = benchmark.measure_work(row) / row["seconds"]
+                row["rate_unit"] = benchmark.rate_unit
+                same = ", ".join(str(row[column]) for column in ("size", *benchmark.same))
+                progress(
+                    f"{row['tool']:22} {same:40} {row['precision']}  {row['threads']} thread(s)"
+                    f"  {row['seconds']:9.3g} s  {row['rate']:8.3g} {row['rate_unit']}"
+                )
+            rows += found
+    return rows
+
+
+def _row(child: Child, scene: Scene) -> Row:
+    """Seconds of the processor on one thread, of the clock on several."""
+    clocks = {clock: child.best(clock) for clock in ("processor", "wall")}
+    threads = child.tool.num_threads
+    return {
+        "tool": child.tool.name,
+        "version": child.version,
+        "size": scene.size,
+        "threads": threads,
+        "precision": child.precision,
+        **scene.columns,
+        **{name: value for name, value in child.timings[-1].items() if name not in clocks},
+        "seconds": clocks["wall" if threads > 1 else "processor"],
+        "wall_seconds": clocks["wall"],
+    }
+
+
+def summarise(benchmark: Benchmark, rows: Sequence[Row]) -> list[str]:
+    """How many times each rival's rate ours is, the quickest first, for what is comparable."""
+    lines = []
+    columns = ("size", *benchmark.same)
+    for key in dict.fromkeys(tuple(row[column] for column in columns) for row in rows):
+        here = [row for row in rows if tuple(row[column] for column in columns) == key]
+        rivals = sorted((r for r in here if r["tool"] != OURS), key=lambda row: row["seconds"])
+        everything = [row for row in here if row["tool"] == OURS]
+        for precision in dict.fromkeys(row["precision"] for row in everything):
+            ours = [row for row in everything if row["precision"] == precision]
+            parts = [
+                f"{row['seconds'] / ours[0]['seconds']:.1f} times {row['tool']} {row['version']}"
+                + ("" if row["precision"] == precision else f" in {row['precision']}")
+                for row in rivals
+            ]
+            parts += benchmark.remark(ours, rivals)
+            lines.append(f"{', '.join(map(str, key))}, {precision}: " + ", ".join(parts))
+    return lines
 
 
 def bench_json(document: dict[str, Any]) -> str:

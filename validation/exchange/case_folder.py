@@ -29,15 +29,12 @@ from palpate.validation.exchange.conventions import (
     LAWS,
     describe_conventions,
 )
-from palpate.validation.exchange.nodal_loads import (
-    cell_materials,
-    held_components,
-    lumped_mass,
-    nodal_force,
-)
+from palpate.validation.exchange.nodal_loads import nodal_force, rest_arrays
 
 SCHEMA = 1
 FILES = ("case.json", "rest.vtu", "rest.npz")
+_BY_POINT = ("fixed", "prescribed_displacement", "external_force", "lumped_mass")
+_BY_CELL = ("youngs_modulus", "poissons_ratio", "density")
 
 
 def case_key(problem: Problem, strain: Strain) -> str:
@@ -77,25 +74,10 @@ def write_case_folder(
     if target.exists() and not target.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the case")
     target.mkdir(parents=True, exist_ok=True)
-    fixed, moved = held_components(problem)
-    materials = cell_materials(problem)
-    by_point: dict[str, NDArray[Any]] = {
-        "fixed": fixed,
-        "prescribed_displacement": moved,
-        "external_force": sum(
-            (nodal_force(problem.mesh, load) for load in problem.loads),
-            np.zeros_like(problem.mesh.points),
-        ),
-        "lumped_mass": lumped_mass(problem),
-    }
-    by_cell: dict[str, NDArray[Any]] = {
-        "youngs_modulus": materials[:, 0],
-        "poissons_ratio": materials[:, 1],
-        "density": materials[:, 2],
-    }
+    arrays = rest_arrays(problem)
+    by_point = {name: arrays[name] for name in _BY_POINT}
+    by_cell = {name: arrays[name] for name in _BY_CELL}
     write_mesh(target / "rest.vtu", problem.mesh, point_data=by_point, cell_data=by_cell)
-    arrays: dict[str, Any] = {"points": problem.mesh.points, "cells": problem.mesh.cells}
-    arrays |= by_point | by_cell
     arrays |= _follower_pressures(problem)
     arrays["support"] = _holding_supports(problem)
     for index, load in enumerate(problem.loads):

@@ -5,6 +5,8 @@ Written apart from every simulator's own, so that a fault in one is not handed t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,29 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+
+
+def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
+    """All that a simulator of a linear law needs by point and by cell, under the exchange's names.
+
+    Dead loads are in `external_force`; follower pressure and tools are not there.
+    """
+    fixed, moved = held_components(problem)
+    materials = cell_materials(problem)
+    return {
+        "points": problem.mesh.points,
+        "cells": problem.mesh.cells,
+        "fixed": fixed,
+        "prescribed_displacement": moved,
+        "external_force": sum(
+            (nodal_force(problem.mesh, load) for load in problem.loads),
+            np.zeros_like(problem.mesh.points),
+        ),
+        "lumped_mass": lumped_mass(problem),
+        "youngs_modulus": materials[:, 0],
+        "poissons_ratio": materials[:, 1],
+        "density": materials[:, 2],
+    }
 
 
 def nodal_force(mesh: TetMesh, load: Load) -> Points:

@@ -1,23 +1,25 @@
-"""The collision benchmark: whole rows, one answer, and distances of its own."""
+"""The collision benchmark: whole rows, and one answer."""
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
-import pytest
 
 from palpate.fastsim.collision.detection import VertexCellDetector
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.benchmarks import collision
 from palpate.validation.benchmarks.collision import keys_of, vertices_of
-from palpate.validation.benchmarks.collision_scene import NUM_FRAMES, Place, make_scene
+from palpate.validation.benchmarks.collision_scene import NUM_FRAMES, Place, make_bodies
+from palpate.validation.benchmarks.run import summarise, time_all
 
 
 def test_the_bodies_deform_in_every_step_and_stay_whole():
-    scene = make_scene(8, Place.OVERLAPPING)
-    assert len(scene.facets) == 12 * 8**2
-    for frames in scene.frames:
+    bodies = make_bodies(8, Place.OVERLAPPING)
+    assert len(bodies["facets"]) == 12 * 8**2
+    for frames in bodies["frames"]:
         assert frames.shape[0] == NUM_FRAMES
-        assert all(np.all(signed_volumes(points, scene.cells) > 0.0) for points in frames)
+        assert all(np.all(signed_volumes(points, bodies["cells"]) > 0.0) for points in frames)
         for before, after in zip(frames, np.roll(frames, -1, axis=0), strict=True):
             # No rigid motion, nor any other affine one: what is left of the best is of its order.
             matrix = np.column_stack([before, np.ones(len(before))])
@@ -25,18 +27,15 @@ def test_the_bodies_deform_in_every_step_and_stay_whole():
             assert np.linalg.norm(left) > 0.3 * np.linalg.norm(after - before)
 
 
-@pytest.fixture
-def small(monkeypatch):
+def test_rows_are_whole(monkeypatch):
     monkeypatch.setattr(collision, "BODIES", {864: 6})
-    monkeypatch.setattr(collision, "SECONDS", 0.002)
-    monkeypatch.setattr(collision, "TIMINGS", 2)
     monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
-
-
-@pytest.mark.usefixtures("small")
-def test_rows_are_whole():
+    benchmark = dataclasses.replace(
+        collision.BENCHMARK,
+        schedule=dataclasses.replace(collision.BENCHMARK.schedule, turns=2, seconds=0.002),
+    )
     lines = []
-    rows = collision.bench_collision(sizes=(864,), progress=lines.append)
+    rows = time_all(benchmark, (864,), lines.append)
     ours = [row for row in rows if row["tool"] == "palpate"]
     # Overlapping, alone and with self; apart alone.
     assert len(ours) == 3
@@ -44,24 +43,24 @@ def test_rows_are_whole():
         assert row["missed"] == row["extra"] == 0
         assert np.isfinite(row["rate"])
         assert (row["pairs"] > 0) == (row["place"] == "overlapping")
+    assert ours[1]["seconds_within"] == ours[1]["seconds"] - ours[0]["seconds"]
     assert len(lines) >= len(rows)
-    said = collision.summarise(rows)
+    said = summarise(benchmark, rows)
     assert len(said) == 3
     assert sum("within the bodies" in line for line in said) == 1
 
 
 def test_a_pair_left_out_or_made_up_is_seen():
-    scene = make_scene(6, Place.OVERLAPPING)
-    here, there = (frames[0] for frames in scene.frames)
-    found = VertexCellDetector(TetMesh(here, scene.cells), TetMesh(there, scene.cells)).find(
-        here, there
-    )
+    bodies = make_bodies(6, Place.OVERLAPPING)
+    here, there = (frames[0] for frames in bodies["frames"])
+    found = VertexCellDetector(
+        TetMesh(here, bodies["cells"]), TetMesh(there, bodies["cells"])
+    ).find(here, there)
     pairs = np.column_stack([found.vertices, found.cells])
     assert len(pairs) > 2
     rows = [{"tool": "palpate"}, {"tool": "other"}, {"tool": "trimesh embree"}]
     made_up = np.vstack([pairs[1:], [[1, 1]]])
-    answers = [keys_of(pairs), keys_of(made_up), np.unique(pairs[:, 0])]
-    collision._compare(rows, answers)
+    collision.compare(rows, [pairs, made_up, pairs[:, :1]])
     assert [row["missed"] for row in rows] == [0, 1, 0]
     assert [row["extra"] for row in rows] == [0, 1, 0]
     assert [row["pairs"] for row in rows] == [

@@ -1,14 +1,15 @@
-"""`palpate bench delaunay`: points as named, tools in child processes that may fail."""
+"""`palpate bench delaunay`: points as named, and rows with every column."""
 
 from __future__ import annotations
 
-import sys
+import dataclasses
 
 import numpy as np
 import pytest
 
 from palpate.validation.benchmarks import delaunay
-from palpate.validation.benchmarks.child import ChildFailedError, peak_memory_mb, run_program
+from palpate.validation.benchmarks.children import Tool
+from palpate.validation.benchmarks.run import time_all
 
 EPS = np.finfo(float).eps
 
@@ -26,12 +27,11 @@ def test_points_are_what_they_are_called() -> None:
 
 
 def test_rows_of_palpate_have_every_column(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Rivals by their absence: no compiler, no packages.
-    monkeypatch.setattr(delaunay, "PROGRAMS", {})
-    monkeypatch.setattr(delaunay, "TOOLS", {"palpate": delaunay.TOOLS["palpate"], "absent": None})
-    monkeypatch.setattr(delaunay, "_REPEATS", 1)
+    # No compiler, and a rival that cannot do the task.
+    monkeypatch.setattr(delaunay, "compile_library", lambda _name, _folder: None)
+    tools = (*delaunay.TOOLS[:3], Tool("other", "numpy_loop"))
     said: list[str] = []
-    (row,) = delaunay.bench_delaunay(sizes=(300,), progress=said.append)
+    (row,) = time_all(dataclasses.replace(delaunay.BENCHMARK, tools=tools), (300,), said.append)
     assert (row["tool"], row["points"], row["size"], row["threads"]) == (
         "palpate",
         "random",
@@ -42,30 +42,13 @@ def test_rows_of_palpate_have_every_column(monkeypatch: pytest.MonkeyPatch) -> N
     assert 4 * 300 < row["cells"] < 7 * 300
     assert row["rate"] == pytest.approx(300 / row["seconds"], rel=4 * EPS)
     assert row["peak_memory_mb"] > 1.0
-    assert any("absent" in line and "exit 1" in line for line in said)
+    assert any(line.startswith("other: AttributeError") for line in said)
 
 
-@pytest.mark.parametrize(
-    ("code", "says"),
-    [
-        ("import os; os.abort()", "exit -6"),
-        ("raise SystemExit('no licence')", "no licence"),
-        ("print('cells: 7')", "no JSON"),
-        ("import time; time.sleep(60)", "not done within 0.5 s"),
-    ],
-)
-def test_a_tool_that_fails_is_told_not_timed(code: str, says: str) -> None:
-    with pytest.raises(ChildFailedError, match=says):
-        run_program([sys.executable, "-c", code], time_limit=0.5 if "sleep" in code else 30.0)
-
-
-def test_memory_is_the_childs_own() -> None:
-    # A child of a large parent starts small: the figure is not handed down.
-    ballast = np.ones(30_000_000 // 8 * 8)
-    code = (
-        "import json\n"
-        "from palpate.validation.benchmarks.child import peak_memory_mb\n"
-        "print(json.dumps({'mb': peak_memory_mb()}))"
-    )
-    small = run_program([sys.executable, "-c", code], time_limit=60.0)["mb"]
-    assert small + ballast.nbytes / 2**20 / 2 < peak_memory_mb()
+def test_tools_find_as_many_cells() -> None:
+    pytest.importorskip("scipy")
+    tools = tuple(t for t in delaunay.TOOLS if t.adapter in ("ours", "qhull_delaunay"))
+    rows = time_all(dataclasses.replace(delaunay.BENCHMARK, tools=tools), (300,), print)
+    cells = {row["tool"]: row["cells"] for row in rows}
+    assert set(cells) == {"palpate", "Qhull (scipy)"}
+    assert len(set(cells.values())) == 1

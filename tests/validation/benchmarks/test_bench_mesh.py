@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import dataclasses
 
 import numpy as np
 import pytest
@@ -12,8 +12,9 @@ from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.benchmarks import mesh as bench
-from palpate.validation.benchmarks.child import ChildFailedError
+from palpate.validation.benchmarks.children import ChildFailedError, Tool
 from palpate.validation.benchmarks.mesh_surfaces import make_surface
+from palpate.validation.benchmarks.run import time_all
 
 BALL = shape_sphere(edge_length=0.4)
 
@@ -35,31 +36,28 @@ def test_a_boundary_moved_by_one_rounding_is_not_kept() -> None:
     assert not bench.is_boundary_kept(shape_box((1.0, 1.0, 1.0), edge_length=0.5), filled)
 
 
-def test_an_inverted_cell_is_counted_and_nothing_else_is_claimed(tmp_path: Path) -> None:
+def test_an_inverted_cell_is_counted_and_nothing_else_is_claimed() -> None:
     filled = mesh_surface(BALL)
     cells = filled.cells.copy()
     cells[5, [0, 1]] = cells[5, [1, 0]]
-    target = str(tmp_path / "mesh.npz")
-    np.savez(target, points=filled.points, cells=cells)
-    measured = bench._measure(BALL, target)
+    measured = bench.measure(BALL, {"points": filled.points, "cells": cells})
     assert measured["inverted"] == 1
     assert measured["relative_volume_error"] > 1e-6
     assert "min_dihedral_deg" not in measured
 
 
 def test_rows_of_palpate_have_every_column(monkeypatch: pytest.MonkeyPatch) -> None:
-    def ball(kind: str, size: int, target: str) -> TriSurface:
+    def ball(kind: str, size: int) -> TriSurface:
         if kind == "decimated":
             raise ChildFailedError("no decimator")
         assert size == 10_000
-        np.savez(target, points=BALL.points, facets=BALL.facets)
         return BALL
 
     monkeypatch.setattr(bench, "make_surface", ball)
-    monkeypatch.setattr(bench, "TOOLS", {"palpate": None, "absent": None})
-    monkeypatch.setattr(bench, "_REPEATS", 1)
+    tools = (bench.TOOLS[0], Tool("other", "numpy_loop"))
+    benchmark = dataclasses.replace(bench.BENCHMARK, tools=tools)
     said: list[str] = []
-    rows = bench.bench_mesh(sizes=(10_000,), progress=said.append)
+    rows = time_all(benchmark, (10_000,), said.append)
     assert [row["surface"] for row in rows] == ["gmsh", "marching cubes"]
     row = rows[0]
     assert (row["tool"], row["size"], row["inverted"]) == ("palpate", BALL.num_facets, 0)
@@ -70,12 +68,12 @@ def test_rows_of_palpate_have_every_column(monkeypatch: pytest.MonkeyPatch) -> N
     assert 0.0 < row["min_dihedral_deg"] <= row["p1_dihedral_deg"] < 70.53
     assert row["critical_time_step_us"] > 0.0
     assert any("no decimator" in line for line in said)
-    assert any("absent" in line for line in said)
+    assert any(line.startswith("other: ") for line in said)
 
 
-def test_surfaces_of_other_makers_are_closed(tmp_path: Path) -> None:
+def test_surfaces_of_other_makers_are_closed() -> None:
     pytest.importorskip("pyvista")
-    surface = make_surface("marching cubes", 1000, str(tmp_path / "surface.npz"))
+    surface = make_surface("marching cubes", 1000)
     assert 800 < surface.num_facets < 1200
     # 332 889 mm3 as given; edges of h = 8 mm on a body of radius R = 30 mm cut off about
     # 3 h^2 / (8 R^2) = 3 % of it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 
 import numpy as np
@@ -10,27 +11,35 @@ import pytest
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Strain
 from palpate.validation.benchmarks import children, static, steps
+from palpate.validation.benchmarks.children import OURS, ChildFailedError, Schedule, Tool, timed
+from palpate.validation.benchmarks.run import summarise, time_all
 from palpate.validation.case import load_case
+from palpate.validation.states import in_silence
 
-RIVALS = children.FOLDER
+
+def only(benchmark, *adapters, **schedule):
+    """The benchmark with the tools of some adapters, and another schedule."""
+    tools = tuple(tool for tool in benchmark.tools if tool.adapter in ("ours", *adapters))
+    schedule = dataclasses.replace(benchmark.schedule, **schedule)
+    return dataclasses.replace(benchmark, tools=tools, schedule=schedule)
 
 
 @pytest.fixture
-def small(monkeypatch):
+def small_steps(monkeypatch):
     """One box of 648 cells, timings of a few milliseconds."""
     box = partial(brick_box, (12, 3, 3), (4.0, 1.0, 1.0), ragged=0.15)
     monkeypatch.setattr(steps, "SIZES", {648: box})
-    monkeypatch.setattr(steps, "CELL_STEPS", 3e5)
-    monkeypatch.setattr(steps, "SECONDS", 0.01)
-    monkeypatch.setattr(steps, "TIMINGS", 2)
     monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
 
+    def time(*adapters, progress=in_silence):
+        return time_all(only(steps.BENCHMARK, *adapters, turns=2, seconds=0.01), (648,), progress)
 
-@pytest.mark.usefixtures("small")
-def test_step_rows_are_whole_and_the_rival_has_the_same_force(monkeypatch):
-    monkeypatch.setattr(steps, "_FILES", (("step_numpy.py", {}), ("step_absent.py", {})))
+    return time
+
+
+def test_step_rows_are_whole_and_the_rival_has_the_same_force(small_steps):
     lines = []
-    rows = steps.bench_steps(sizes=(648,), threads=(1, 2), progress=lines.append)
+    rows = small_steps("numpy_loop", progress=lines.append)
     assert [(r["tool"], r["precision"], r["threads"]) for r in rows] == [
         ("palpate", "float32", 1),
         ("palpate", "float32", 2),
@@ -38,35 +47,18 @@ def test_step_rows_are_whole_and_the_rival_has_the_same_force(monkeypatch):
         ("palpate", "float64", 2),
         ("numpy", "float64", 1),
     ]
-    assert len(lines) == 6
-    assert lines[0].startswith("step_absent.py failed")
+    assert len(lines) == 5
     assert all(row["size"] == 648 and np.isfinite(row["rate"]) for row in rows)
+    assert all(row["rate"] == 648 / 1e6 / row["seconds"] for row in rows)
     assert rows[-1]["relative_force_error"] < 1e-12
     assert rows[1]["speedup_from_threads"] == rows[0]["wall_seconds"] / rows[1]["wall_seconds"]
     assert all(row["peak_memory_mb"] > 1.0 for row in rows)
 
 
 @pytest.mark.dolfinx
-@pytest.mark.usefixtures("small")
-def test_dolfinx_assembles_the_same_force(monkeypatch):
-    monkeypatch.setattr(steps, "_FILES", (("step_dolfinx.py", {}),))
-    (row,) = (r for r in steps.bench_steps(sizes=(648,), threads=(1,)) if r["tool"] == "dolfinx")
+def test_dolfinx_assembles_the_same_force(small_steps):
+    (row,) = (row for row in small_steps("dolfinx_assembly") if row["tool"] == "dolfinx")
     assert row["relative_force_error"] < 1e-12
-
-
-def test_a_rival_that_is_not_installed_is_no_failure(tmp_path, monkeypatch):
-    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
-    monkeypatch.setattr(children, "FOLDER", tmp_path)
-    (tmp_path / "child.py").write_text((RIVALS / "child.py").read_text("utf-8"), "utf-8")
-    (tmp_path / "absent.py").write_text("import no_such_library\n", "utf-8")
-    (tmp_path / "unfit.py").write_text(
-        "def prepare(body):\n    raise ValueError(f'{len(body[\"x\"])} is too large')\n", "utf-8"
-    )
-    lines = []
-    body = {"x": np.zeros(3)}
-    with children.started([("absent.py", body), ("unfit.py", body)], lines.append) as found:
-        assert found == []
-    assert lines == ["unfit.py left out: 3 is too large"]
 
 
 @pytest.fixture
@@ -76,10 +68,9 @@ def short_beam(monkeypatch):
 
 
 @pytest.mark.usefixtures("short_beam")
-def test_static_rows_are_whole(monkeypatch):
-    monkeypatch.setattr(static, "_FILES", ())
+def test_static_rows_are_whole():
     lines = []
-    rows = static.bench_static(sizes=(567,), progress=lines.append)
+    rows = time_all(only(static.BENCHMARK), (567,), lines.append)
     assert [(r["tool"], r["strain"], r["size"]) for r in rows] == [
         ("palpate", "linear", 567),
         ("palpate", "green", 567),
@@ -87,13 +78,13 @@ def test_static_rows_are_whole(monkeypatch):
     assert len(lines) == 2
     assert rows[1]["times_linear"] == rows[1]["seconds"] / rows[0]["seconds"]
     assert all(r["tip_displacement"] < -1e-3 and r["peak_memory_mb"] > 1.0 for r in rows)
+    assert all({"iterations", "linear_iterations", "solver"} <= set(row) for row in rows)
 
 
 @pytest.mark.dolfinx
 @pytest.mark.usefixtures("short_beam")
-def test_static_rows_agree_on_the_tip_to_six_digits(monkeypatch):
-    monkeypatch.setattr(static, "_FILES", ("static_dolfinx.py",))
-    rows = static.bench_static(sizes=(567,))
+def test_static_rows_agree_on_the_tip_to_six_digits():
+    rows = time_all(only(static.BENCHMARK, "dolfinx_assembly"), (567,), in_silence)
     for strain in Strain:
         ours, theirs = (r["tip_displacement"] for r in rows if r["strain"] == strain.value)
         assert ours == pytest.approx(theirs, rel=1e-6)
@@ -103,51 +94,130 @@ def test_the_kidney_of_the_static_benchmark_has_the_size_it_is_called_by():
     assert 3 * load_case("kidney").problem.mesh.num_points == static.KIDNEY
 
 
-def test_a_rival_that_fails_while_timed_leaves_and_is_named(tmp_path, monkeypatch):
+@pytest.fixture
+def adapter(tmp_path, monkeypatch):
+    """A folder of adapters with one that is written here: its class `Task`."""
     monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
     monkeypatch.setattr(children, "FOLDER", tmp_path)
-    (tmp_path / "child.py").write_text((RIVALS / "child.py").read_text("utf-8"), "utf-8")
-    (tmp_path / "brittle.py").write_text(
-        "class Brittle:\n"
-        "    tool, version, precision, force = 'brittle', '1', 'float64', None\n"
-        "    def advance(self, num_steps):\n"
-        "        if num_steps > 1:\n"
-        "            raise OverflowError('too many')\n"
-        "def prepare(body):\n    return Brittle()\n",
-        "utf-8",
+
+    def write(text, name="rival"):
+        (tmp_path / f"{name}.py").write_text(
+            "import os, numpy as np\nclass Task:\n    version, precision = '1', 'float64'\n"
+            "    def __init__(self, job):\n        self.job = job\n"
+            "    def advance(self, num_steps):\n        pass\n" + text,
+            "utf-8",
+        )
+        return Tool(name, name)
+
+    return write
+
+
+def test_a_rival_that_is_not_installed_is_left_out_and_one_that_does_not_fit_says_why(adapter):
+    absent = adapter("import no_such_library\n", "absent")
+    unfit = adapter(
+        "    def __init__(self, job):\n"
+        "        raise ValueError(f'{len(job[\"x\"])} is too large')\n",
+        "unfit",
     )
     lines = []
-    with children.started([("brittle.py", {})], lines.append) as found:
-        children.take_turns(found, 2, lambda _child, turn: turn + 1, lines.append)
+    with timed((absent, unfit), "Task", {"x": np.zeros(3)}, Schedule(1), lines.append) as found:
         assert found == []
-    assert lines == ["brittle failed: OverflowError: too many"]
+    assert lines == ["unfit: 3 is too large"]
 
 
-def test_a_rival_that_hangs_is_ended(tmp_path, monkeypatch):
-    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
-    monkeypatch.setattr(children, "FOLDER", tmp_path)
-    monkeypatch.setattr(children, "TIME_LIMIT", 1.0)
-    (tmp_path / "child.py").write_text("import time\ntime.sleep(60)\n", "utf-8")
+def test_a_rival_that_fails_while_timed_leaves_and_is_named(adapter):
+    brittle = adapter(
+        "    def advance(self, num_steps):\n"
+        "        if hasattr(self, 'answer'):\n            raise OverflowError('too many')\n"
+        "        self.answer = {}\n",
+        "brittle",
+    )
     lines = []
-    with children.started([("slow.py", {})], lines.append) as found:
+    with timed((brittle,), "Task", {}, Schedule(turns=2), lines.append) as found:
         assert found == []
-    assert lines == ["slow.py failed: the process ended without a word"]
+    assert lines == ["brittle: OverflowError: too many"]
+
+
+@pytest.mark.parametrize(
+    ("code", "says"),
+    [
+        ("os.abort()", "the process ended without a word"),
+        ("raise SystemExit('no licence')", "no licence"),
+        ("__import__('time').sleep(60)", "not done within 3 s"),
+    ],
+)
+def test_a_rival_that_crashes_or_hangs_is_told_not_timed(adapter, code, says):
+    rival = adapter(f"    def advance(self, num_steps):\n        {code}\n")
+    lines = []
+    with timed((rival,), "Task", {}, Schedule(turns=1, time_limit=3.0), lines.append) as found:
+        assert found == []
+    assert lines == [f"rival: {says}"]
+
+
+def test_our_own_failure_is_no_rivals(adapter):
+    ours = dataclasses.replace(adapter("import no_such_library_x; 1 / 0\n"), name=OURS)
+    broken = dataclasses.replace(adapter("1 / 0\n", "broken"), name=OURS)
+    with timed((ours,), "Task", {}, Schedule(1), in_silence) as found:
+        assert found == []
+    with (
+        pytest.raises(ChildFailedError, match="ZeroDivisionError"),
+        timed((broken,), "Task", {}, Schedule(1), in_silence),
+    ):
+        pass
+
+
+COUNTS = """
+    total = 0
+    def advance(self, num_steps):
+        Task.total += num_steps
+        __import__("time").sleep(2e-3 * num_steps)
+        self.answer = {"steps": np.array(num_steps), "total": np.array(Task.total)}
+        return {"process": os.getpid()}
+"""
+
+
+def test_a_schedule_asks_for_whole_units_of_steps_and_for_processes(adapter):
+    rival = adapter(COUNTS)
+    with timed((rival,), "Task", {}, Schedule(3, seconds=0.05, unit=6), in_silence) as (child,):
+        # About 25 steps of 2 ms, each of them at least as long as it sleeps.
+        assert int(child.answer["steps"]) in (6, 12, 18, 24)
+        assert child.best("wall") >= 2e-3
+        assert len({timing["process"] for timing in child.timings}) == 1
+    with timed((rival,), "Task", {}, Schedule(3, is_fresh=True), in_silence) as (child,):
+        assert int(child.answer["total"]) == 1
+        assert len({timing["process"] for timing in child.timings}) == 3
+    with timed((rival,), "Task", {}, Schedule(3, long=1e-3), in_silence) as (child,):
+        assert len(child.timings) == 1
+
+
+def test_the_first_timing_counts_where_every_process_is_fresh(adapter):
+    rival = adapter("")
+    for is_fresh, least in ((False, 2.0), (True, 1.0)):
+        with timed((rival,), "Task", {}, Schedule(1, is_fresh=is_fresh), in_silence) as (child,):
+            child.timings = [{"wall": 1.0}, {"wall": 3.0}, {"wall": 2.0}]
+            assert child.best("wall") == least
+
+
+def test_memory_is_the_childs_own(adapter):
+    # A child of a large parent starts small: the figure is not handed down.
+    ballast = np.ones(2**27)
+    with timed((adapter(""),), "Task", {}, Schedule(1), in_silence) as (child,):
+        assert child.timings[0]["peak_memory_mb"] < ballast.nbytes / 2**20 / 2
 
 
 def test_the_summaries_say_what_is_asked_of_the_rates():
     common = {"size": 10, "body": "box", "version": "1", "precision": "float32", "threads": 1}
     rows = [
-        common | {"tool": "palpate", "rate": 80.0, "real_time_cells": 7},
-        common | {"tool": "palpate", "rate": 150.0, "threads": 2, "speedup_from_threads": 1.875},
-        common | {"tool": "newton", "rate": 10.0},
-        common | {"tool": "mujoco", "rate": 8.0, "precision": "float64"},
-        common | {"tool": "numba", "rate": 16.0},
+        common | {"tool": "palpate", "seconds": 1.0, "real_time_cells": 7},
+        common | {"tool": "palpate", "seconds": 0.5, "threads": 2, "speedup_from_threads": 1.875},
+        common | {"tool": "mujoco", "seconds": 10.0, "precision": "float64"},
+        common | {"tool": "newton", "seconds": 8.0},
     ]
-    assert steps.summarise(rows) == [
-        "box of 10 cells, float32: 8.0 times newton, 5.0 times numba, 2 threads 1.88 times one, "
-        "7 cells in real time on one core"
+    assert summarise(steps.BENCHMARK, rows) == [
+        "10, box, float32: 8.0 times newton 1, 10.0 times mujoco 1 in float64, "
+        "2 threads 1.88 times one, 7 cells in real time on one core"
     ]
-    common = {"size": 10, "body": "beam", "version": "1", "strain": "green"}
+    common = {"size": 10, "body": "beam", "version": "1", "strain": "green", "precision": "float64"}
     rows = [
         common
         | {"tool": "palpate", "seconds": 1.0, "tip_displacement": 2.0, "peak_memory_mb": 30.0,
@@ -157,7 +227,7 @@ def test_the_summaries_say_what_is_asked_of_the_rates():
         common
         | {"tool": "dolfinx", "seconds": 3.0, "tip_displacement": 2.5, "peak_memory_mb": 40.0},
     ]  # fmt: skip
-    assert static.summarise(rows) == [
-        "beam of 10 unknowns, green: 3.0 times as quick as dolfinx 1, 0.75 of its memory, "
-        "tips 0.2 apart, Green 2.5 times linear"
+    assert summarise(static.BENCHMARK, rows) == [
+        "10, beam, green, float64: 3.0 times dolfinx 1, 9.0 times slow 1, "
+        "0.75 of the quickest's memory, tips 0.2 apart, Green 2.5 times linear"
     ]

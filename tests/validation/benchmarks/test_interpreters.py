@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import os
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_sphere
-from palpate.validation.benchmarks import delaunay, mesh
+from palpate.validation.benchmarks import children, delaunay, mesh
+from palpate.validation.benchmarks.run import time_all
 from palpate.validation.simulators.interpreters import interpreter_with, interpreters
 
 # A tetgen that joins a convex surface's facets to its middle.
@@ -67,14 +68,11 @@ def test_an_interpreter_that_is_not_there_is_an_input_error(
 
 
 @pytest.mark.usefixtures("other")
-def test_the_delaunay_bench_times_a_rival_of_another_environment(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(delaunay, "PROGRAMS", {})
-    monkeypatch.setattr(delaunay, "TOOLS", dict.fromkeys(("palpate", "TetGen (Python)")))
-    monkeypatch.setattr(delaunay, "_REPEATS", 1)
+def test_the_delaunay_bench_times_a_rival_of_another_environment() -> None:
+    tools = tuple(tool for tool in delaunay.TOOLS if tool.name in ("palpate", "TetGen (Python)"))
     said: list[str] = []
-    rows = {row["tool"]: row for row in delaunay.bench_delaunay(sizes=(300,), progress=said.append)}
+    found = time_all(dataclasses.replace(delaunay.BENCHMARK, tools=tools), (300,), said.append)
+    rows = {row["tool"]: row for row in found}
     assert set(rows) == {"palpate", "TetGen (Python)"}, said
     rival = rows["TetGen (Python)"]
     assert (rival["version"], rival["cells"]) == ("9.9, of the other environment", 7)
@@ -82,14 +80,33 @@ def test_the_delaunay_bench_times_a_rival_of_another_environment(
 
 @pytest.mark.usefixtures("other")
 def test_the_mesh_bench_times_a_rival_of_another_environment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ball = shape_sphere(edge_length=0.4)
-    np.savez(tmp_path / "surface.npz", points=ball.points, facets=ball.facets)
-    monkeypatch.setattr(mesh, "TOOLS", dict.fromkeys(("TetGen pq1.2Y",)))
-    monkeypatch.setattr(mesh, "_REPEATS", 1)
+    monkeypatch.setattr(mesh, "make_surface", lambda _kind, _size: ball)
+    tools = tuple(tool for tool in mesh.TOOLS if tool.name == "TetGen pq1.2Y")
     said: list[str] = []
-    (row,) = mesh._time_all("ball", ball, str(tmp_path / "surface.npz"), said.append) or (said,)
+    found = time_all(dataclasses.replace(mesh.BENCHMARK, tools=tools), (2_000,), said.append)
+    (row,) = found or (said,)
     assert (row["tool"], row["version"]) == ("TetGen pq1.2Y", "9.9, of the other environment")
     assert row["cells"] == ball.num_facets
     assert row["boundary_kept"]
+
+
+def test_a_tool_that_runs_everywhere_is_timed_once_for_each_version(
+    other: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(children, "FOLDER", other.parent)
+    (other.parent / "both.py").write_text(
+        "import importlib.util\n"
+        "class Task:\n    precision = 'float64'\n"
+        "    version = 'with' if importlib.util.find_spec('tetgen') else 'without'\n"
+        "    def __init__(self, job):\n        pass\n"
+        "    def advance(self, num_steps):\n        pass\n",
+        encoding="utf-8",
+    )
+    tool = children.Tool("both", "both")
+    for is_everywhere, versions in ((False, ["without"]), (True, ["without", "with"])):
+        tools = (dataclasses.replace(tool, runs_everywhere=is_everywhere),)
+        with children.timed(tools, "Task", {}, children.Schedule(1), print) as found:
+            assert [child.version for child in found] == versions

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 from pathlib import Path
@@ -11,6 +12,7 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.validation.benchmarks import run, steps
+from palpate.validation.benchmarks.children import Tool
 from palpate.validation.commands.bench import bench, print_bench
 
 
@@ -24,17 +26,26 @@ def _row(tool: str, seconds: float) -> run.Row:
 
 @pytest.fixture
 def two_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    def rows(sizes=(10,), progress=None):
-        assert sizes == (10,)
+    def rows(_benchmark, sizes, progress):
+        assert tuple(sizes) == (10,)
         progress("one line")
         return [_row("palpate", 0.25), _row("numpy", 0.5)]
 
-    monkeypatch.setattr(steps, "bench_steps", rows)
-    monkeypatch.setattr(steps, "SIZES", (10, 20))
-    rivals = {"numpy": "pip install numpy", "absent": "not sold"}
-    monkeypatch.setattr(steps, "RIVALS", rivals, raising=False)
-    monkeypatch.setattr(steps, "TABLE", ())
-    monkeypatch.setattr(steps, "summarise", lambda rows: [f"{len(rows)} rows, all told"])
+    tools = (
+        Tool("palpate", "ours"),
+        Tool("numpy", "numpy_loop", "pip install numpy"),
+        Tool("absent", "absent", "not sold"),
+    )
+    benchmark = dataclasses.replace(
+        steps.BENCHMARK,
+        sizes=(10,),
+        tools=tools,
+        same=(),
+        table=(),
+        remark=lambda ours, rivals: [f"{len(ours)} row beside {len(rivals)}"],
+    )
+    monkeypatch.setattr(run, "time_all", rows)
+    monkeypatch.setattr(steps, "BENCHMARK", benchmark)
 
 
 @pytest.mark.usefixtures("two_rows")
@@ -60,13 +71,14 @@ def test_the_table_shows_every_column_and_names_rivals_left_out() -> None:
     assert "boundary_kept" in text
     assert "yes" in text
     assert "left out: absent, not sold" in text
-    assert "2 rows, all told" in text
+    assert "10, float64: 2.0 times numpy 1.0, 1 row beside 1" in text
     assert "versions: numpy 1.0, palpate 1.0" in text
 
 
 @pytest.mark.usefixtures("two_rows")
 def test_a_benchmark_may_choose_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(steps, "TABLE", ("absent_everywhere",))
+    benchmark = dataclasses.replace(steps.BENCHMARK, table=("absent_everywhere",))
+    monkeypatch.setattr(steps, "BENCHMARK", benchmark)
     out = io.StringIO()
     print_bench(run.run_benchmark("steps", progress=print), Console(file=out, width=200))
     assert "boundary_kept" not in out.getvalue()

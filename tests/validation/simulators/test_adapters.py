@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import shutil
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,6 +13,7 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.simulators import adapters
+from palpate.validation.simulators.adapters import mechanics
 from palpate.validation.simulators.candidate import outside_candidate
 from palpate.validation.simulators.interpreters import interpreter_with, interpreters
 from palpate.validation.simulators.outside import OutsideSimulator
@@ -30,15 +29,6 @@ ALLOWED = {
     "mujoco_flex": 1e-5,
     "newton_neo_hookean": 0.02,
 }
-
-
-def load(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"adapter_{name}", FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("name", ALLOWED)
@@ -61,7 +51,6 @@ def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
 
 
 def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None:
-    relaxation = load("relaxation")
     state = {"x": 0.0, "v": 0.0}
 
     def step() -> tuple[float, float]:
@@ -73,12 +62,12 @@ def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None
     def stop() -> None:
         state["v"] = 0.0
 
-    count, residual = relaxation.relax(step, stop, 1e-6, 10_000)
+    count, residual = mechanics.relax(step, stop, 1e-6, 10_000)
     assert residual <= 1e-6
     assert count < 2000
-    assert relaxation.relax(lambda: (1.0, 0.5), stop, 1e-6, 7) == (7, 0.5)
+    assert mechanics.relax(lambda: (1.0, 0.5), stop, 1e-6, 7) == (7, 0.5)
     with pytest.raises(SystemExit, match="blew up"):
-        relaxation.relax(lambda: (np.nan, 0.5), stop, 1e-6, 7)
+        mechanics.relax(lambda: (np.nan, 0.5), stop, 1e-6, 7)
 
 
 def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:
@@ -92,6 +81,6 @@ def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> N
         "youngs_modulus": materials[:, 0],
         "poissons_ratio": materials[:, 1],
     }
-    step = load("relaxation").stable_step(rest, lumped_mass(problem))
+    step = mechanics.stable_step(rest, lumped_mass(problem))
     limit = Body(problem.mesh, problem.material).critical_time_step()
     assert 0.1 * limit < step < limit

@@ -1,4 +1,22 @@
-"""Programs that answer a case folder: `python ADAPTER.py CASE RESULT.npz`, each with its own law.
+"""One file a tool: how it is set up and run, for `gate --simulator` and for `palpate bench`.
 
-They import nothing of palpate, so that they run in the interpreter that has their tool.
+A file has a class for each task that its tool can do:
+
+    Static                equilibrium; answers displacement
+    Steps                 explicit steps; answers force, at the job's test displacement
+    Collision             vertices in cells, frame by frame; answers pairs, of the first frame
+    Mesh, Delaunay        tetrahedra in a surface, of points; answer points and cells, num_cells
+    Surface               triangles on a body; answers points and facets
+
+    version, precision    text
+    __init__(job)         sets up, from a dict of plain arrays
+    advance(num_steps)    the work that is timed; may return more columns for the row
+    answer                the arrays named above, once they are there
+
+`__init__` raises ImportError where the tool is not installed, and ValueError where the job is not
+for it. Who has `Static` answers case folders too: `python ADAPTER.py CASE RESULT.npz`.
+
+Nothing of palpate is imported (but by ours.py), so that an adapter runs in the interpreter that
+has its tool; what several of them need stands in harness.py and mechanics.py beside them.
+`numpy_dense.py` needs neither: copy that one for a simulator of your own.
 """

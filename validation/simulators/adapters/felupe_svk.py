@@ -1,4 +1,4 @@
-"""FElupe as a simulator: Saint-Venant-Kirchhoff on linear tetrahedra, a direct solver.
+"""FElupe: Saint-Venant-Kirchhoff on linear tetrahedra, a direct solver.
 
     palpate gate CASE --simulator "python felupe_svk.py {case} {result}"
 
@@ -7,58 +7,66 @@ Follower pressure, tools, time and cells of different materials are not handed t
 
 from __future__ import annotations
 
-import json
-import sys
-import time
-from pathlib import Path
+from typing import Any
 
 import felupe
 import numpy as np
-from scipy.sparse.linalg import spsolve
+from mechanics import lame
+
+try:
+    from pypardiso import spsolve
+
+    SOLVER = "PARDISO"
+except ImportError:
+    from scipy.sparse.linalg import spsolve
+
+    SOLVER = "SuperLU"
+
+LARGEST = 40_000  # degrees of freedom; beyond, its factors take gigabytes and minutes
 
 
-def main() -> None:
-    """Answer the case folder given first in the file given second."""
-    case, result = Path(sys.argv[1]), Path(sys.argv[2])
-    given = json.loads((case / "case.json").read_text(encoding="utf-8"))
-    with np.load(case / "rest.npz") as stored:
-        rest = {name: stored[name] for name in stored.files}
-    if given["time"] or given["tools"] or len(rest["pressure"]) or given["has_inclusions"]:
-        raise SystemExit("time, tools, follower pressure and inclusions are not known here")
-    E, nu = given["material"]["youngs_modulus"], given["material"]["poissons_ratio"]
-    start = time.process_time()
-    region = felupe.RegionTetra(felupe.Mesh(rest["points"], rest["cells"], "tetra"))
-    field = felupe.FieldContainer([felupe.Field(region, dim=3)])
-    if given["strain"] == "linear":
-        law = felupe.LinearElastic(E=E, nu=nu)
-    else:
-        mu, lmbda = E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
-        law = felupe.Hyperelastic(felupe.saint_venant_kirchhoff, mu=mu, lmbda=lmbda)
-    held = np.flatnonzero(rest["fixed"].ravel())
-    free = np.setdiff1d(np.arange(rest["fixed"].size), held)
-    every = np.arange(len(rest["points"]))
-    solid = felupe.SolidBody(law, field)
-    num_iterations = 0
-    # The load in parts: Newton from rest does not reach the end of large deflections.
-    for share in np.linspace(0.25, 1.0, 4) if given["strain"] == "green" else (1.0,):
-        load = felupe.PointLoad(field, every, values=share * rest["external_force"])
-        moved = share * rest["prescribed_displacement"].ravel()[held]
-        found = felupe.newtonrhapson(
-            items=[solid, load], dof0=held, dof1=free, ext0=moved, solver=spsolve, tol=1e-10,
-            verbose=0,
-        )  # fmt: skip
-        num_iterations += int(found.iterations)
-    about = {
-        "tool": "FElupe",
-        "version": felupe.__version__,
-        "law": "linear elasticity" if given["strain"] == "linear" else "Saint-Venant-Kirchhoff",
-        "method": "Newton, SuperLU",
-        "seconds": time.process_time() - start,
-        "newton_iterations": num_iterations,
-    }
-    key = given["case_key"]
-    np.savez(result, displacement=field[0].values, case_key=key, about=json.dumps(about))
+class Static:
+    """Newton's method, the load in `load_parts`: from rest it does not reach large deflections."""
+
+    tool, version, precision = "FElupe", felupe.__version__, "float64"
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        if job["points"].size > LARGEST:
+            raise ValueError(f"direct factors of more than {LARGEST} unknowns take gigabytes")
+        self._job = job
+        is_linear = str(job["strain"]) == "linear"
+        self._num_parts = 1 if is_linear else int(job.get("load_parts", 4))
+        if is_linear:
+            E, nu = job["youngs_modulus"][0], job["poissons_ratio"][0]
+            self._law = felupe.LinearElastic(E=E, nu=nu)
+        else:
+            lmbda, mu = lame(job)
+            self._law = felupe.Hyperelastic(felupe.saint_venant_kirchhoff, mu=mu, lmbda=lmbda)
+
+    def advance(self, _num_steps: int) -> dict[str, Any]:
+        """Assembly and solve from rest."""
+        job = self._job
+        region = felupe.RegionTetra(felupe.Mesh(job["points"], job["cells"], "tetra"))
+        field = felupe.FieldContainer([felupe.Field(region, dim=3)])
+        held, free = (np.flatnonzero(job["fixed"].ravel() == which) for which in (1, 0))
+        solid = felupe.SolidBody(self._law, field)
+        solve = getattr(felupe, "newtonraphson", None) or felupe.newtonrhapson
+        num_iterations = 0
+        for part in np.linspace(1.0 / self._num_parts, 1.0, self._num_parts):
+            load = felupe.PointLoad(
+                field, np.arange(len(job["points"])), values=part * job["external_force"]
+            )
+            moved = part * job["prescribed_displacement"].ravel()[held]
+            found = solve(
+                items=[solid, load], dof0=held, dof1=free, ext0=moved, solver=spsolve,
+                tol=float(job.get("relative_tolerance", 1e-10)), verbose=0,
+            )  # fmt: skip
+            num_iterations += int(found.iterations)
+        self.answer = {"displacement": field[0].values.copy()}
+        return {"method": f"Newton, {SOLVER}", "newton_iterations": num_iterations}
 
 
 if __name__ == "__main__":
-    main()
+    from harness import answer_case
+
+    answer_case(Static)

@@ -5,29 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mechanics import central_differences, lame, rest_shape
 
 
-class Rival:
+class Steps:
     """The same law and the same update as ours."""
 
-    tool, version, precision = "numpy", np.__version__, "float64"
+    version, precision = np.__version__, "float64"
 
-    def __init__(self, body: dict[str, Any]) -> None:
-        points, self._cells = body["points"], body["cells"]
-        edges = points[self._cells[:, 1:]] - points[self._cells[:, :1]]
-        # Rows: rest gradients of shape functions 1, 2, 3.
-        self._gradients = np.linalg.inv(edges).transpose(0, 2, 1)
-        self._volumes = np.linalg.det(edges) / 6.0
-        E, nu = float(body["youngs_modulus"]), float(body["poissons_ratio"])
-        self._lmbda = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
-        self._mu = E / (2.0 * (1.0 + nu))
-        dt, half = float(body["time_step"]), 0.5 * float(body["mass_damping"] * body["time_step"])
-        self._keep = (1.0 - half) / (1.0 + half)
-        self._mobility = np.outer(dt**2 / (body["lumped_mass"] * (1.0 + half)), np.ones(3))
-        self._mobility[body["held"]] = 0.0
-        self._external = body["external_force"]
-        self._u, self._increment = np.zeros_like(points), np.zeros_like(points)
-        self.force = self._internal(body["test_displacement"])
+    def __init__(self, job: dict[str, Any]) -> None:
+        self._cells, self._external = job["cells"], job["external_force"]
+        self._gradients, self._volumes = rest_shape(job)
+        self._lmbda, self._mu = lame(job)
+        self._keep, self._mobility = central_differences(job)
+        self._u, self._increment = np.zeros_like(job["points"]), np.zeros_like(job["points"])
+        self.answer = {"force": self._internal(job["test_displacement"])}
 
     def _internal(self, u: Any) -> Any:
         at = u[self._cells]
@@ -49,8 +41,3 @@ class Rival:
                 self._external - self._internal(self._u)
             )
             self._u = self._u + self._increment
-
-
-def prepare(body: dict[str, Any]) -> Rival:
-    """Set up the body."""
-    return Rival(body)

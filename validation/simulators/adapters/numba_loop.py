@@ -6,6 +6,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from mechanics import central_differences, lame, rest_shape
 
 
 @numba.njit(fastmath=True, cache=False)  # type: ignore[untyped-decorator]
@@ -64,42 +65,30 @@ def run(
                 u[i, j] += d
 
 
-class Rival:
+class Steps:
     """The same law and the same update as ours."""
 
-    tool, version = "numba", numba.__version__
+    version = numba.__version__
 
-    def __init__(self, body: dict[str, Any], precision: str) -> None:
-        self.precision = precision
-        real = np.dtype(precision).type
-        points, self._cells = body["points"], body["cells"]
-        edges = points[self._cells[:, 1:]] - points[self._cells[:, :1]]
-        E, nu = float(body["youngs_modulus"]), float(body["poissons_ratio"])
-        dt, half = float(body["time_step"]), 0.5 * float(body["mass_damping"] * body["time_step"])
-        mobility = np.outer(dt**2 / (body["lumped_mass"] * (1.0 + half)), np.ones(3))
-        mobility[body["held"]] = 0.0
-        self._gradients = np.ascontiguousarray(np.linalg.inv(edges).transpose(0, 2, 1), real)
-        self._volumes = np.ascontiguousarray(np.linalg.det(edges) / 6.0, real)
-        self._lame = real(E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))), real(E / (2.0 * (1.0 + nu)))
-        self._mobility, self._external = mobility.astype(real), body["external_force"].astype(real)
-        self._keep = real((1.0 - half) / (1.0 + half))
-        self._u = body["test_displacement"].astype(real)
-        self._increment, self._nodal = np.zeros_like(self._u), np.zeros_like(self._u)
-        add_forces(
-            self._u, self._cells, self._gradients, self._volumes, *self._lame, self._nodal
+    def __init__(self, job: dict[str, Any]) -> None:
+        self.precision = str(job["precision"])
+        real = np.dtype(self.precision).type
+        gradients, volumes = rest_shape(job)
+        keep, mobility = central_differences(job)
+        u = job["test_displacement"].astype(real)
+        force = np.zeros_like(u)
+        body = (
+            job["cells"], np.ascontiguousarray(gradients, real), volumes.astype(real),
+            *(real(modulus) for modulus in lame(job)), force,
         )  # fmt: skip
-        self.force = self._nodal.copy()
-        self._u[:] = 0
-        self.advance(1)
+        add_forces(u, *body)
+        self.answer = {"force": force.copy()}
+        u[:] = 0
+        self._arguments = (
+            u, np.zeros_like(u), *body, job["external_force"].astype(real),
+            mobility.astype(real), real(keep),
+        )  # fmt: skip
 
     def advance(self, num_steps: int) -> None:
         """Steps in one compiled call."""
-        run(
-            num_steps, self._u, self._increment, self._cells, self._gradients, self._volumes,
-            *self._lame, self._nodal, self._external, self._mobility, self._keep,
-        )  # fmt: skip
-
-
-def prepare(body: dict[str, Any]) -> Rival:
-    """Set up the body in double precision."""
-    return Rival(body, str(body["precision"]))
+        run(num_steps, *self._arguments)

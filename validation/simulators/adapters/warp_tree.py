@@ -10,10 +10,11 @@ import numpy as np
 import warp as wp
 
 wp.config.quiet = True
+DEVICE = "cpu"
 
 
 @wp.kernel
-def _fit_cells(
+def _fit_boxes(
     points: wp.array(dtype=wp.vec3),
     cells: wp.array(dtype=wp.vec4i),
     low: wp.array(dtype=wp.vec3),
@@ -58,55 +59,49 @@ def _find_in_cells(
                     pairs[k] = wp.vec2i(v, c)
 
 
-class Rival:
+class Collision:
     """A tree for each body, its boxes computed and refitted in every step."""
 
-    tool, version, precision = "warp BVH", str(wp.__version__), "float32"
+    version, precision = str(wp.__version__), "float32"
 
-    def __init__(self, body: dict[str, Any]) -> None:
-        self._device = "cpu"
-        cells = np.ascontiguousarray(body["elements"])
-        self._cells = wp.array(cells, dtype=wp.vec4i, device=self._device)
-        self._num_cells = len(cells)
+    def __init__(self, job: dict[str, Any]) -> None:
         self._frames = [
-            [wp.array(f.astype(np.float32), dtype=wp.vec3, device=self._device) for f in frames]
-            for frames in (body["frames_0"], body["frames_1"])
+            [wp.array(f.astype(np.float32), dtype=wp.vec3, device=DEVICE) for f in frames]
+            for frames in job["frames"]
         ]
-        self._num_points = body["frames_0"].shape[1]
-        self._vertices = wp.array(np.unique(body["facets"]), dtype=wp.int32, device=self._device)
+        self._cells = wp.array(job["cells"], dtype=wp.vec4i, device=DEVICE)
+        self._vertices = wp.array(np.unique(job["facets"]), dtype=wp.int32, device=DEVICE)
         self._boxes = [
-            [wp.zeros(self._num_cells, dtype=wp.vec3, device=self._device) for _ in range(2)]
+            [wp.zeros(len(self._cells), dtype=wp.vec3, device=DEVICE) for _ in range(2)]
             for _ in range(2)
         ]
-        # The quickest leaves of 1, 2, 4 and 8 elements, refit and query together.
+        # The quickest leaves of 1, 2, 4 and 8 cells, refit and query together.
         self._trees: list[Any] = []
         for k in range(2):
             self._fit(k, 0)
             self._trees.append(wp.Bvh(*self._boxes[k], leaf_size=8))
-        self._turns = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(body["with_self"]) else [])
-        self._count = wp.zeros(1, dtype=wp.int32, device=self._device)
+        self._turns = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(job["with_self"]) else [])
+        self._count = wp.zeros(1, dtype=wp.int32, device=DEVICE)
         # Room for all that any frame gives.
-        self._pairs = {
-            turn: wp.zeros(1, dtype=wp.vec2i, device=self._device) for turn in self._turns
-        }
+        self._pairs = {turn: wp.zeros(1, dtype=wp.vec2i, device=DEVICE) for turn in self._turns}
         for k in range(len(self._frames[0])):
             for turn, count in self._look(k).items():
                 if count > len(self._pairs[turn]):
-                    self._pairs[turn] = wp.zeros(count, dtype=wp.vec2i, device=self._device)
-        self._step = 0
-        found = []
-        for (intruder, other), count in self._look(0).items():
-            rows = self._pairs[intruder, other].numpy()[:count].astype(np.float64)
-            add = np.array([intruder * self._num_points, other * self._num_cells])
-            found.append(rows + add)
-        self.force = np.concatenate(found)
+                    self._pairs[turn] = wp.zeros(count, dtype=wp.vec2i, device=DEVICE)
+        # Numbers of the second body follow those of the first.
+        offsets = np.array([job["frames"].shape[2], len(self._cells)])
+        found = [
+            self._pairs[turn].numpy()[:count].astype(np.int64) + offsets * turn
+            for turn, count in self._look(0).items()
+        ]
+        self.answer = {"pairs": np.concatenate(found)}
 
     def _fit(self, k: int, frame: int) -> None:
         wp.launch(
-            _fit_cells,
-            dim=self._num_cells,
+            _fit_boxes,
+            dim=len(self._cells),
             inputs=[self._frames[k][frame], self._cells, *self._boxes[k]],
-            device=self._device,
+            device=DEVICE,
         )
 
     def _look(self, frame: int) -> dict[tuple[int, int], int]:
@@ -116,27 +111,20 @@ class Rival:
             self._trees[k].refit()
         for intruder, other in self._turns:
             self._count.zero_()
-            points = self._frames[intruder][frame]
-            out = [self._pairs[intruder, other], self._count]
             wp.launch(
                 _find_in_cells,
                 dim=len(self._vertices),
                 inputs=[
-                    self._trees[other].id, self._vertices, points, self._frames[other][frame],
-                    self._cells, intruder == other, *out,
+                    self._trees[other].id, self._vertices, self._frames[intruder][frame],
+                    self._frames[other][frame], self._cells, intruder == other,
+                    self._pairs[intruder, other], self._count,
                 ],
-                device=self._device,
+                device=DEVICE,
             )  # fmt: skip
             counts[intruder, other] = int(self._count.numpy()[0])
         return counts
 
     def advance(self, num_steps: int) -> None:
         """Boxes, refit and query."""
-        for _ in range(num_steps):
-            self._step += 1
-            self._look(self._step % len(self._frames[0]))
-
-
-def prepare(body: dict[str, Any]) -> Rival:
-    """Kernels are compiled and trees are built here."""
-    return Rival(body)
+        for step in range(num_steps):
+            self._look(step % len(self._frames[0]))

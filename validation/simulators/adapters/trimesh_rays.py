@@ -10,32 +10,27 @@ import trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 
-class Rival:
+class Collision:
     """Tells which vertices lie in the other body, not in which cell."""
 
-    tool, version, precision = "trimesh embree", str(trimesh.__version__), "float32"
+    version, precision = str(trimesh.__version__), "float32"
 
-    def __init__(self, body: dict[str, Any]) -> None:
-        if bool(body["with_self"]):
+    def __init__(self, job: dict[str, Any]) -> None:
+        if bool(job["with_self"]):
             raise ValueError("it tells inside from outside, of another body")
-        self._vertices, rows = np.unique(body["facets"], return_inverse=True)
+        vertices, rows = np.unique(job["facets"], return_inverse=True)
         self._facets = rows.reshape(-1, 3)
-        self._frames = [
-            np.ascontiguousarray(body[f"frames_{k}"][:, self._vertices]) for k in range(2)
-        ]
-        self._step = 0
-        count = body["frames_0"].shape[1]
-        inside = self._look(0)
-        found = [self._vertices[inside[k]] + k * count for k in range(2)]
-        self.force = np.concatenate(found).astype(np.float64)[:, None]
+        self._frames = np.ascontiguousarray(job["frames"][:, :, vertices])
+        count = job["frames"].shape[2]
+        found = [vertices[flags] + k * count for k, flags in enumerate(self._look(0))]
+        self.answer = {"pairs": np.concatenate(found)[:, None]}
 
     def _look(self, k: int) -> list[Any]:
         inside = []
-        for intruder in range(2):
-            points = self._frames[1 - intruder][k]
+        for there, points in ((self._frames[0, k], self._frames[1, k]),
+                              (self._frames[1, k], self._frames[0, k])):  # fmt: skip
             solid = trimesh.Trimesh(points, self._facets, process=False, validate=False)
             # Only what lies in the box of the solid is worth a ray.
-            there = self._frames[intruder][k]
             near = np.all((there >= points.min(axis=0)) & (there <= points.max(axis=0)), axis=1)
             flags = np.zeros(len(there), dtype=bool)
             if near.any():
@@ -45,11 +40,5 @@ class Rival:
 
     def advance(self, num_steps: int) -> None:
         """New scene and query."""
-        for _ in range(num_steps):
-            self._step += 1
-            self._look(self._step % len(self._frames[0]))
-
-
-def prepare(body: dict[str, Any]) -> Rival:
-    """Nothing but the arrays is kept."""
-    return Rival(body)
+        for step in range(num_steps):
+            self._look(step % self._frames.shape[1])

@@ -1,0 +1,125 @@
+"""What runs an adapter in its own process: it answers a case folder, or is timed.
+
+python ADAPTER.py CASE RESULT.npz                       see `answer_case`
+python harness.py ADAPTER.py TASK JOB.npz ANSWER.npz    see `main`
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
+
+
+def answer_case(adapter: Any) -> None:
+    """Answer the case folder given first on the command line in the file given second.
+
+    Args:
+        adapter: The class `Static` of an adapter; it also has `tool`, a name for people, and may
+            have `law`, where that is not the case's.
+    """
+    case, result = (Path(word).absolute() for word in sys.argv[1:])
+    given = json.loads((case / "case.json").read_text(encoding="utf-8"))
+    job = {**read_arrays(case / "rest.npz"), "strain": given["strain"]}
+    if given["time"] or given["tools"] or len(job["pressure"]) or given["has_inclusions"]:
+        raise SystemExit("time, tools, follower pressure and inclusions are not known here")
+    os.chdir(result.parent)  # some write a log into the working folder
+    try:
+        simulator = adapter(job)
+    except (ImportError, ValueError) as error:
+        raise SystemExit(str(error)) from error
+    start = processor_seconds()
+    says = simulator.advance(1)
+    about = {
+        "tool": simulator.tool,
+        "version": simulator.version,
+        "law": getattr(simulator, "law", _LAWS[given["strain"]]),
+        "seconds": processor_seconds() - start,
+        **says,
+    }
+    np.savez(result, **simulator.answer, case_key=given["case_key"], about=json.dumps(about))
+
+
+def main() -> None:
+    """Time a tool until standard input ends.
+
+    Answers one line of JSON when the tool is set up, then one for each number of steps it reads:
+    seconds of the processor and of the clock, memory, and what the tool says.
+    """
+    # What libraries print must not mix with the answers.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+
+    def say(**answer: Any) -> None:
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+    adapter, task, job, target = sys.argv[1:]
+    sys.path.append(str(Path(__file__).parent))
+    try:
+        tool = getattr(load(adapter), task)(read_arrays(job))
+    except ImportError as error:
+        say(missing=str(error))
+        return
+    except ValueError as error:
+        say(unfit=str(error))
+        return
+    say(version=str(tool.version), precision=tool.precision)
+    saved: dict[str, Any] | None = None
+    for line in sys.stdin:
+        before = processor_seconds(), time.perf_counter()
+        says = tool.advance(int(line)) or {}
+        after = processor_seconds(), time.perf_counter()
+        answer = getattr(tool, "answer", {})
+        if answer is not saved:
+            np.savez(target, **answer)
+            saved = answer
+        say(
+            processor=after[0] - before[0],
+            wall=after[1] - before[1],
+            **{"peak_memory_mb": peak_memory_mb(), **says},
+        )
+
+
+def load(path: str) -> Any:
+    """The module of an adapter's file."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def read_arrays(path: str | Path) -> dict[str, Any]:
+    """All arrays of an .npz file."""
+    with np.load(path) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def peak_memory_mb() -> float:
+    """Largest resident memory of this process so far, without what it inherited at its start."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+        return next(float(x.split()[1]) for x in lines if x.startswith("VmHWM")) / 1024.0
+    except (OSError, StopIteration):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def processor_seconds() -> float:
+    """Of this process, all threads, and of the processes it has waited for."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+if __name__ == "__main__":
+    main()

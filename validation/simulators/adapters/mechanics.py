@@ -1,0 +1,93 @@
+"""What several adapters compute alike: Lamé's parameters, rest shapes, time steps, rest.
+
+Rest is found by kinetic damping, for simulators that only know time steps: the body falls towards
+equilibrium; whenever its kinetic energy has passed a peak it is stopped (Cundall 1976; Otter 1965
+for dynamic relaxation). Time is not real then, so the step is chosen for stability alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+# Held against a growing stiffness: Green strain stiffens under stretch.
+SAFETY = 0.6
+
+
+def lame(job: dict[str, Any]) -> tuple[float, float]:
+    """Lamé's parameters lmbda and mu of a body of one material [Pa]."""
+    E, nu = float(job["youngs_modulus"][0]), float(job["poissons_ratio"][0])
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+def rest_shape(job: dict[str, Any]) -> tuple[Any, Any]:
+    """Gradients of shape functions 1, 2, 3 as rows [1/m], (num_cells, 3, 3), and volumes [m3]."""
+    points, cells = job["points"], job["cells"]
+    edges = points[cells[:, 1:]] - points[cells[:, :1]]
+    return np.linalg.inv(edges).transpose(0, 2, 1), np.linalg.det(edges) / 6.0
+
+
+def held_points(job: dict[str, Any]) -> Any:
+    """Which points are held, for tools that hold whole points where they are.
+
+    Raises:
+        ValueError: The job holds single components, or moves what it holds.
+    """
+    is_held = job["fixed"].astype(bool)
+    if (is_held.any(axis=1) != is_held.all(axis=1)).any() or job["prescribed_displacement"].any():
+        raise ValueError("only whole points can be held, where they are")
+    return is_held.all(axis=1)
+
+
+def central_differences(job: dict[str, Any]) -> tuple[float, Any]:
+    """Factors of increment <- keep increment + mobility (external - internal force)."""
+    dt = float(job["time_step"])
+    half = 0.5 * float(job["mass_damping"]) * dt
+    mobility = dt**2 / (job["lumped_mass"][:, None] * (1.0 + half))
+    return (1.0 - half) / (1.0 + half), np.where(job["fixed"], 0.0, mobility)
+
+
+def stable_step(job: dict[str, Any], mass: Any) -> float:
+    """A time step below 2 / sqrt(largest eigenvalue of M^-1 K), times SAFETY [s].
+
+    Each cell bounds its own matrix by V (lmbda + 2 mu) sum |grad N_a|^2, each point adds up the
+    cells around it (Gershgorin); mass [kg], (num_points,).
+    """
+    E, nu = job["youngs_modulus"], job["poissons_ratio"]
+    modulus = E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    inner, volume = rest_shape(job)
+    gradients = np.concatenate([-inner.sum(axis=1)[:, None], inner], axis=1)
+    sizes = np.sqrt((gradients**2).sum(axis=2))
+    rows = (volume * modulus)[:, None] * sizes * sizes.sum(axis=1)[:, None]
+    largest = (np.bincount(job["cells"].ravel(), rows.ravel(), len(mass)) / mass).max()
+    return float(SAFETY * 2.0 / np.sqrt(largest))
+
+
+def relax(
+    step: Callable[[], tuple[float, float]], stop: Callable[[], None], tolerance: float, most: int
+) -> tuple[int, float]:
+    """Step to rest.
+
+    Args:
+        step: One step; gives kinetic energy and relative residual.
+        stop: Sets all velocities to zero.
+        tolerance: On the relative residual.
+        most: Steps at most.
+
+    Returns:
+        Steps done and the last relative residual.
+    """
+    before, residual = 0.0, np.inf
+    for count in range(1, most + 1):
+        energy, residual = step()
+        if not np.isfinite(energy):
+            raise SystemExit(f"the motion blew up after {count} steps")
+        if residual <= tolerance:
+            return count, residual
+        if energy < before:
+            stop()
+            energy = 0.0
+        before = energy
+    return most, residual

@@ -1,0 +1,136 @@
+"""palpate itself, as it is timed beside the others; the one adapter that imports it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from palpate.fastsim import _core
+from palpate.fastsim.collision.detection import VertexCellDetector
+from palpate.fastsim.explicit_body import ExplicitBody, Precision
+from palpate.fastsim.mesher import delaunay, mesh_surface
+from palpate.fastsim.newton import MULTIGRID_FROM_POINTS
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import PointForce, Support
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+
+# Wanted edge length inside, in mean edges of the surface: with it the number of cells is within
+# 20 % of gmsh's, whose inner edges come out longer than those of the surface.
+_EDGES_INSIDE = 1.38
+
+
+class _Ours:
+    version, precision = _core.__version__, "float64"
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        self._job = job
+
+
+class Steps(_Ours):
+    """The step that `simulate` does by default, and the energies it adds up at an output."""
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        self.precision = str(job["precision"])
+        self._body = ExplicitBody(
+            _problem(job, TimeSpan(1.0, mass_damping=float(job["mass_damping"]))),
+            time_step=float(job["time_step"]),
+            precision=Precision(self.precision),
+            num_threads=int(job["num_threads"]),
+        )
+
+    def advance(self, num_steps: int) -> dict[str, Any]:
+        """From one output to the next."""
+        self._body.step(num_steps)
+        self._body.look()
+        self._last = self._body.displacement
+        return {"instruction_set": self._body.instruction_set}
+
+
+class Static(_Ours):
+    """From plain arrays to the displacement: mesh checks, assembly and solve."""
+
+    def advance(self, _num_steps: int) -> dict[str, Any]:
+        """One whole solve."""
+        problem = _problem(self._job)
+        result = solve_static(
+            problem,
+            strain=Strain(str(self._job["strain"])),
+            relative_tolerance=float(self._job["relative_tolerance"]),
+        )
+        uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
+        self.answer = {"displacement": result.displacement}
+        return {
+            "newton_iterations": result.iterations,
+            "linear_iterations": result.linear_iterations,
+            "method": "Newton, conjugate gradients, "
+            + ("aggregation multigrid" if uses_multigrid else "diagonal blocks"),
+        }
+
+
+def _problem(job: dict[str, Any], time: TimeSpan | None = None) -> Problem:
+    material = Material(
+        *(float(job[name][0]) for name in ("youngs_modulus", "poissons_ratio", "density"))
+    )
+    mesh = TetMesh(job["points"], job["cells"])
+    held = np.flatnonzero(job["fixed"].all(axis=1)).astype(np.int32)
+    load = PointForce(np.arange(mesh.num_points, dtype=np.int32), job["external_force"])
+    return Problem(mesh, material, (Support(held),), (load,), time)
+
+
+class Collision(_Ours):
+    """Hashed voxels, filled anew in every step; either body looks for the other, and for itself."""
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        super().__init__(job)
+        pairs = [(1, 0), (0, 1)] + ([(0, 0), (1, 1)] if bool(job["with_self"]) else [])
+        self._looks = [self._make_look(*pair) for pair in pairs]
+        # Numbers of the second body follow those of the first.
+        counts = np.array([job["frames"].shape[2], len(job["cells"])])
+        found = [look(0) + counts * pair for look, pair in zip(self._looks, pairs, strict=True)]
+        self.answer = {"pairs": np.concatenate(found)}
+
+    def _make_look(self, intruder: int, looked_at: int) -> Callable[[int], Any]:
+        """What finds the pairs (vertex of the intruder, cell of the other) in a frame."""
+        is_same = intruder == looked_at
+        here, there = self._job["frames"][looked_at], self._job["frames"][intruder]
+        mesh = TetMesh(here[0], self._job["cells"])
+        detector = VertexCellDetector(mesh, None if is_same else TetMesh(there[0], mesh.cells))
+
+        def look(k: int) -> Any:
+            found = detector.find(here[k], None if is_same else there[k])
+            return np.column_stack([found.vertices, found.cells])
+
+        return look
+
+    def advance(self, num_steps: int) -> None:
+        """Everything anew in each step."""
+        for step in range(num_steps):
+            for look in self._looks:
+                look(step % len(self._job["frames"][0]))
+
+
+class Delaunay(_Ours):
+    """Delaunay tetrahedra of points."""
+
+    def advance(self, _num_steps: int) -> None:
+        """From points to cells."""
+        cells, _ = delaunay(self._job["points"])
+        self.answer = {"num_cells": np.array(len(cells))}
+
+
+class Mesh(_Ours):
+    """A surface filled with tetrahedra, its own facets kept."""
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        self._surface = TriSurface(job["points"], job["facets"])
+
+    def advance(self, _num_steps: int) -> None:
+        """From the surface to the finished mesh, clean-up included."""
+        corners = self._surface.points[self._surface.facets]
+        mean_edge = float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
+        mesh = mesh_surface(self._surface, edge_length=_EDGES_INSIDE * mean_edge)
+        self.answer = {"points": mesh.points, "cells": mesh.cells}
