@@ -22,6 +22,7 @@ from palpate.validation.exchange.nodal_loads import rest_arrays
 from palpate.validation.simulators import adapters
 
 if is_available():
+    from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.statics import solve_static
 
 pytestmark = [pytest.mark.dolfinx, pytest.mark.slow]

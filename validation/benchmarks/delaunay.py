@@ -15,7 +15,6 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.benchmarks.children import OURS, Child, Schedule, Tool
 from palpate.validation.benchmarks.run import Benchmark, Row, Scene
-from palpate.validation.simulators.adapters.compiled_delaunay import LIBRARIES, compile_library
 from palpate.validation.states import Progress
 
 # Grid and sphere: hard for exactness, so one size shows it.
@@ -55,16 +54,15 @@ def place_points(kind: str, count: int) -> Points:
 
 
 def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
-    """Points of each kind, and the libraries compiled."""
+    """Points of each kind, and a folder for libraries that are compiled."""
 
     def finish(rows: list[Row], children: list[Child], _earlier: list[Row]) -> None:
         for row, child in zip(rows, children, strict=True):
             row["cells"] = int(child.answer["num_cells"])
 
     with scratch_folder("bench") as folder:
-        libraries = {name: str(compile_library(name, folder) or "") for name in LIBRARIES}
         for kind in ("random", "grid", "sphere") if size == SHAPES_SIZE else ("random",):
-            job = {"points": place_points(kind, size), **libraries}
+            job = {"points": place_points(kind, size), "folder": str(folder)}
             yield Scene(size, job, {"points": kind}, finish)
 
 

@@ -52,10 +52,8 @@ def test_rows_are_whole(monkeypatch):
 
 def test_a_pair_left_out_or_made_up_is_seen():
     bodies = make_bodies(6, Place.OVERLAPPING)
-    here, there = (frames[0] for frames in bodies["frames"])
-    found = VertexCellDetector(
-        TetMesh(here, bodies["cells"]), TetMesh(there, bodies["cells"])
-    ).find(here, there)
+    here, there = (TetMesh(frames[0], bodies["cells"]) for frames in bodies["frames"])
+    found = VertexCellDetector(here, there).find(here.points, there.points)
     pairs = np.column_stack([found.vertices, found.cells])
     assert len(pairs) > 2
     rows = [{"tool": "palpate"}, {"tool": "other"}, {"tool": "trimesh embree"}]

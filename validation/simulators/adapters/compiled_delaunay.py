@@ -46,40 +46,19 @@ void triangulate() {
 long count() { return out.numberoftetrahedra; }
 }
 """
-LIBRARIES = {
+_LIBRARIES = {
     "cgal": (_CGAL, ("-DCGAL_NDEBUG", "-lgmp", "-lmpfr")),
     "tetgen": (_TETGEN, ("-ltet",)),
 }
 
 
-def compile_library(name: str, folder: Path) -> Path | None:
-    """Compile one against the system's headers; None where that does not work."""
-    compiler = shutil.which("g++") or shutil.which("c++")
-    if compiler is None:
-        return None
-    text, options = LIBRARIES[name]
-    source, target = folder / f"{name}.cpp", folder / f"{name}.so"
-    source.write_text(text, encoding="ascii")
-    command = [compiler, "-O3", "-DNDEBUG", "-std=c++17", "-w", "-fPIC", "-shared"]
-    done = subprocess.run(
-        [*command, source, "-o", target, *options], capture_output=True, check=False, timeout=300
-    )
-    return target if done.returncode == 0 else None
-
-
 class Delaunay:
-    """The library takes over the points beforehand.
-
-    The job names a library, and under its name where it was compiled to, nothing if it was not.
-    """
+    """The library takes over the points beforehand; a `folder` of the job keeps it compiled."""
 
     precision = "float64"
 
     def __init__(self, job: dict[str, Any]) -> None:
-        library = str(job[str(job["library"])])
-        if not library:
-            raise ImportError("it did not compile: no compiler, or no headers")
-        self._library = ctypes.CDLL(library)
+        self._library = ctypes.CDLL(_compiled(str(job["library"]), Path(str(job["folder"]))))
         self._library.version.restype = ctypes.c_char_p
         self._library.count.restype = ctypes.c_long
         self.version = self._library.version().decode()
@@ -96,3 +75,21 @@ class Delaunay:
     def answer(self) -> dict[str, Any]:
         """How many cells."""
         return {"num_cells": np.array(self._library.count())}
+
+
+def _compiled(name: str, folder: Path) -> str:
+    """The library against the system's headers, compiled where it is not there yet."""
+    source, target = folder / f"{name}.cpp", folder / f"{name}.so"
+    if not target.exists():
+        compiler = shutil.which("g++") or shutil.which("c++")
+        if compiler is None:
+            raise ImportError("there is no compiler")
+        text, options = _LIBRARIES[name]
+        source.write_text(text, encoding="ascii")
+        command = [compiler, "-O3", "-DNDEBUG", "-std=c++17", "-w", "-fPIC", "-shared"]
+        done = subprocess.run(
+            [*command, source, "-o", target, *options], capture_output=True, check=False
+        )
+        if done.returncode != 0:
+            raise ImportError("it does not compile: no headers, or no library")
+    return str(target)
