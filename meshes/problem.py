@@ -34,9 +34,9 @@ class Element(StrEnum):
     does. Smoothing goes over cells of the same elastic constants only (Young's modulus and
     Poisson's ratio): where other ones meet at an edge or a node, each has an average of its own.
 
-    >>> from palpate.meshes.problem import Element
-    >>> Element("smoothed") is Element.SMOOTHED
-    True
+    >>> import palpate
+    >>> palpate.Element("smoothed")
+    <Element.SMOOTHED: 'smoothed'>
     """
 
     LINEAR = "linear"

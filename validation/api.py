@@ -10,7 +10,7 @@ from __future__ import annotations
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -27,7 +27,7 @@ from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableE
 from palpate.reference.result import Formulation
 from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.solving import Simulator, simulate, solve
-from palpate.validation.states import Method, State, Trajectory, Verdict
+from palpate.validation.states import Elements, Method, State, Trajectory, Verdict
 from palpate.validation.verbs import audit, compare, export, judge, load_case, mesh
 
 __all__ = [
@@ -35,6 +35,8 @@ __all__ = [
     "BoxShape",
     "CandidateFailedError",
     "CapsuleShape",
+    "Element",
+    "Elements",
     "ForceDrive",
     "Formulation",
     "Inclusion",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.metrics.possible_motion import unmeasurable_state
 from palpate.validation.simulators.answer import CandidateFailedError, Progress
@@ -46,7 +46,9 @@ def audit_result(
     unmeasurable = unmeasurable_state(state)
     if unmeasurable:
         raise CandidateFailedError(unmeasurable)
-    task = AuditTask(state.displacement, strain, degree)
+    # Smoothed tetrahedra are of degree 1; beyond that it is the continuum's equations.
+    element = state.element if degree == 1 else Element.LINEAR
+    task = AuditTask(state.displacement, strain, degree, element)
     found = run_task(task, case.problem, progress=progress)
     assert isinstance(found, Audit)
     return Audited(state, found)

@@ -16,6 +16,7 @@ import pytest
 
 if TYPE_CHECKING:
     from palpate.validation.judging.results import CaseResult
+    from palpate.validation.solving import ElementsName
 
 JudgeCase: TypeAlias = "Callable[..., CaseResult]"
 
@@ -26,7 +27,8 @@ def palpate_case() -> JudgeCase:
 
     The function takes a built-in name or a path to a .toml file and, as keywords, `simulator`
     (a command line with {case} and {result}; fastsim where None), `result` (a file that is
-    already there), `time_limit` [s] and `live`. It gives the judged case.
+    already there), `element` (of fastsim: linear, smoothed or both), `time_limit` [s] and `live`.
+    It gives the judged case.
     """
 
     def judge(
@@ -34,6 +36,7 @@ def palpate_case() -> JudgeCase:
         *,
         simulator: str | None = None,
         result: str | Path | None = None,
+        element: ElementsName | None = None,
         time_limit: float = 600.0,
         live: bool = False,
     ) -> CaseResult:
@@ -41,15 +44,21 @@ def palpate_case() -> JudgeCase:
         from palpate.validation.judging.judge import judge_case
         from palpate.validation.judging.outputs import check_name
         from palpate.validation.quoting import for_terminal
-        from palpate.validation.simulators.candidate import candidate_for, result_candidate
-        from palpate.validation.states import Verdict
+        from palpate.validation.simulators.candidate import candidates_for, result_candidate
+        from palpate.validation.solving import known_word
+        from palpate.validation.states import Elements, Verdict
 
         if simulator is not None and result is not None:
             raise ValueError("palpate_case takes a simulator or a result, not both")
-        candidate = (
-            candidate_for(simulator, time_limit) if result is None else result_candidate(result)
+        if element is not None and result is not None:
+            raise ValueError("palpate_case takes an element of fastsim, not of a result")
+        chosen = None if element is None else known_word(Elements, element, "element")
+        candidates = (
+            candidates_for(simulator, time_limit, chosen)
+            if result is None
+            else [result_candidate(result)]
         )
-        judged = judge_case(load_case(case), live=live, candidate=candidate)
+        judged = judge_case(load_case(case), live=live, candidate=candidates)
         if judged.verdict is not Verdict.PASSED:
             bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
             lines = [f"  {c.verdict}: {check_name(c)}: {c.message} ({c.reason})" for c in bad]

@@ -75,6 +75,24 @@ class Method(StrEnum):
     RELAXATION = "relaxation"
 
 
+class Elements(StrEnum):
+    """Whose tetrahedra are judged: linear or smoothed ones, or both beside one another.
+
+    >>> import palpate
+    >>> palpate.Elements("both").each
+    (<Element.LINEAR: 'linear'>, <Element.SMOOTHED: 'smoothed'>)
+    """
+
+    LINEAR = "linear"
+    SMOOTHED = "smoothed"
+    BOTH = "both"
+
+    @property
+    def each(self) -> tuple[Element, ...]:
+        """One after the other."""
+        return tuple(Element) if self is Elements.BOTH else (Element(self.value),)
+
+
 class Precision(StrEnum):
     """In which numbers an answer may have been computed; double, unless somebody grants single."""
 

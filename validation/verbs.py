@@ -12,8 +12,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.solving import StrainName, known_word
-from palpate.validation.states import Progress, State, in_silence
+from palpate.validation.solving import ElementsName, StrainName, known_word
+from palpate.validation.states import Elements, Progress, State, in_silence
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
@@ -111,6 +111,7 @@ def judge(
     case: AnyCase,
     simulator: str | Callable[[Problem], ArrayLike] | None = None,
     *,
+    element: ElementsName | None = None,
     live: bool = False,
     time_limit: float | None = None,
     progress: Progress = in_silence,
@@ -122,6 +123,8 @@ def judge(
         simulator: A function from the problem to displacements [m] at its points, (num_points,
             3), of a motion (num_outputs + 1, num_points, 3); or a command, "mysim {case}
             {result}"; fastsim where None.
+        element: Of fastsim's tetrahedra: "linear", "smoothed", or "both" beside one another; linear
+            where None.
         live: Solve the reference here where FEniCSx is installed; a stored one otherwise.
         time_limit: Of a command [s]; 600 where None.
         progress: Called with one line now and then.
@@ -140,16 +143,19 @@ def judge(
     (<Verdict.PASSED: 'passed'>, <Verdict.FAILED: 'failed'>)
     """
     from palpate.validation.judging.judge import judge_case
-    from palpate.validation.simulators.candidate import candidate_for
+    from palpate.validation.simulators.candidate import candidates_for
     from palpate.validation.simulators.in_memory import function_candidate
     from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 
+    chosen = None if element is None else known_word(Elements, element, "element")
     if simulator is None or isinstance(simulator, str):
         limit = DEFAULT_TIME_LIMIT if time_limit is None else time_limit
-        candidate = candidate_for(simulator, limit)
+        candidates = candidates_for(simulator, limit, chosen)
+    elif chosen is not None:
+        raise InputError("element goes with fastsim: leave it out, or the simulator")
     else:
-        candidate = function_candidate(simulator)
-    return judge_case(_case(case), live=live, candidate=candidate, progress=progress)
+        candidates = [function_candidate(simulator)]
+    return judge_case(_case(case), live=live, candidate=candidates, progress=progress)
 
 
 def compare(

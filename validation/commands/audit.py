@@ -14,7 +14,7 @@ import typer
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import OneCase
+from palpate.validation.commands.words import ElementOfResult, OneCase
 from palpate.validation.quoting import for_terminal
 from palpate.validation.states import CandidateFailedError, ExitCode
 
@@ -32,6 +32,7 @@ def audit(
     degree: Annotated[
         int, typer.Option(min=1, max=3, help="1 judges the solver, 2 the mesh too")
     ] = 2,
+    element: ElementOfResult = None,
     limit: Annotated[
         float | None,
         typer.Option(
@@ -64,7 +65,7 @@ def audit(
     used, progress = strain or loaded.strain, progress_lines()
     try:
         audited = audit_result(
-            loaded, result_candidate(result), strain=used, degree=degree, progress=progress
+            loaded, result_candidate(result, element), strain=used, degree=degree, progress=progress
         )
     except CandidateFailedError as error:
         print(for_terminal(f"palpate: {error}"), file=sys.stderr)

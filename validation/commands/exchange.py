@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.meshes.problem import Strain
 from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import GrantedPrecision, OneCase
+from palpate.validation.commands.words import ElementOfResult, GrantedPrecision, OneCase
 
 
 def export(
@@ -33,6 +33,7 @@ def compare(
     json: Annotated[Path | None, typer.Option()] = None,
     live: Annotated[bool, typer.Option(help="solve the reference here")] = False,
     precision: GrantedPrecision = None,
+    element: ElementOfResult = None,
 ) -> None:
     """Judge somebody else's result; the exit code is the verdict."""
     from palpate.meshes.atomic_write import write_text_atomically
@@ -50,7 +51,7 @@ def compare(
     judged = judge_case(
         loaded,
         live=live,
-        candidate=result_candidate(result),
+        candidate=result_candidate(result, element),
         precision=precision,
         progress=progress_lines(),
     )

@@ -12,6 +12,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import (
+    ChosenElements,
     GrantedPrecision,
     OptionalCases,
     OptionalFile,
@@ -32,6 +33,7 @@ def gate(
     fault: Annotated[
         Fault, typer.Option(metavar="FAULT", help="seed one of those above: the gate goes red")
     ] = Fault.NONE,
+    element: ChosenElements = None,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     precision: GrantedPrecision = None,
@@ -56,11 +58,13 @@ def gate(
     from palpate.validation.judging.annotations import github_annotations
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.judging.result_changes import read_accepted, with_changes
+    from palpate.validation.judging.together import together
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators.candidate import candidate_for
+    from palpate.validation.simulators.candidate import candidates_for
     from palpate.validation.simulators.seeded import with_fault
 
-    candidate = with_fault(candidate_for(simulator, time_limit), fault)
+    given = candidates_for(simulator, time_limit, element)
+    candidates = [with_fault(candidate, fault) for candidate in given]
     accepted = read_accepted(since) if since else None
     if quick + every + bool(names) != 1 and not (self_test and quick + every + bool(names) == 0):
         raise InputError("name the cases, or say one of --quick, --all and --self-test")
@@ -76,12 +80,16 @@ def gate(
     )
     progress = progress_lines()
     if self_test:
-        results = [run_self_test(progress, cases=loaded, candidate=candidate)]
+        trials = [run_self_test(progress, cases=loaded, candidate=one) for one in candidates]
+        results = [together(trials)]
     elif metamorphic:
-        results = [judge_relations(case, candidate, progress) for case in loaded]
+        results = [
+            together([judge_relations(case, one, progress) for one in candidates])
+            for case in loaded
+        ]
     else:
         results = [
-            judge_case(c, live=live, candidate=candidate, precision=precision, progress=progress)
+            judge_case(c, live=live, candidate=candidates, precision=precision, progress=progress)
             for c in loaded
         ]
     if accepted is not None:

@@ -10,6 +10,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import (
+    ChosenElements,
     Folder,
     GrantedPrecision,
     OptionalCases,
@@ -24,6 +25,7 @@ def report(
     output: Folder,
     names: OptionalCases = None,
     every: Annotated[bool, typer.Option("--all", help="every built-in case, and an index")] = False,
+    element: ChosenElements = None,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     precision: GrantedPrecision = None,
@@ -40,7 +42,7 @@ def report(
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
     from palpate.validation.run_folder import RESULTS, require_run_folder, run_folder
-    from palpate.validation.simulators.candidate import candidate_for
+    from palpate.validation.simulators.candidate import candidates_for
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")
@@ -52,9 +54,9 @@ def report(
     inputs = input_files(loaded, command=simulator)
     require_run_folder(output, inputs=inputs)
     progress = progress_lines()
-    candidate = candidate_for(simulator, time_limit)
+    candidates = candidates_for(simulator, time_limit, element)
     results = [
-        judge_case(c, live=True, candidate=candidate, precision=precision, progress=progress)
+        judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)
         for c in loaded
     ]
     with run_folder(output, inputs=inputs) as fresh:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import OneCase
@@ -32,6 +32,9 @@ def solve(
     formulation: Annotated[
         Formulation, typer.Option(help="of the reference; mixed: pressure apart, --degree 2")
     ] = Formulation.DISPLACEMENT,
+    element: Annotated[
+        Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
+    ] = Element.LINEAR,
 ) -> None:
     """Solve a case, statics or motion, and write the displacement."""
     from palpate.validation.case import load_case
@@ -50,6 +53,7 @@ def solve(
             degree=degree,
             method=method,
             formulation=formulation,
+            element=element,
             progress=progress_lines(),
         )
     except CandidateFailedError as error:

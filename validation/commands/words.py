@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.validation.states import Precision
+from palpate.meshes.problem import Element
+from palpate.validation.states import Elements, Precision
 
 
 def complete_case(incomplete: str) -> list[str]:
@@ -35,6 +36,13 @@ OptionalCases = Annotated[
 ]
 Folder = Annotated[Path, typer.Option("--output", "-o", help="folder for the results")]
 OptionalFile = Annotated[Path | None, typer.Option()]
+ChosenElements = Annotated[
+    Elements | None,
+    typer.Option("--element", help="of fastsim's tetrahedra; both: beside one another"),
+]
+ElementOfResult = Annotated[
+    Element | None, typer.Option(help="of the answer, where it does not say; default: linear")
+]
 SimulatorCommand = Annotated[
     str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
 ]

@@ -46,7 +46,11 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
         if motion is None:
             return said
         return f"{said}, at {motion.times[-1]:g} s; a file .npz holds the whole motion"
-    about: dict[str, Any] = {"tool": f"palpate, {state.simulator}", **_forces(state)}
+    about: dict[str, Any] = {
+        "tool": f"palpate, {state.simulator}",
+        "element": state.element.value,
+        **_forces(state),
+    }
     arrays: dict[str, Any] = {"displacement": state.displacement}
     if motion is not None:
         arrays = {"displacement": motion.displacements, "times": motion.times}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.result_files import (
     read_result,
@@ -14,10 +16,10 @@ from palpate.validation.exchange.result_files import (
 from palpate.validation.metrics import make_state
 from palpate.validation.quoting import visible
 from palpate.validation.simulators.answer import Progress
-from palpate.validation.simulators.fastsim import run_fastsim
+from palpate.validation.simulators.fastsim import name_of, run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.simulators.result_states import state_of_result
-from palpate.validation.states import REFERENCE, Method, State
+from palpate.validation.states import REFERENCE, Elements, Method, State
 
 Solve = Callable[[Problem, Strain, Progress], State]
 
@@ -43,20 +45,25 @@ class Candidate:
     element: Element = Element.LINEAR
 
 
-def fastsim_candidate(*, method: Method = Method.NEWTON) -> Candidate:
+def fastsim_candidate(
+    *, method: Method = Method.NEWTON, element: Element = Element.LINEAR
+) -> Candidate:
     """fastsim, which answers for both strain measures.
 
     Args:
         method: How it looks for equilibrium.
+        element: Linear tetrahedra, plain or smoothed.
     """
+    name = name_of(element)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        answer = run_fastsim(problem, strain, progress, method=method)
+        answer = run_fastsim(problem, strain, progress, method=method, element=element)
         return make_state(
             problem.mesh,
             answer.displacement,
-            label="fastsim",
+            label=name,
             simulator="fastsim",
+            element=element,
             strain=strain,
             seconds=answer.seconds,
             details=answer.details,
@@ -64,18 +71,31 @@ def fastsim_candidate(*, method: Method = Method.NEWTON) -> Candidate:
             tool_forces=answer.tool_forces,
         )
 
-    return Candidate("fastsim", solve, has_both_strains=True)
+    return Candidate(name, solve, has_both_strains=True, element=element)
 
 
-def candidate_for(command: str | None, time_limit: float) -> Candidate:
-    """fastsim, or the program of a command line.
+def candidates_for(
+    command: str | None, time_limit: float, elements: Elements | None = None
+) -> list[Candidate]:
+    """Fastsim by element, or the program of a command line.
+
+    Args:
+        command: The program; fastsim where None.
+        time_limit: Of the program [s].
+        elements: Of fastsim; linear where None.
 
     Raises:
-        InputError: The command line cannot be used.
+        InputError: The command line cannot be used, or an element goes with it.
     """
     if command is None:
-        return fastsim_candidate()
-    return outside_candidate(OutsideSimulator(command, time_limit))
+        chosen = Elements.LINEAR if elements is None else elements
+        return [fastsim_candidate(element=element) for element in chosen.each]
+    if elements is not None:
+        raise InputError(
+            f"element = {elements}: only fastsim is asked for one; another simulator says in its "
+            'result what it has, `about`: {"element": "smoothed"}'
+        )
+    return [outside_candidate(OutsideSimulator(command, time_limit))]
 
 
 def candidate_name(name: str) -> str:
@@ -103,14 +123,23 @@ def outside_candidate(simulator: OutsideSimulator) -> Candidate:
     return Candidate(name, solve, False, (note,))
 
 
-def result_candidate(path: str | Path) -> Candidate:
-    """A result file that somebody brings."""
+def result_candidate(path: str | Path, element: Element | None = None) -> Candidate:
+    """A result file that somebody brings.
+
+    Args:
+        path: Of the file.
+        element: What its tetrahedra are, where it does not say so itself.
+    """
     name = candidate_name(Path(path).stem)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"reading {path}")
         result = read_result(path, most_bytes=room_for_answer(problem))
+        if element is not None:
+            result = dataclasses.replace(result, about={"element": element.value, **result.about})
         return state_of_result(result, problem, name, strain)
 
     notes = (f"Result: {Path(path).name}.",)
-    return Candidate(name, solve, False, notes, can_be_asked=False)
+    return Candidate(
+        name, solve, False, notes, can_be_asked=False, element=element or Element.LINEAR
+    )

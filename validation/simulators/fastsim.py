@@ -10,13 +10,24 @@ import time
 
 import numpy as np
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
 from palpate.validation.states import Method, Trajectory
 
 
+def name_of(element: Element) -> str:
+    """What fastsim with an element is called."""
+    return "fastsim" if element is Element.LINEAR else f"fastsim ({element})"
+
+
 def run_fastsim(
-    problem: Problem, strain: Strain, progress: Progress, *, method: Method = Method.NEWTON
+    problem: Problem,
+    strain: Strain,
+    progress: Progress,
+    *,
+    method: Method = Method.NEWTON,
+    element: Element = Element.LINEAR,
 ) -> Answer:
     """Solve by fastsim: statics, or from rest where there is time.
 
@@ -25,20 +36,29 @@ def run_fastsim(
         strain: Strain measure.
         progress: Called with one line now and then.
         method: Of statics; a motion is stepped.
+        element: Linear tetrahedra, plain or smoothed.
 
     Raises:
         CandidateFailedError: It diverged, or answered NaN.
+        InputError: An element that it cannot step.
     """
     from palpate.fastsim.errors import FastsimError
 
-    progress(f"fastsim, {strain} strain, {problem.mesh.num_cells} cells")
+    is_stepped = problem.time is not None or method is Method.RELAXATION
+    if is_stepped and element is not Element.LINEAR:
+        raise InputError(
+            f"fastsim takes {element} tetrahedra to equilibrium by Newton's method only: not "
+            "through time, and not by relaxation; ask for linear ones"
+        )
+    progress(f"{name_of(element)}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
         if problem.time is not None:
-            solve = _run_motion
+            answer = _run_motion(problem, strain, element, progress)
+        elif method is Method.RELAXATION:
+            answer = _run_relaxation(problem, strain, element, progress)
         else:
-            solve = _run_relaxation if method is Method.RELAXATION else _run_statics
-        answer = solve(problem, strain, progress)
+            answer = _run_statics(problem, strain, element, progress)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
     bad = np.flatnonzero(~np.isfinite(answer.displacement).all(axis=1))
@@ -49,12 +69,12 @@ def run_fastsim(
     return dataclasses.replace(answer, seconds=time.perf_counter() - start)
 
 
-def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+def _run_statics(problem: Problem, strain: Strain, element: Element, progress: Progress) -> Answer:
     from palpate.fastsim.statics import solve_static
 
     if problem.tools:
-        return _run_tools(problem, strain, progress)
-    result = solve_static(problem, strain=strain, progress=progress)
+        return _run_tools(problem, strain, element, progress)
+    result = solve_static(problem, strain=strain, element=element, progress=progress)
     details: dict[str, object] = {
         "newton_iterations": result.iterations,
         "linear_iterations": result.linear_iterations,
@@ -63,10 +83,10 @@ def _run_statics(problem: Problem, strain: Strain, progress: Progress) -> Answer
     return Answer(result.displacement, 0.0, details)
 
 
-def _run_tools(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+def _run_tools(problem: Problem, strain: Strain, element: Element, progress: Progress) -> Answer:
     from palpate.fastsim.contact.static_contact import solve_contact
 
-    result = solve_contact(problem, strain=strain, progress=progress)
+    result = solve_contact(problem, strain=strain, element=element, progress=progress)
     details: dict[str, object] = {
         "newton_iterations": result.iterations,
         "linear_iterations": result.linear_iterations,
@@ -75,9 +95,12 @@ def _run_tools(problem: Problem, strain: Strain, progress: Progress) -> Answer:
     return Answer(result.displacements[-1], 0.0, details, tool_forces=result.forces[-1])
 
 
-def _run_relaxation(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+def _run_relaxation(
+    problem: Problem, strain: Strain, element: Element, progress: Progress
+) -> Answer:
     from palpate.fastsim.dynamic_relaxation import relax
 
+    del element
     result = relax(problem, strain=strain, progress=progress)
     details: dict[str, object] = {
         "method": Method.RELAXATION.value,
@@ -88,9 +111,10 @@ def _run_relaxation(problem: Problem, strain: Strain, progress: Progress) -> Ans
     return Answer(result.displacement, 0.0, details, tool_forces=forces)
 
 
-def _run_motion(problem: Problem, strain: Strain, progress: Progress) -> Answer:
+def _run_motion(problem: Problem, strain: Strain, element: Element, progress: Progress) -> Answer:
     from palpate.fastsim.dynamics import simulate
 
+    del element
     result = simulate(problem, strain=strain, progress=progress)
     details: dict[str, object] = {
         "time_step": result.time_step,
