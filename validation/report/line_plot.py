@@ -69,6 +69,7 @@ class Panel:
         band: From where to where on y is grey.
         notes: Words at (x, y).
         ticks: Words at places along x.
+        y_ticks: Words at places along y.
         x_range: Lower and upper end; None as the lines need it.
         y_range: Likewise.
     """
@@ -83,6 +84,7 @@ class Panel:
     band: tuple[float, float] | None = None
     notes: Sequence[tuple[float, float, str]] = ()
     ticks: Mapping[float, str] | None = None
+    y_ticks: Mapping[float, str] | None = None
     x_range: tuple[float | None, float | None] = (None, None)
     y_range: tuple[float | None, float | None] = (None, None)
 
@@ -148,9 +150,10 @@ def _draw(axes: Axes, panel: Panel) -> None:
         if letter in panel.log and 10.0 * low < high <= 1e5 * low:
             axis.set_major_formatter(lambda value, _: f"{value:g}")
             axis.set_minor_formatter(NullFormatter())
-    if panel.ticks is not None:
-        axes.set_xticks(list(panel.ticks), list(panel.ticks.values()))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+    for axis, ticks in ((axes.xaxis, panel.ticks), (axes.yaxis, panel.y_ticks)):
+        if ticks is not None:
+            axis.set_ticks(list(ticks), list(ticks.values()))
+            axis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(panel.x)
     axes.set_ylabel(panel.y)
     axes.set_title(panel.title, fontsize=10)

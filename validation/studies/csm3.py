@@ -14,7 +14,6 @@ harmonic of the whole run.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ END = 10.0
 _HARMONICS = 3
 
 
-class Published(NamedTuple):
+class Period(NamedTuple):
     """Mean and amplitude of A along x and y [mm], frequency [1/s]."""
 
     mean: tuple[float, float]
@@ -43,36 +42,27 @@ class Published(NamedTuple):
     frequency: float
 
 
-CONVERGED = Published((-14.305, -63.607), (14.305, 65.160), 1.0995)
+CONVERGED = Period((-14.305, -63.607), (14.305, 65.160), 1.0995)
 # Level 2+0 with steps of 0.02 s.
-COARSE = Published((-14.384, -64.271), (14.389, 64.595), 1.0956)
+COARSE = Period((-14.384, -64.271), (14.389, 64.595), 1.0956)
 
 
-@dataclass(frozen=True)
-class Swing:
-    """How point A swings; `mean` and `amplitude` by the extremes of the last period, as published.
+class Swing(NamedTuple):
+    """How point A swings, [mm] and [1/s].
 
-    Attributes:
-        num_layers: Cells over the bar's height.
-        time_step: [s].
-        mean: Half the sum of the extremes, along x and y [mm].
-        amplitude: Half their difference [mm].
-        frequency: That fits the whole run best [1/s].
-        level: Mean along y of the whole run [mm].
-        first_harmonic: Amplitude along y of that frequency in the whole run [mm].
-        energy_error: Largest error of the energy balance over the largest strain energy [-].
-        path: Displacement of A along x and y over time [mm], (num_times, 2).
+    `last` is by the extremes of the last period, as published, with the frequency that fits the
+    whole run best; `level` and `first_harmonic` are mean and amplitude along y of the whole run.
+    `energy_error` is the largest of the balance over the largest strain energy [-], `path` where A
+    goes along x and y, (num_times, 2).
     """
 
     num_layers: int
     time_step: float
-    mean: tuple[float, float]
-    amplitude: tuple[float, float]
-    frequency: float
+    last: Period
     level: float
     first_harmonic: float
     energy_error: float
-    path: Points = field(repr=False)
+    path: Points
 
 
 def bar_body(divisions: tuple[int, int, int]) -> tuple[TetMesh, tuple[Support, ...], int]:
@@ -119,9 +109,11 @@ def swing(num_layers: int, time_step: float, end_time: float = END) -> Swing:
     return Swing(
         num_layers,
         time_step,
-        ((high_x + low_x) / 2.0, (high_y + low_y) / 2.0),
-        ((high_x - low_x) / 2.0, (high_y - low_y) / 2.0),
-        frequency,
+        Period(
+            ((high_x + low_x) / 2.0, (high_y + low_y) / 2.0),
+            ((high_x - low_x) / 2.0, (high_y - low_y) / 2.0),
+            frequency,
+        ),
         level,
         harmonic,
         float(np.abs(result.energy_errors).max() / result.strain_energies.max()),
@@ -148,7 +140,7 @@ def fit(times: Points, values: Points) -> tuple[float, float, float]:
     return best, float(weights[0]), float(np.hypot(weights[1], weights[1 + _HARMONICS]))
 
 
-def farthest(found: Swing, published: Published) -> float:
+def farthest(found: Period, published: Period) -> float:
     """Largest relative distance from a published row, of its five numbers [-]."""
     ours = (*found.mean, *found.amplitude, found.frequency)
     theirs = (*published.mean, *published.amplitude, published.frequency)
@@ -166,7 +158,7 @@ def compute(progress: Progress) -> list[Swing]:
 
 def converged_frequency(rows: list[Swing]) -> tuple[float, float]:
     """Frequency [1/s] extrapolated to no time step on the fine mesh, and its order in the step."""
-    by = {(r.num_layers, r.time_step): r.frequency for r in rows}
+    by = {(r.num_layers, r.time_step): r.last.frequency for r in rows}
     a, b, c = (by[2, dt] for dt in (0.02, 0.01, 0.005))
     order = math.log2(abs(b - a) / abs(c - b)) if c != b else math.inf
     return c + (c - b) / 3.0 + by[4, 0.01] - by[2, 0.01], order
@@ -176,7 +168,7 @@ def judge(rows: list[Swing]) -> list[Finding]:
     """Against the published rows."""
     by = {(r.num_layers, r.time_step): r for r in rows}
     limit, order = converged_frequency(rows)
-    first, coarse = by[4, 0.01].first_harmonic, farthest(by[2, 0.02], COARSE)
+    first, coarse = by[4, 0.01].first_harmonic, farthest(by[2, 0.02].last, COARSE)
     frequency_off = limit / CONVERGED.frequency - 1.0
     amplitude_off = first / CONVERGED.amplitude[1] - 1.0
     return [
@@ -205,18 +197,16 @@ def judge(rows: list[Swing]) -> list[Finding]:
 
 def present(rows: list[Swing]) -> Page:
     """How A swings, as numbers and as a figure."""
-    columns = {"layers": "d", "step [s]": "g", "mean x": ".3f", "amplitude x": ".3f"}
-    columns |= {"mean y": ".3f", "amplitude y": ".3f", "frequency": ".4f", "level y": ".3f"}
+    columns = {"layers": "d", "step [s]": "g", "mean x": ".3f", "mean y": ".3f"}
+    columns |= {"amplitude x": ".3f", "amplitude y": ".3f", "frequency": ".4f", "level y": ".3f"}
     table = Table(
         "Point A, millimetres and 1/s; last period, then whole run",
         {**columns, "first harmonic y": ".3f", "energy error": ".1e"},
         [
-            (r.num_layers, r.time_step, r.mean[0], r.amplitude[0], r.mean[1], r.amplitude[1],
-             r.frequency, r.level, r.first_harmonic, r.energy_error)
+            (r.num_layers, r.time_step, *r.last.mean, *r.last.amplitude, r.last.frequency, *r[3:6])
             for r in rows
         ],
     )  # fmt: skip
-    shown = [(r, round(4.0 / r.time_step) + 1) for r in rows]
     lines = [
         Line(
             x=r.time_step * np.arange(n),
@@ -224,7 +214,8 @@ def present(rows: list[Swing]) -> Page:
             style="-",
             label=f"{r.num_layers} layers, {r.time_step:g} s",
         )
-        for r, n in shown
+        for r in rows
+        for n in [round(4.0 / r.time_step) + 1]
     ]
     panel = Panel(lines=lines, x="t [s]", y="u_y of A [mm]")
     figure = line_figure([[panel]], "Displacement of A along y, 0 to 4 s.", shares_legend=True)

@@ -43,18 +43,10 @@ _COLOURS = {Iteration.NEWTON: BLUE, Iteration.SECANT: RED, RELAXATION: GREEN}
 
 @dataclass(frozen=True)
 class Curve:
-    """One iteration on one problem.
+    """One iteration on one problem: relative residuals at `counts` iterations or explicit steps.
 
-    Attributes:
-        case: Built-in case.
-        load_factor: Part of its load, 0 to 1.
-        method: "newton", "secant" or "relaxation".
-        counts: Iterations, or explicit steps, from 0.
-        residuals: Relative residual at each [-].
-        cpu_seconds: Of the whole curve.
-        converged: Whether the tolerance was reached.
-        difference: Relative L2 distance from Newton's answer [-]; None where there is no answer.
-        end: Why it ended.
+    `cpu_seconds` are of the whole curve; `difference` is the relative L2 distance from Newton's
+    answer, None where there is no answer; `end` says why it ended.
     """
 
     case: str

@@ -11,10 +11,9 @@ from rich.console import Console
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.report.study_page import Finding, Page, Table, judged
+from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Progress
-from palpate.validation.studies.study import leave
 from palpate.validation.sweeps.figures import sweep_figures
 from palpate.validation.sweeps.runs import Run, difference, linear_error, run_all
 from palpate.validation.sweeps.variants import Axis, variants

@@ -14,8 +14,8 @@ from palpate.validation.report.study_page import study_page
 from palpate.validation.states import Verdict
 from palpate.validation.studies import contact
 from palpate.validation.studies.closed_forms import contact_radius, hertz_force
+from palpate.validation.studies.contact import Outcome, curve_table, present
 from palpate.validation.studies.contact.bodies import Collision, Fold
-from palpate.validation.studies.contact.present import Outcome, curve_table, present
 from palpate.validation.studies.contact.scenes import Pair, Scene, compare
 from palpate.validation.studies.contact.speed import Speed
 from palpate.validation.studies.contact.sphere import (
@@ -79,7 +79,7 @@ def test_a_right_simulator_passes() -> None:
         (4, lambda o: o._replace(last_depth=(0.12, 0.5, "a limit point"))),
         (5, lambda o: o._replace(penalties=[p._replace(lack=0.01) for p in o.penalties])),
         (6, lambda o: o._replace(collision=o.collision._replace(momentum_error=1e-6))),
-        (7, lambda o: o._replace(fold=o.fold._replace(depths=(0.2, 0.3)))),
+        (7, lambda o: o._replace(folded=o.folded._replace(depths=(0.2, 0.3)))),
         (8, lambda o: o._replace(speeds=(slow(o.speeds[0]), o.speeds[1]))),
         (9, lambda o: o._replace(speeds=(o.speeds[0], o.speeds[1]._replace(time_step=1e-4)))),
         (9, lambda o: o._replace(speeds=(o.speeds[0], o.speeds[1]._replace(cells=20_000)))),

@@ -17,14 +17,17 @@ from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import Verdict
 from palpate.validation.studies.bodies import changed
 from palpate.validation.studies.kidney.meshes import QUANTITIES, Response, StoredTruth
-from palpate.validation.studies.sensitivity import ASKED, Found, judge, present
-from palpate.validation.studies.sensitivity.budget import (
+from palpate.validation.studies.sensitivity import (
+    ASKED,
     COVERAGE,
     INPUTS,
     STEP,
+    Found,
     InputResponses,
     follow_inputs,
+    judge,
     make_budget,
+    present,
 )
 
 WriteCase = Callable[..., Path]

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from palpate.fastsim.statics import StaticResult, solve_static
 from palpate.meshes.problem import Problem
-from palpate.validation.report.study_page import Finding, Page, judged
+from palpate.validation.report.study_page import Finding, Page, judged, leave
 from palpate.validation.states import Verdict
 from palpate.validation.studies.closed_forms import (
     COMPRESSION_LIMIT,
@@ -21,7 +21,6 @@ from palpate.validation.studies.closed_forms import (
     elastica_shape,
     stretch_under,
 )
-from palpate.validation.studies.study import leave
 from palpate.validation.studies.validity import judge, judge_bending, judge_checks, judge_modes
 from palpate.validation.studies.validity.bending import (
     BendingLimit,

@@ -17,12 +17,7 @@ from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, RigidTool, SphereS
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.states import Progress
 from palpate.validation.studies.bodies import volume_change
-from palpate.validation.studies.contact.sphere import (
-    DEPTHS,
-    RADIUS,
-    indentation,
-    sphere_into_block,
-)
+from palpate.validation.studies.contact.sphere import DEPTHS, RADIUS, indentation, sphere_into_block
 
 TISSUE = Material(1e4, 0.45)
 KIDNEY_EDGE = 8e-3

@@ -40,17 +40,10 @@ _TIME_TOLERANCE = 0.1
 
 @dataclass(frozen=True)
 class ErrorFamily:
-    """Errors of ever finer runs against an exact answer, or one that is far better.
+    """Relative errors of ever finer runs against an exact answer, or one that is far better.
 
-    Attributes:
-        name: What was run, and which error.
-        label: The same in two words.
-        what: "h", "p" or "dt": what is varied.
-        sizes: Cell sizes or time steps, falling, in any unit.
-        errors: Relative [-], > 0.
-        expected_order: By theory [-].
-        tolerance: How far the last observed order may be from it [-].
-        notes: Of each run: cells, or the time step.
+    `what` is varied: "h", "p" or "dt"; sizes are cell sizes or time steps in any unit; the last
+    observed order may be `tolerance` off the expected one; notes say cells or time step.
     """
 
     name: str

@@ -35,16 +35,10 @@ Solved = tuple[Points, float]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A body under load, and what is asked of it.
+    """A body under load on its coarse mesh, and what is asked of it.
 
-    Attributes:
-        title: For people.
-        quantity: The scalar that is judged: "change of volume", "contact force".
-        problem: On the coarse mesh.
-        solve: The candidate's answer on a mesh.
-        solve_truth: The reference's, quadratic.
-        truth_cells: Of the finest mesh that the truth is solved on, at most.
-        truth_ratio: Cells of one truth over those of the one before, about.
+    `quantity` is the scalar that is judged. The candidate solves, the reference solves the truth
+    on quadratic elements, on at most `truth_cells` and before on about `truth_ratio` times fewer.
     """
 
     title: str

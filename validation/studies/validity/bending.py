@@ -32,13 +32,10 @@ _FINE = tuple(0.01 * 2.0 ** (k / 2.0) for k in range(13))
 
 @dataclass(frozen=True)
 class MapSettings:
-    """Where the map is computed.
+    """Where the map is computed, all rising.
 
-    Attributes:
-        slendernesses: L / h, rising.
-        poissons_ratios: [-], rising.
-        deflections: delta = w_linear / L [-], rising.
-        cells_across: Bricks over the height; as long as high, a third as many over the width.
+    `deflections` are delta = w_linear / L; of the bricks over the height, which are as long as
+    high, a third as many lie over the width.
     """
 
     slendernesses: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0)
@@ -51,15 +48,9 @@ class MapSettings:
 class BendingPoint:
     """Linear beside Green strain under one load.
 
-    Attributes:
-        slenderness: L / h [-].
-        poissons_ratio: [-].
-        deflection: Of the tip by linear strain over L [-]: the load.
-        load: P L^2 / (E I) [-].
-        displacement_error: L2 norm of the difference over that of Green strain [-].
-        linear_volume_change: Over the rest volume [-].
-        green_volume_change: The same, by Green strain.
-        tip_rotation: Of the end section, by Green strain [rad].
+    `deflection` is w_linear / L, `load` is P L^2 / (E I); `displacement_error` is the L2 norm of
+    the difference over that of Green strain, changes of volume are over the rest volume, and
+    `tip_rotation` is of the end section by Green strain [rad].
     """
 
     slenderness: float
@@ -130,25 +121,21 @@ def follow_bar(
             green = solve_static(loaded, start=green).displacement
         except EquilibriumLostError:
             break
-        points.append(compare(loaded.mesh, load * linear, green, poissons_ratio, load))
+        mesh = loaded.mesh
+        points.append(
+            BendingPoint(
+                slenderness,
+                poissons_ratio,
+                # Rounded: the same loads have the same name in every bar.
+                round(tip_deflection(mesh, load * linear), 9),
+                load,
+                l2_norm(mesh, load * linear - green) / l2_norm(mesh, green),
+                volume_change(mesh, load * linear),
+                volume_change(mesh, green),
+                _end_rotation(mesh, green),
+            )
+        )
     return points
-
-
-def compare(
-    mesh: TetMesh, linear: Points, green: Points, poissons_ratio: float, load: float
-) -> BendingPoint:
-    """One point of the map from two displacements."""
-    return BendingPoint(
-        slenderness=float(mesh.points[:, 0].max()),
-        poissons_ratio=poissons_ratio,
-        # Rounded: the same loads have the same name in every bar.
-        deflection=round(tip_deflection(mesh, linear), 9),
-        load=load,
-        displacement_error=l2_norm(mesh, linear - green) / l2_norm(mesh, green),
-        linear_volume_change=volume_change(mesh, linear),
-        green_volume_change=volume_change(mesh, green),
-        tip_rotation=_end_rotation(mesh, green),
-    )
 
 
 def find_limit(slenderness: float, poissons_ratio: float, cells_across: int) -> BendingLimit:

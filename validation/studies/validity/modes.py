@@ -49,14 +49,9 @@ _POINTS = 13
 class ModePoint:
     """Linear beside Green strain in one mode, under one load.
 
-    Attributes:
-        mode: How the block is loaded.
-        poissons_ratio: [-].
-        nominal: Strain, shear angle or twist that linear strain predicts [- or rad], > 0.
-        displacement_error: L2 norm of the difference over that of Green strain [-].
-        linear_volume_change: Over the rest volume [-].
-        green_volume_change: The same, by Green strain.
-        closed_form: What these three are in closed form; None where there is none.
+    `nominal` is the strain, shear angle or twist that linear strain predicts [- or rad], > 0;
+    `displacement_error` the L2 norm of the difference over that of Green strain; changes of volume
+    are over the rest volume. `closed_form` is what these three are, where there is one.
     """
 
     mode: Mode
@@ -84,11 +79,7 @@ def follow_mode(
 ) -> list[ModePoint]:
     """One mode under rising loads, as far as Green strain bears them.
 
-    Args:
-        mode: How the block is loaded.
-        poissons_ratio: [-].
-        cells_across: Bricks along an edge; two where the state is homogeneous.
-        solve: fastsim's statics, or what is put to the test in its place.
+    Where the state is homogeneous, two bricks along an edge are enough.
     """
     n = 2 if mode in HOMOGENEOUS else cells_across
     unit = block(mode, poissons_ratio, 1.0, n)
@@ -103,31 +94,17 @@ def follow_mode(
             green = solve(problem, start=green).displacement
         except EquilibriumLostError:
             break
-        points.append(
-            ModePoint(
-                mode=mode,
-                poissons_ratio=poissons_ratio,
-                nominal=nominal,
-                displacement_error=l2_norm(unit.mesh, load * linear - green)
-                / l2_norm(unit.mesh, green),
-                linear_volume_change=volume_change(unit.mesh, load * linear),
-                green_volume_change=volume_change(unit.mesh, green),
-                closed_form=closed_form(mode, poissons_ratio, nominal),
-            )
-        )
+        error = l2_norm(unit.mesh, load * linear - green) / l2_norm(unit.mesh, green)
+        volumes = (volume_change(unit.mesh, load * linear), volume_change(unit.mesh, green))
+        known = closed_form(mode, poissons_ratio, nominal)
+        points.append(ModePoint(mode, poissons_ratio, nominal, error, *volumes, known))
     return points
 
 
 def find_mode_limit(
-    mode: Mode, poissons_ratio: float, *, cells_across: int = 2, solve: Solve = solve_static
+    mode: Mode, poissons_ratio: float, *, cells_across: int = 2
 ) -> tuple[float, float] | None:
     """Where equilibrium is lost, on a mesh too coarse to buckle before the material gives way.
-
-    Args:
-        mode: How the block is loaded.
-        poissons_ratio: [-].
-        cells_across: Bricks along an edge.
-        solve: fastsim's statics, or what is put to the test in its place.
 
     Returns:
         The largest load borne, in what linear strain predicts, and the smallest stretch there;
@@ -137,9 +114,9 @@ def find_mode_limit(
     load = most
     if mode is Mode.TWIST:
         unit = block(mode, poissons_ratio, 1.0, cells_across)
-        load = most / _twist(unit.mesh, solve(unit, strain=Strain.LINEAR).displacement)
+        load = most / _twist(unit.mesh, solve_static(unit, strain=Strain.LINEAR).displacement)
     try:
-        solve(block(mode, poissons_ratio, load, cells_across))
+        solve_static(block(mode, poissons_ratio, load, cells_across))
     except EquilibriumLostError as error:
         return most * error.load_factor, error.smallest_stretch
     return None

@@ -15,19 +15,23 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.mesher import Lattice, delaunay, mesh_surface
+from palpate.meshes.arrays import Floats
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
 from palpate.meshes.quality import dihedral_angles, edge_length_deviation
 from palpate.meshes.shells import winding_numbers
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.report.line_plot import BLUE, paper_style
+from palpate.validation.report.plots import figure_svg
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.meshing.picture import draw
 from palpate.validation.studies.study import Study
 
 EDGE_LENGTH = 7e-3  # [m]
@@ -171,13 +175,85 @@ def present(made: Made) -> Page:
         for name, m in made.measured.items()
     ]  # fmt: skip
     figure = Figure(
-        draw({name: made.meshes[name] for name in (TRADITIONAL, PAPER, OURS)}),
+        _draw({name: made.meshes[name] for name in (TRADITIONAL, PAPER, OURS)}),
         "The same kidney, cut open: cells whose centre lies before the middle plane are taken "
         "away, and the rest are coloured by their smallest dihedral angle (dark: slivers). Below: "
         "all six dihedral angles of every cell; a regular tetrahedron has 70.5 degrees.",
     )
     table = Table("Meshes of one kidney surface", columns, rows)
     return Page(figures={"meshes": figure}, tables={"quality": table})
+
+
+# Light comes from the viewer's upper left.
+_LIGHT = np.array([-0.35, -0.80, 0.49])
+_LARGEST_COLOURED_DEG = 60.0
+
+
+def _draw(meshes: Mapping[str, TetMesh]) -> str:
+    """One column for each mesh: cut by the middle plane of its y axis, and its histogram."""
+    from matplotlib import pyplot
+
+    with paper_style():
+        size = (3.6 * len(meshes), 8.2)
+        figure, axes = pyplot.subplots(
+            2, len(meshes), figsize=size, height_ratios=(2.6, 1.0), squeeze=False
+        )
+        for (name, mesh), above, below in zip(meshes.items(), *axes, strict=True):
+            angles = np.degrees(dihedral_angles(mesh.points, mesh.cells))
+            _draw_cut(above, mesh, angles.min(axis=1))
+            above.set_title(f"{name}\n{mesh.num_cells} cells", fontsize=11)
+            below.hist(angles.ravel(), bins=np.arange(0.0, 181.0, 5.0), color=BLUE)
+            below.axvline(70.53, color="black", lw=0.8, ls=":")
+            below.set_xlim(0.0, 180.0)
+            below.set_xticks(range(0, 181, 30))
+            below.set_yticks([])
+            below.set_xlabel("dihedral angle [degrees]")
+            words = f"smallest {angles.min():.3g}\nlargest {angles.max():.4g}"
+            below.annotate(
+                words, (0.97, 0.93), xycoords="axes fraction", ha="right", va="top", fontsize=9
+            )
+            below.spines[["top", "right", "left"]].set_visible(False)
+        colours = mpl.cm.ScalarMappable(
+            mpl.colors.Normalize(0.0, _LARGEST_COLOURED_DEG), mpl.colormaps["viridis"]
+        )
+        figure.tight_layout(rect=(0.0, 0.0, 0.92, 1.0))
+        bar = figure.colorbar(colours, cax=figure.add_axes((0.935, 0.45, 0.014, 0.4)))
+        bar.set_label("smallest angle of the cell [degrees]")
+        return figure_svg(figure)
+
+
+def _draw_cut(axes: Axes, mesh: TetMesh, smallest: Floats) -> None:
+    """Cells behind the middle plane, seen along +y; far facets first, back faces left out."""
+    from matplotlib.collections import PolyCollection
+
+    middle = 0.5 * (mesh.points[:, 1].min() + mesh.points[:, 1].max())
+    kept = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 1] > middle)
+    facets = mesh.cells[kept][:, CELL_FACETS].reshape(-1, 3)
+    owner = np.repeat(kept, 4)
+    ordered = np.sort(facets, axis=1)
+    _, first, count = np.unique(ordered, axis=0, return_index=True, return_counts=True)
+    seen = first[count == 1]  # facets of one kept cell only
+    corners = mesh.points[facets[seen]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    facing = normals[:, 1] < 0.0
+    corners, normals, owners = corners[facing], normals[facing], owner[seen[facing]]
+    order = np.argsort(-corners.mean(axis=1)[:, 1])
+    shade = 0.35 + 0.65 * np.clip(normals @ _LIGHT, 0.0, 1.0)
+    colours = mpl.colormaps["viridis"](smallest[owners] / _LARGEST_COLOURED_DEG)
+    colours[:, :3] *= shade[:, None]
+    axes.add_collection(
+        PolyCollection(
+            list(1e3 * corners[order][:, :, [0, 2]]),
+            facecolors=colours[order],
+            edgecolors="#202020",
+            linewidths=0.25,
+            rasterized=True,
+        )
+    )
+    axes.autoscale_view()
+    axes.set_aspect("equal")
+    axes.set_axis_off()
 
 
 TITLE = "Traditional and improved Delaunay meshing (Fig. 1)"

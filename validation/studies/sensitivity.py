@@ -23,28 +23,83 @@ own, an artificial spring or bulk term that does not scale, fails them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
-from palpate.validation.report.line_plot import BLUE, GREY, OCHRE, RED, paper_style
-from palpate.validation.report.plots import figure_svg
+from palpate.validation.metrics.grid_convergence import GridConvergence
+from palpate.validation.report.line_plot import BLUE, GREY, OCHRE, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.kidney.meshes import QUANTITIES, follow_meshes, stored_truth
-from palpate.validation.studies.sensitivity.budget import (
-    INPUTS,
-    STEP,
-    Budget,
-    InputResponses,
-    follow_inputs,
-    make_budget,
+from palpate.validation.studies.bodies import Solve, changed
+from palpate.validation.studies.kidney.meshes import (
+    QUANTITIES,
+    Response,
+    StoredTruth,
+    follow_meshes,
+    measure_response,
+    stored_truth,
 )
 from palpate.validation.studies.study import Study
 
+INPUTS = ("Young's modulus", "Poisson's ratio", "load")
+STEP = 0.1
+# V&V 20-2009, section 2: from an expanded to a standard uncertainty, where the error has one sign.
+COVERAGE = 1.15
 ASKED = ("volume change", "area change", "largest displacement")
 # Two solutions to 1e-10 of the forces; the kidney's stiffness spreads over four decades.
 SCALING_TOLERANCE = 1e-7
+
+
+class InputResponses(NamedTuple):
+    """Responses to each input, (down, up) by STEP, alone.
+
+    `base` and `linear` (strain) are with the inputs as given. `scaling_error` is the largest change
+    of displacement over the largest displacement when modulus and load are both raised by a half.
+    """
+
+    base: Response
+    moved: Mapping[str, tuple[Response, Response]]
+    linear: Response
+    scaling_error: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What is known of one number Q, all but itself relative to its value on the case's mesh [-].
+
+    `sensitivities` are d ln Q / d ln X by input, `input_parts` |dQ/dX| u_X; `curvature` is the
+    largest departure of two steps from a straight line, over the largest change.
+    `finest_uncertainty` is u_num on the finest mesh, None without an error bar. The errors are
+    signed: of the case's own mesh against the stored reference, and of linear strain.
+    """
+
+    quantity: str
+    value: float
+    sensitivities: Mapping[str, float]
+    curvature: float
+    input_parts: Mapping[str, float]
+    finest_uncertainty: float | None
+    mesh_error: float
+    model_error: float
+
+    @property
+    def input_uncertainty(self) -> float:
+        """u_input."""
+        return math.hypot(*self.input_parts.values())
+
+    @property
+    def validation_uncertainty(self) -> float | None:
+        """u_val = sqrt(u_num^2 + u_input^2) on the finest mesh; None without u_num."""
+        if self.finest_uncertainty is None:
+            return None
+        return math.hypot(self.finest_uncertainty, self.input_uncertainty)
 
 
 class Found(NamedTuple):
@@ -60,6 +115,58 @@ def compute(progress: Progress) -> Found:
     responses = follow_inputs(case.problem, progress)
     meshes, truth = follow_meshes(case.problem, progress), stored_truth(case)
     return Found([make_budget(q, responses, meshes.assess(q), truth[q]) for q in ASKED], responses)
+
+
+def follow_inputs(
+    problem: Problem, progress: Progress, *, solve: Solve = solve_static
+) -> InputResponses:
+    """Solve with each input down and up, with linear strain, and with modulus and load raised.
+
+    Args:
+        problem: The case.
+        progress: Called with one line for each input.
+        solve: fastsim's statics, or what is put to the test in its place.
+    """
+
+    def respond(given: Problem, strain: Strain = Strain.GREEN) -> Response:
+        return measure_response(given, solve(given, strain=strain).displacement)
+
+    moved = {}
+    for name in INPUTS:
+        progress(f"{name} down and up by {100 * STEP:g} %")
+        down, up = (respond(changed(problem, name, 1.0 + s * STEP)) for s in (-1.0, 1.0))
+        moved[name] = (down, up)
+    progress("modulus and load together; linear strain")
+    rest = solve(problem).displacement
+    both = changed(changed(problem, "load", 1.5), "Young's modulus", 1.5)
+    gap = np.linalg.norm(solve(both).displacement - rest, axis=1).max()
+    return InputResponses(
+        base=measure_response(problem, rest),
+        moved=moved,
+        linear=respond(problem, Strain.LINEAR),
+        scaling_error=float(gap / np.linalg.norm(rest, axis=1).max()),
+    )
+
+
+def make_budget(
+    quantity: str, responses: InputResponses, grids: GridConvergence, truth: StoredTruth
+) -> Budget:
+    """Put the parts of one number beside each other."""
+    value = responses.base[quantity]
+    moved = {name: (low[quantity], high[quantity]) for name, (low, high) in responses.moved.items()}
+    sensitivities = {name: (up - down) / (2.0 * STEP * value) for name, (down, up) in moved.items()}
+    departure = max(abs(up + down - 2.0 * value) for down, up in moved.values())
+    bar = grids.error_bar
+    return Budget(
+        quantity=quantity,
+        value=value,
+        sensitivities=sensitivities,
+        curvature=departure / max(abs(up - down) for down, up in moved.values()),
+        input_parts={name: abs(s) * STEP / math.sqrt(3.0) for name, s in sensitivities.items()},
+        finest_uncertainty=None if bar is None else bar / COVERAGE / abs(grids.value),
+        mesh_error=(value - truth.value) / abs(value),
+        model_error=responses.linear[quantity] / value - 1.0,
+    )
 
 
 def judge(found: Found) -> list[Finding]:
@@ -167,37 +274,37 @@ def _parts(budget: Budget) -> list[tuple[str, float | None, str]]:
 
 def draw(budgets: Sequence[Budget]) -> Figure:
     """Every part as a mark, a panel for each number, on one logarithmic scale."""
-    from matplotlib import pyplot
-
-    with paper_style():
-        figure, axes = pyplot.subplots(
-            1, len(budgets), figsize=(10.4, 3.8), sharey=True, sharex=True, squeeze=False
-        )
-        for panel, budget in zip(axes[0], budgets, strict=True):
-            parts = [(name, abs(v), colour) for name, v, colour in _parts(budget) if v is not None]
-            for place, (_, value, colour) in enumerate(parts):
+    largest = max(abs(value or 0.0) for b in budgets for _, value, _ in _parts(b))
+    panels = []
+    for budget in budgets:
+        parts = [(name, abs(v), colour) for name, v, colour in _parts(budget) if v is not None]
+        rows = range(len(parts), 0, -1)
+        panels.append(
+            Panel(
                 # On a logarithmic scale a length means nothing: marks, not bars.
-                panel.axhline(place, color="#e4e4e4", lw=0.7, zorder=0)
-                panel.plot(100.0 * value, place, "o", color=colour, ms=7)
-                text = f"{100 * value:.2g} %"
-                panel.text(135.0 * value, place, text, va="center", fontsize=8.5)
-            panel.set_yticks(range(len(parts)), [name for name, _, _ in parts])
-            panel.set_xscale("log")
-            panel.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
-            panel.set_title(budget.quantity, fontsize=10)
-            panel.set_xlabel("% of the value")
-            panel.spines[["top", "right"]].set_visible(False)
-        axes[0][0].invert_yaxis()
-        largest = max(abs(value or 0.0) for b in budgets for _, value, _ in _parts(b))
-        axes[0][0].set_xlim(0.3, 600.0 * largest)
-        figure.tight_layout()
-        return Figure(
-            figure_svg(figure),
-            "The kidney case. Blue: standard uncertainty from inputs known to +-10 %. Ochre: "
-            "numerical, as u_num on the finest mesh and as the error of the case's own mesh. "
-            "Dark: u_val, both together. Red: linear instead of Green strain, for comparison; "
-            "no part of u_val.",
+                lines=[
+                    Line(x=(100.0 * value,), y=(row,), style="o", colour=colour)
+                    for row, (_, value, colour) in zip(rows, parts, strict=True)
+                ],
+                notes=[
+                    (100.0 * value, row, f"{100 * value:.2g} %")
+                    for row, (_, value, _) in zip(rows, parts, strict=True)
+                ],
+                y_ticks={row: name for row, (name, _, _) in zip(rows, parts, strict=True)},
+                title=budget.quantity,
+                x="% of the value",
+                log="x",
+                x_range=(0.3, 600.0 * largest),
+            )
         )
+    return line_figure(
+        [panels],
+        "The kidney case. Blue: standard uncertainty from inputs known to +-10 %. Ochre: "
+        "numerical, as u_num on the finest mesh and as the error of the case's own mesh. "
+        "Dark: u_val, both together. Red: linear instead of Green strain, for comparison; "
+        "no part of u_val.",
+        shares_legend=False,
+    )
 
 
 TITLE = "How much do the inputs matter, and how much the mesh?"
