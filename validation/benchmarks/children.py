@@ -55,10 +55,13 @@ class Tool:
     options: Mapping[str, Any] = field(default_factory=dict)
     runs_everywhere: bool = False
 
-    @property
-    def num_threads(self) -> int:
-        """Of its process."""
-        return int(self.options.get("num_threads", 1))
+
+DOLFINX = Tool(
+    "dolfinx",
+    "dolfinx_assembly",
+    "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
+    runs_everywhere=True,
+)
 
 
 @dataclass(frozen=True)
@@ -104,15 +107,7 @@ class Child:
         self._job, self._answer = folder / "job.npz", folder / "answer.npz"
         np.savez(self._job, **job, **tool.options)
         file = FOLDER / f"{tool.adapter}.py"
-        self._command: list[str | Path] = [
-            interpreter,
-            "-P",
-            HARNESS,
-            file,
-            task,
-            self._job,
-            self._answer,
-        ]
+        self._command = [*map(str, (interpreter, HARNESS, file, task, self._job, self._answer))]
 
     def start(self) -> None:
         """Set the tool up in a new process.
@@ -130,7 +125,7 @@ class Child:
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 text=True,
-                env=_environment(str(self._command[0])),
+                env=_environment(self._command[0]),
                 cwd=self._job.parent,  # some write log files
             )
         )

@@ -27,20 +27,13 @@ from palpate.validation.states import Progress
 # The poorer surfaces come in one size.
 POOR_SIZE = 10_000
 SCHEDULE = Schedule(turns=3, long=5.0, is_fresh=True, time_limit=400.0)
+_GMSH = "pip install gmsh (which also makes the surfaces)"
 TOOLS = (
     Tool(OURS, "ours"),
-    Tool(
-        "gmsh HXT",
-        "gmsh_meshes",
-        "pip install gmsh (which also makes the surfaces)",
-        {"algorithm": 10, "netgen": False},
-    ),
+    Tool("gmsh HXT", "gmsh_meshes", _GMSH, {"algorithm": 10, "netgen": 0}),
     Tool("TetGen pq1.2Y", "tetgen_meshes", "pip install tetgen"),
     Tool(
-        "gmsh Delaunay + Netgen",
-        "gmsh_meshes",
-        "pip install gmsh",
-        {"algorithm": 1, "netgen": True},
+        "gmsh Delaunay + Netgen", "gmsh_meshes", "pip install gmsh", {"algorithm": 1, "netgen": 1}
     ),
 )
 # Soft tissue; only the ratio of the critical steps depends on the mesh.

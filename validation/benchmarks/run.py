@@ -140,7 +140,7 @@ def time_all(benchmark: Benchmark, sizes: Sequence[int], progress: Progress) -> 
 def _row(child: Child, scene: Scene) -> Row:
     """Seconds of the processor on one thread, of the clock on several."""
     clocks = {clock: child.best(clock) for clock in ("processor", "wall")}
-    threads = child.tool.num_threads
+    threads = int(child.tool.options.get("num_threads", 1))
     return {
         "tool": child.tool.name,
         "version": child.version,
@@ -184,8 +184,8 @@ def describe_machine() -> dict[str, Any]:
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "memory_mb": round(_memory_mb()),
-        "load_average": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+        "memory_mb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20),
+        "load_average": round(os.getloadavg()[0], 2),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
     }
@@ -198,10 +198,3 @@ def _processor() -> str:
         return platform.processor()
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor()
-
-
-def _memory_mb() -> float:
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20
-    except (AttributeError, ValueError, OSError):
-        return 0.0

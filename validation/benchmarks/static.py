@@ -16,7 +16,7 @@ import numpy as np
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.benchmarks.children import OURS, Child, Schedule, Tool
+from palpate.validation.benchmarks.children import DOLFINX, OURS, Child, Schedule, Tool
 from palpate.validation.benchmarks.run import Benchmark, Row, Scene
 from palpate.validation.case import load_case
 from palpate.validation.exchange.nodal_loads import rest_arrays
@@ -27,20 +27,11 @@ BEAMS = {22_143: (60, 10, 10), 115_881: (106, 18, 18)}
 KIDNEY = 3_246  # the kidney of Table I
 TOLERANCE = 1e-8
 SCHEDULE = Schedule(turns=4, long=5.0, turns_if_long=2)
+_CCX = {"solver": "ITERATIVE CHOLESKY", "load_parts": 1}
 TOOLS = (
     Tool(OURS, "ours"),
-    Tool(
-        "dolfinx",
-        "dolfinx_assembly",
-        "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
-        runs_everywhere=True,
-    ),
-    Tool(
-        "calculix",
-        "calculix",
-        "apt-get install calculix-ccx",
-        {"solver": "ITERATIVE CHOLESKY", "load_parts": 1},
-    ),
+    DOLFINX,
+    Tool("calculix", "calculix", "apt-get install calculix-ccx", _CCX),
     Tool("felupe", "felupe_svk", "pip install felupe pypardiso", {"load_parts": 1}),
 )
 

@@ -22,7 +22,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.benchmarks.children import OURS, Child, Schedule, Tool
+from palpate.validation.benchmarks.children import DOLFINX, OURS, Child, Schedule, Tool
 from palpate.validation.benchmarks.run import Benchmark, Row, Scene
 from palpate.validation.exchange.nodal_loads import rest_arrays
 from palpate.validation.states import Progress
@@ -53,12 +53,7 @@ TOOLS = (
     Tool("mujoco", "mujoco_flex", "pip install mujoco"),
     Tool("newton", "newton_neo_hookean", "pip install newton warp-lang"),
     Tool("taichi", "taichi_loop", "pip install taichi"),
-    Tool(
-        "dolfinx",
-        "dolfinx_assembly",
-        "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
-        runs_everywhere=True,
-    ),
+    DOLFINX,
 )
 
 

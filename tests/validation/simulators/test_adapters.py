@@ -51,23 +51,28 @@ def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
 
 
 def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None:
-    state = {"x": 0.0, "v": 0.0}
+    # k = m = 1, pulled by 1: rest at x = 1; steps of 0.1 s.
+    place, velocity, force = np.zeros(1), np.zeros(1), np.ones(1)
 
-    def step() -> tuple[float, float]:
-        # k = m = 1, pulled by 1: rest at x = 1.
-        state["v"] += 0.1 * (1.0 - state["x"])
-        state["x"] += 0.1 * state["v"]
-        return state["v"] ** 2, abs(1.0 - state["x"])
+    def step() -> None:
+        velocity[:] += 0.1 * (force - place)
+        place[:] += 0.1 * velocity
 
-    def stop() -> None:
-        state["v"] = 0.0
-
-    count, residual = mechanics.relax(step, stop, 1e-6, 10_000)
+    count, residual = mechanics.relax(step, lambda: velocity, 10.0, force, 1e-6, 10_000)
     assert residual <= 1e-6
+    assert place[0] == pytest.approx(1.0, abs=1e-5)
     assert count < 2000
-    assert mechanics.relax(lambda: (1.0, 0.5), stop, 1e-6, 7) == (7, 0.5)
-    with pytest.raises(SystemExit, match="blew up"):
-        mechanics.relax(lambda: (np.nan, 0.5), stop, 1e-6, 7)
+
+    def speed_up() -> None:
+        velocity[:] += 1.0
+
+    velocity[:] = 0.0
+    # 1 m/s more in each step of 0.1 s: 10 N out of balance of 1 N.
+    assert mechanics.relax(speed_up, lambda: velocity, 10.0, force, 1e-6, 7) == (
+        7, pytest.approx(10.0),
+    )  # fmt: skip
+    with pytest.raises(SystemExit, match="blew up after 1 steps"):
+        mechanics.relax(lambda: None, lambda: np.array([np.nan]), 10.0, force, 1e-6, 7)
 
 
 def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:

@@ -20,9 +20,5 @@ class Delaunay:
 
     def advance(self, _num_steps: int) -> None:
         """From points to cells."""
-        self._cells = Delaunay_triangulation_3(self._points)
-
-    @property
-    def answer(self) -> dict[str, Any]:
-        """How many cells."""
-        return {"num_cells": np.array(self._cells.number_of_finite_cells())}
+        cells = Delaunay_triangulation_3(self._points)
+        self.answer = {"num_cells": np.array(cells.number_of_finite_cells())}

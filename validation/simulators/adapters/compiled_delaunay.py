@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,10 @@ const char *version() { return CGAL_VERSION_STR; }
 void take(const double *x, long n) {
     for (long i = 0; i < n; ++i) points.emplace_back(x[3 * i], x[3 * i + 1], x[3 * i + 2]);
 }
-void triangulate() { cells.insert(points.begin(), points.end()); }
-long count() { return long(cells.number_of_finite_cells()); }
+long triangulate() {
+    cells.insert(points.begin(), points.end());
+    return long(cells.number_of_finite_cells());
+}
 }
 """
 _TETGEN = """
@@ -39,11 +40,11 @@ void take(const double *x, long n) {
     in.pointlist = new double[3 * n];
     std::copy(x, x + 3 * n, in.pointlist);
 }
-void triangulate() {
+long triangulate() {
     char switches[] = "Q";
     tetrahedralize(switches, &in, &out);
+    return out.numberoftetrahedra;
 }
-long count() { return out.numberoftetrahedra; }
 }
 """
 _LIBRARIES = {
@@ -60,7 +61,7 @@ class Delaunay:
     def __init__(self, job: dict[str, Any]) -> None:
         self._library = ctypes.CDLL(_compiled(str(job["library"]), Path(str(job["folder"]))))
         self._library.version.restype = ctypes.c_char_p
-        self._library.count.restype = ctypes.c_long
+        self._library.triangulate.restype = ctypes.c_long
         self.version = self._library.version().decode()
         points = np.ascontiguousarray(job["points"])
         self._library.take(
@@ -69,27 +70,20 @@ class Delaunay:
 
     def advance(self, _num_steps: int) -> None:
         """From points to cells."""
-        self._library.triangulate()
-
-    @property
-    def answer(self) -> dict[str, Any]:
-        """How many cells."""
-        return {"num_cells": np.array(self._library.count())}
+        self.answer = {"num_cells": np.array(self._library.triangulate())}
 
 
 def _compiled(name: str, folder: Path) -> str:
     """The library against the system's headers, compiled where it is not there yet."""
     source, target = folder / f"{name}.cpp", folder / f"{name}.so"
     if not target.exists():
-        compiler = shutil.which("g++") or shutil.which("c++")
-        if compiler is None:
-            raise ImportError("there is no compiler")
         text, options = _LIBRARIES[name]
         source.write_text(text, encoding="ascii")
-        command = [compiler, "-O3", "-DNDEBUG", "-std=c++17", "-w", "-fPIC", "-shared"]
-        done = subprocess.run(
-            [*command, source, "-o", target, *options], capture_output=True, check=False
-        )
-        if done.returncode != 0:
-            raise ImportError("it does not compile: no headers, or no library")
+        command = ["g++", "-O3", "-DNDEBUG", "-std=c++17", "-w", "-fPIC", "-shared"]
+        try:
+            subprocess.run(
+                [*command, source, "-o", target, *options], capture_output=True, check=True
+            )
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise ImportError("there is no compiler, or no header or library of it") from error
     return str(target)

@@ -6,7 +6,7 @@ python harness.py ADAPTER.py TASK JOB.npz ANSWER.npz    see `main`
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import json
 import os
 import resource
@@ -64,9 +64,9 @@ def main() -> None:
         answers.flush()
 
     adapter, task, job, target = sys.argv[1:]
-    sys.path.append(str(Path(__file__).parent))
+    sys.path.insert(0, str(Path(adapter).parent))
     try:
-        tool = getattr(load(adapter), task)(read_arrays(job))
+        tool = getattr(importlib.import_module(Path(adapter).stem), task)(read_arrays(job))
     except ImportError as error:
         say(missing=str(error))
         return
@@ -88,16 +88,6 @@ def main() -> None:
             wall=after[1] - before[1],
             **{"peak_memory_mb": peak_memory_mb(), **says},
         )
-
-
-def load(path: str) -> Any:
-    """The module of an adapter's file."""
-    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def read_arrays(path: str | Path) -> dict[str, Any]:

@@ -85,23 +85,16 @@ class Static(_Flex):
         # A flex spreads its mass evenly over its points.
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
         super().__init__(job, stable_step(job, mass), np.zeros(3))
+        self._inertia = mass[0] / self.model.opt.timestep
         self.data.qfrc_applied[:] = job["external_force"][self.free].ravel()
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """From the undeformed body to rest."""
-        data = self.data
-        size = float(np.linalg.norm(data.qfrc_applied))
-
-        def step() -> tuple[float, float]:
-            mujoco.mj_step(self.model, data)
-            left = float(np.linalg.norm(data.qfrc_passive + data.qfrc_applied))
-            return float(data.qvel @ data.qvel), left / size
-
-        def stop() -> None:
-            data.qvel[:] = 0.0
-
-        num_steps, residual = relax(step, stop, TOLERANCE, MOST_STEPS)
-        self.answer = {"displacement": self.at_points(data.qpos, 0.0)}
+        num_steps, residual = relax(
+            lambda: mujoco.mj_step(self.model, self.data), lambda: self.data.qvel, self._inertia,
+            self.data.qfrc_applied, TOLERANCE, MOST_STEPS,
+        )  # fmt: skip
+        self.answer = {"displacement": self.at_points(self.data.qpos, 0.0)}
         return {
             "method": f"time steps to rest by kinetic damping, {num_steps} steps",
             "relative_residual": residual,

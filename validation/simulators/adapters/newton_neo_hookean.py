@@ -94,25 +94,18 @@ class Static(_SoftMesh):
         self._job = job
         super().__init__(job, 0.5 * stable_step(job, job["lumped_mass"]), np.zeros(3))
         self.step()  # compiles the kernels
-        self._stop()
+        self._velocity()[:] = 0.0
 
-    def _stop(self) -> None:
-        self.now.particle_qd.numpy()[:] = 0.0
+    def _velocity(self) -> Any:
+        return self.now.particle_qd.numpy()
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """From the undeformed body to rest."""
         applied = np.where(self.free[:, None], self._job["external_force"], 0.0).astype(np.float32)
-        mass = self._job["lumped_mass"][self.free, None]
-        size = float(np.linalg.norm(applied))
-
-        def step() -> tuple[float, float]:
-            before = self.now.particle_qd.numpy()[self.free].copy()
-            self.step(applied)
-            speed = self.now.particle_qd.numpy()[self.free]
-            left = float(np.linalg.norm(mass * (speed - before) / self._time_step))
-            return float((mass * speed**2).sum()), left / size
-
-        num_steps, residual = relax(step, self._stop, TOLERANCE, MOST_STEPS)
+        inertia = self._job["lumped_mass"][:, None] / self._time_step
+        num_steps, residual = relax(
+            lambda: self.step(applied), self._velocity, inertia, applied, TOLERANCE, MOST_STEPS
+        )
         places = self.now.particle_q.numpy().astype(np.float64)
         self.answer = {"displacement": places - self._job["points"]}
         return {
