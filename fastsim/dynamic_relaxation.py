@@ -27,7 +27,7 @@ from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.forces import constraints
 from palpate.fastsim.newton import rounding_error
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 
 # Steps between two looks at the residual, each with a force in double precision besides.
@@ -71,6 +71,7 @@ def relax(
     problem: Problem,
     *,
     strain: Strain = Strain.GREEN,
+    element: Element = Element.LINEAR,
     relative_tolerance: float = 1e-10,
     max_steps: int = 1_000_000,
     num_threads: int = 1,
@@ -84,6 +85,7 @@ def relax(
     Args:
         problem: Mesh, material, supports and loads; density and time are ignored.
         strain: Engineering or Green strain.
+        element: Plain or smoothed.
         relative_tolerance: Residual over the load's norm, or the reactions' where supports move.
         max_steps: Where to give up.
         num_threads: At least 1.
@@ -104,7 +106,7 @@ def relax(
         lowest frequency, Newton's hardly does.
     """
     require_supported(problem)
-    run = _Relaxation(problem, strain, relative_tolerance, num_threads, contact)
+    run = _Relaxation(problem, strain, element, relative_tolerance, num_threads, contact)
     blown: BlowUpError | None = None
     ramp = _FIRST_RAMP
     for start in range(1, _MOST_STARTS + 1):
@@ -147,6 +149,7 @@ class _Relaxation:
         self,
         problem: Problem,
         strain: Strain,
+        element: Element,
         relative_tolerance: float,
         num_threads: int,
         contact: ContactLaw | None,
@@ -156,10 +159,11 @@ class _Relaxation:
         self.last_good = np.zeros_like(problem.mesh.points)
         self._problem = problem
         self._strain = strain
+        self._element = element
         self._tolerance = relative_tolerance
         self._num_threads = num_threads
         self._is_free = constraints(problem)[0].astype(bool)
-        self.body = Body.of(problem, strain)
+        self.body = Body.of(problem, strain, element=element)
         self._bound = self._gershgorin()
         self._contact = contact
         self.tool_forces = np.zeros((len(problem.tools), 3))
@@ -187,6 +191,7 @@ class _Relaxation:
         body = ExplicitBody(
             self._problem,
             strain=self._strain,
+            element=self._element,
             time_step=1.0,
             amplitude=ramp,
             support_amplitude=ramp,

@@ -1,7 +1,6 @@
 // Bindings of the fast explicit run: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
 #include "explicit/explicit_run.hpp"
-#include "mechanics/elastic_body.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -77,7 +76,7 @@ void bind_explicit_run(nb::module_ &module) {
                double displacement_limit, std::size_t num_threads, InstructionSet at_most,
                bool is_single, bool tracks_energy) {
                 nb::gil_scoped_release release;
-                return Run::make(body.elastic, as_span(lumped_mass), as_span(is_free),
+                return Run::make(body, as_span(lumped_mass), as_span(is_free),
                                  {{time_step, mass_damping},
                                   displacement_limit,
                                   num_threads,

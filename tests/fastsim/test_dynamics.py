@@ -15,7 +15,7 @@ from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
 MakeBox = Callable[..., TetMesh]
@@ -34,6 +34,7 @@ def free_body(mesh: TetMesh, span: TimeSpan) -> Problem:
     return Problem(mesh, SOFT, (), (), span)
 
 
+@pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("num_threads", [1, 2, 3])
 @pytest.mark.parametrize("precision", list(Precision))
@@ -46,11 +47,12 @@ def test_every_kernel_gives_the_plain_loops_force(
     precision: Precision,
     num_threads: int,
     mixed: bool,
+    element: Element,
 ) -> None:
     mesh = ragged_box
     u = 0.03 * np.random.default_rng(1).standard_normal(mesh.points.shape)
     parts = (Inclusion(np.arange(0, 100, 3, dtype=np.int32), Material(5e4, 0.1)),)
-    body = Body(mesh, SOFT, strain, inclusions=parts if mixed else ())
+    body = Body(mesh, SOFT, strain, element=element, inclusions=parts if mixed else ())
     run = _core.ExplicitRun.make(
         body.core,
         body.lumped_mass,
@@ -71,12 +73,15 @@ def test_every_kernel_gives_the_plain_loops_force(
     assert np.abs(force - plain).max() < 50 * EPS[precision] * np.abs(plain).max()
 
 
+@pytest.mark.parametrize("element", list(Element))
 @BOTH
-def test_a_run_follows_the_plain_loop(ragged_box: TetMesh, strain: Strain) -> None:
+def test_a_run_follows_the_plain_loop(
+    ragged_box: TetMesh, strain: Strain, element: Element
+) -> None:
     """200 steps with damping, load and support, against the corrected eq. 12 as it is printed."""
     problem = beam(ragged_box, TimeSpan(0.5, mass_damping=3.0, num_outputs=4))
-    result = simulate(problem, strain=strain)
-    body, dt = Body(ragged_box, SOFT, strain), result.time_step
+    result = simulate(problem, strain=strain, element=element)
+    body, dt = Body(ragged_box, SOFT, strain, element=element), result.time_step
     is_free, held = constraints(problem)
     M, F = body.lumped_mass[:, None], external_force(problem)
     D = 3.0 * M
@@ -94,22 +99,26 @@ def test_a_run_follows_the_plain_loop(ragged_box: TetMesh, strain: Strain) -> No
     assert np.abs(now).max() > 0.05
 
 
+@pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("precision", list(Precision))
 @pytest.mark.parametrize("num_threads", [1, 2])
 def test_a_run_repeats_bit_for_bit(
-    ragged_box: TetMesh, precision: Precision, num_threads: int
+    ragged_box: TetMesh, precision: Precision, num_threads: int, element: Element
 ) -> None:
     problem = beam(ragged_box, TimeSpan(0.3, num_outputs=2))
     first, second = (
-        simulate(problem, precision=precision, num_threads=num_threads).displacements
+        simulate(
+            problem, element=element, precision=precision, num_threads=num_threads
+        ).displacements
         for _ in range(2)
     )
     np.testing.assert_array_equal(first, second)
 
 
-def test_the_number_of_threads_changes_rounding_only(ragged_box: TetMesh) -> None:
+@pytest.mark.parametrize("element", list(Element))
+def test_the_number_of_threads_changes_rounding_only(ragged_box: TetMesh, element: Element) -> None:
     problem = beam(ragged_box, TimeSpan(0.3, num_outputs=2))
-    one, three = (simulate(problem, num_threads=n).displacements for n in (1, 3))
+    one, three = (simulate(problem, element=element, num_threads=n).displacements for n in (1, 3))
     assert np.abs(one - three).max() < 1e-12 * np.abs(one).max()
 
 

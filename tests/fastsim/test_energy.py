@@ -14,7 +14,7 @@ from palpate.fastsim.amplitudes import smooth_ramp
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import DynamicResult, simulate
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
 MakeBox = Callable[..., TetMesh]
@@ -43,6 +43,7 @@ def run(
     moved: tuple[float, float, float] | None = None,
     ramped: bool = True,
     strain: Strain = Strain.GREEN,
+    element: Element = Element.LINEAR,
 ) -> DynamicResult:
     """10 000 steps; the ramp takes the first half of them."""
     step = 0.5 * Body(mesh, SOFT).critical_time_step()
@@ -53,7 +54,12 @@ def run(
     ramp = smooth_ramp(0.5 * span.end_time) if ramped else None
     problem = Problem(mesh, SOFT, tuple(supports), (load,) if load else (), span)
     result = simulate(
-        problem, strain=strain, amplitude=ramp, support_amplitude=ramp, tracks_energy=True
+        problem,
+        strain=strain,
+        element=element,
+        amplitude=ramp,
+        support_amplitude=ramp,
+        tracks_energy=True,
     )
     assert result.num_steps == 10_000
     return result
@@ -85,9 +91,12 @@ def test_energy_is_balanced_for_a_ramped_load(
     assert imbalance(run(mesh, loads[kind], damping, strain=strain)) < RAMPED
 
 
+@pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("damping", [0.0, 2.0])
-def test_energy_is_balanced_where_supports_are_moved(make_box: MakeBox, damping: float) -> None:
-    result = run(block(make_box), None, damping, moved=(0.2, 0.1, 0.0))
+def test_energy_is_balanced_where_supports_are_moved(
+    make_box: MakeBox, damping: float, element: Element
+) -> None:
+    result = run(block(make_box), None, damping, moved=(0.2, 0.1, 0.0), element=element)
     assert imbalance(result) < RAMPED
 
 
@@ -110,13 +119,15 @@ def test_energy_is_balanced_on_a_shaken_support(make_box: MakeBox, damping: floa
     assert imbalance(result, strain_share=0.01 if damping else 0.3) < SUDDEN
 
 
+@pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("strain", list(Strain))
 @pytest.mark.parametrize("damping", [0.0, 2.0])
 def test_energy_is_balanced_for_a_sudden_load(
-    make_box: MakeBox, damping: float, strain: Strain
+    make_box: MakeBox, damping: float, strain: Strain, element: Element
 ) -> None:
     load = BodyForce((0.0, 40.0, -200.0))
-    assert imbalance(run(block(make_box), load, damping, ramped=False, strain=strain)) < SUDDEN
+    result = run(block(make_box), load, damping, ramped=False, strain=strain, element=element)
+    assert imbalance(result) < SUDDEN
 
 
 @pytest.mark.parametrize(("ramped", "limit"), [(True, RAMPED), (False, SUDDEN)])

@@ -16,7 +16,7 @@ from palpate.fastsim.dynamics import Precision, simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 
 MakeBox = Callable[..., TetMesh]
@@ -54,13 +54,14 @@ def no_check_of_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @PRECISIONS
 @THREADS
+@pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("num_outputs", [1, 60])
 def test_an_inverted_cell_stops_the_run_at_that_step(
-    ragged_box: TetMesh, precision: Precision, num_threads: int, num_outputs: int
+    ragged_box: TetMesh, precision: Precision, num_threads: int, num_outputs: int, element: Element
 ) -> None:
     problem = crushed(ragged_box, num_outputs)
     with pytest.raises(BlowUpError, match="a cell inverted") as caught:
-        simulate(problem, precision=precision, num_threads=num_threads)
+        simulate(problem, element=element, precision=precision, num_threads=num_threads)
     error = caught.value
     assert problem.time is not None
     step = problem.time.time_step
@@ -74,10 +75,10 @@ def test_an_inverted_cell_stops_the_run_at_that_step(
         if steps > error.step:
             # One step more and the cell named is inverted.
             with pytest.raises(BlowUpError) as again:
-                simulate(shorter, precision=precision, num_threads=num_threads)
+                simulate(shorter, element=element, precision=precision, num_threads=num_threads)
             assert (again.value.step, again.value.cell) == (error.step, error.cell)
             break
-        good = simulate(shorter, precision=precision, num_threads=num_threads)
+        good = simulate(shorter, element=element, precision=precision, num_threads=num_threads)
         scale = np.abs(good.displacements).max()
         assert np.abs(error.displacement - good.displacements[-1]).max() < 1e-6 * scale
     values = Body(ragged_box, SOFT).det_f(error.displacement)

@@ -16,14 +16,14 @@ template <typename T> bool same_bytes(std::span<const T> a, const std::vector<T>
 
 template <typename Real> class Run final : public ExplicitRun {
   public:
-    Run(const ElasticCells &body, std::span<const double> lumped_mass,
+    Run(const ElasticBody &body, std::span<const double> lumped_mass,
         std::span<const std::uint8_t> is_free, const ExplicitSettings &settings)
         : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
-          _records(lumped_mass.size(), body.cells), _batches(body, _records, _kernel.width),
-          _lame(body.materials[0]), _strain(body.strain),
-          _portions(divide(_batches, _records.size(), settings.num_threads)),
-          _team(_portions.size()), _at_forces(_team.size()), _at_end(_team.size()),
-          _parts(_team.size()), _supports(_team.size()), _tools(_team.size()) {
+          _records(lumped_mass.size(), body.elastic.cells),
+          _internal(InternalForce<Real>::make(body, _records, _kernel, settings.num_threads)),
+          _portions(_internal->portions), _team(_portions.size()), _at_forces(_team.size()),
+          _at_end(_team.size()), _parts(_team.size()), _supports(_team.size()),
+          _tools(_team.size()) {
         const std::size_t num_points = _records.size();
         for (auto *array : {&_motion.displacement, &_motion.increment, &_motion.external,
                             &_motion.force, &_motion.mobility})
@@ -173,7 +173,7 @@ template <typename Real> class Run final : public ExplicitRun {
     void internal_force(std::span<double> force) override {
         forget_forces();
         _team.run([&](std::size_t thread) {
-            static_cast<void>(_kernel.add_forces(job_of(thread)));
+            static_cast<void>(add_internal_force(thread));
             _team.wait();
             sum_parts(_portions[thread]);
         });
@@ -193,17 +193,8 @@ template <typename Real> class Run final : public ExplicitRun {
         return thread == 0 ? _motion.force.data() : _parts[thread].force.data();
     }
 
-    ForceJob<Real> job_of(std::size_t thread) {
-        return {_motion.displacement.data(),
-                force_of(thread),
-                _batches.corners.data(),
-                _batches.rest.data(),
-                _portions[thread].first_batch,
-                _portions[thread].last_batch,
-                _batches.lame.empty() ? nullptr : _batches.lame.data(),
-                static_cast<Real>(_lame.lmbda),
-                static_cast<Real>(_lame.mu),
-                _strain == StrainMeasure::green};
+    Real add_internal_force(std::size_t thread) {
+        return _internal->add(thread, _motion.displacement.data(), force_of(thread));
     }
 
     void sum_parts(const Portion &portion) {
@@ -222,7 +213,7 @@ template <typename Real> class Run final : public ExplicitRun {
     StopReason find_forces(std::size_t thread, const ExplicitPlan &plan, std::size_t step) {
         const Portion &portion = _portions[thread];
         const auto factors = plan.factors_at(step);
-        const Real smallest = _kernel.add_forces(job_of(thread));
+        const Real smallest = add_internal_force(thread);
         _at_forces.cast(thread, step,
                         smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
         // Not into what was given: the other threads may still be reading that.
@@ -325,9 +316,7 @@ template <typename Real> class Run final : public ExplicitRun {
     ExplicitSettings _settings;
     KernelChoice<Real> _kernel;
     PointRecords _records;
-    CellBatches<Real> _batches;
-    Lame _lame; // of the first material
-    StrainMeasure _strain;
+    std::unique_ptr<InternalForce<Real>> _internal;
     std::vector<Portion> _portions; // by thread
     ThreadTeam _team;
     Votes<StopReason> _at_forces, _at_end;
@@ -354,7 +343,7 @@ template <typename Real> class Run final : public ExplicitRun {
 // Python deletes it as if it were aligned like anything else.
 static_assert(alignof(Run<double>) <= alignof(std::max_align_t));
 
-std::unique_ptr<ExplicitRun> ExplicitRun::make(const ElasticCells &body,
+std::unique_ptr<ExplicitRun> ExplicitRun::make(const ElasticBody &body,
                                                std::span<const double> lumped_mass,
                                                std::span<const std::uint8_t> is_free,
                                                const ExplicitSettings &settings) {

@@ -10,11 +10,12 @@
 //     state of the last good look is kept
 //
 // records.hpp: memory and threads; motion.hpp: the state; loads.hpp, contact.hpp: what pushes;
-// energy.hpp: 5, and the balance of energy; step_kernel.hpp: 1 and 4.
+// energy.hpp: 5, and the balance of energy; internal_force.hpp: 1; step_kernel.hpp: 1 and 4.
 
 #include "contact/body_touch.hpp"
 #include "explicit/contact.hpp"
 #include "explicit/energy.hpp"
+#include "explicit/internal_force.hpp"
 
 #include <memory>
 
@@ -57,7 +58,7 @@ struct ExplicitSettings {
 class ExplicitRun {
   public:
     /// Pre-conditions: positive cells and masses; every point in a cell.
-    static std::unique_ptr<ExplicitRun> make(const ElasticCells &body,
+    static std::unique_ptr<ExplicitRun> make(const ElasticBody &body,
                                              std::span<const double> lumped_mass,
                                              std::span<const std::uint8_t> is_free,
                                              const ExplicitSettings &settings);

@@ -16,23 +16,35 @@ PointRecords::PointRecords(std::size_t num_points, std::span<const Index> cells)
     }
 }
 
+std::vector<Index> cells_in_order(std::span<const Index> cells, const PointRecords &records) {
+    std::vector<std::size_t> key(cells.size() / 4, 0);
+    for (std::size_t i = 0; i < cells.size(); ++i)
+        key[i / 4] += records.first_entry(cells[i]);
+    std::vector<Index> order(key.size());
+    std::iota(order.begin(), order.end(), Index{0});
+    std::ranges::stable_sort(order, {}, [&](Index c) { return key[static_cast<std::size_t>(c)]; });
+    return order;
+}
+
+std::size_t first_owned(std::size_t thread, std::size_t num_threads, std::size_t num_points) {
+    constexpr std::size_t whole = longest_pack / 4;
+    return thread == num_threads ? num_points : num_points * thread / num_threads / whole * whole;
+}
+
 template <typename Real>
 CellBatches<Real>::CellBatches(const ElasticCells &body, const PointRecords &records,
                                std::size_t kernel_width)
     : width(kernel_width), count((body.size() + width - 1) / width) {
     const std::size_t num_cells = body.size();
     const std::vector<Index> &cells = body.cells;
-    std::vector<std::size_t> key(num_cells, 0), sorted(num_cells);
-    for (std::size_t i = 0; i < cells.size(); ++i)
-        key[i / 4] += records.first_entry(cells[i]);
-    std::iota(sorted.begin(), sorted.end(), std::size_t{0});
-    std::ranges::stable_sort(sorted, {}, [&](std::size_t c) { return key[c]; });
+    const std::vector<Index> sorted = cells_in_order(cells, records);
     corners.assign(4 * width * count, static_cast<std::int32_t>(4 * records.size()));
     rest.assign(10 * width * count, Real(0));
     if (body.materials.size() > 1)
         lame.assign(2 * width * count, Real(0));
     for (std::size_t k = 0; k < num_cells; ++k) {
-        const std::size_t c = sorted[k], batch = k / width, lane = k % width;
+        const std::size_t c = static_cast<std::size_t>(sorted[k]), batch = k / width,
+                          lane = k % width;
         for (std::size_t a = 0; a < 4; ++a)
             corners[(4 * batch + a) * width + lane] =
                 static_cast<std::int32_t>(records.first_entry(cells[4 * c + a]));
@@ -50,18 +62,11 @@ template <typename Real>
 std::vector<Portion> divide(const CellBatches<Real> &batches, std::size_t num_points,
                             std::size_t num_threads) {
     const std::size_t count = std::max<std::size_t>(1, std::min(num_threads, batches.count));
-    const auto first_owned = [&](std::size_t k) {
-        constexpr std::size_t whole = longest_pack / 4;
-        return k == count ? num_points : num_points * k / count / whole * whole;
-    };
     std::vector<Portion> portions;
     for (std::size_t t = 0; t < count; ++t) {
-        Portion portion{batches.count * t / count,
-                        batches.count * (t + 1) / count,
-                        num_points,
-                        0,
-                        first_owned(t),
-                        first_owned(t + 1)};
+        Portion portion{
+            batches.count * t / count,         batches.count * (t + 1) / count,      num_points, 0,
+            first_owned(t, count, num_points), first_owned(t + 1, count, num_points)};
         const std::size_t size = 4 * batches.width;
         for (std::size_t i = size * portion.first_batch; i < size * portion.last_batch; ++i) {
             const auto point = static_cast<std::size_t>(batches.corners[i]) / 4;

@@ -56,6 +56,9 @@ struct PointRecords {
     }
 };
 
+/// The cells by the sum of their corners' new numbers: those that share points are neighbours.
+std::vector<Index> cells_in_order(std::span<const Index> cells, const PointRecords &records);
+
 template <typename Real> struct CellBatches {
     std::size_t width, count;
     AlignedVector<std::int32_t> corners; // each batch: 4 corners x width, first entries
@@ -72,7 +75,10 @@ struct Portion {
     std::size_t first_owned, last_owned;
 };
 
-/// Portions for at most so many threads. Owned points begin at whole packs.
+/// The first point that a thread moves, a whole pack's first.
+std::size_t first_owned(std::size_t thread, std::size_t num_threads, std::size_t num_points);
+
+/// Portions for at most so many threads.
 template <typename Real>
 std::vector<Portion> divide(const CellBatches<Real> &batches, std::size_t num_points,
                             std::size_t num_threads);

@@ -42,10 +42,15 @@ template <typename Real> using MoveKernel = bool (*)(const MoveJob<Real> &);
 
 inline constexpr std::size_t longest_pack = 16; // numbers
 
+template <typename Real> struct SweepJob; // sweep_kernel.hpp
+template <typename Real> using SweepKernel = Real (*)(const SweepJob<Real> &);
+
 template <typename Real> struct KernelChoice {
     ForceKernel<Real> add_forces;
     MoveKernel<Real> move_points;
     std::size_t width; // cells in a batch
+    SweepKernel<Real> sweep;
+    std::size_t sweep_width;
     const char *name;
 };
 

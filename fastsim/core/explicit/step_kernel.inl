@@ -10,6 +10,86 @@ template <std::size_t bytes, typename T> void prefetch(const T *block, std::size
         __builtin_prefetch(reinterpret_cast<const void *>(address + line));
 }
 
+/// Displacements of corners 1 to 3 of a batch of cells less that of corner 0.
+template <typename Pack>
+inline void gather_edges(const typename Pack::Real *displacement, const std::int32_t *records,
+                         typename Pack::V *edges) {
+    using V = typename Pack::V;
+    V x0, y0, z0;
+    Pack::gather(displacement, records, x0, y0, z0);
+    for (std::size_t a = 0; a < 3; ++a) {
+        V x, y, z;
+        Pack::gather(displacement, records + (a + 1) * Pack::width, x, y, z);
+        edges[3 * a] = x - x0;
+        edges[3 * a + 1] = y - y0;
+        edges[3 * a + 2] = z - z0;
+    }
+}
+
+/// Adds forces on corners 1 to 3, and their opposite to corner 0.
+template <typename Pack>
+inline void scatter_forces(typename Pack::Real *force, const std::int32_t *records,
+                           const typename Pack::V *edges) {
+    for (std::size_t a = 0; a < 3; ++a)
+        Pack::scatter_add(force, records + (a + 1) * Pack::width, edges[3 * a], edges[3 * a + 1],
+                          edges[3 * a + 2]);
+    Pack::scatter_add(force, records, -(edges[0] + edges[3] + edges[6]),
+                      -(edges[1] + edges[4] + edges[7]), -(edges[2] + edges[5] + edges[8]));
+}
+
+/// H of a batch of cells, row by row.
+template <typename V> inline void gradient_of(const V *g, const V *edges, V *h) {
+    for (std::size_t k = 0; k < 9; ++k)
+        h[k] = V{};
+    for (std::size_t a = 0; a < 3; ++a) {
+        const V x = edges[3 * a], y = edges[3 * a + 1], z = edges[3 * a + 2];
+        for (std::size_t j = 0; j < 3; ++j) {
+            h[j] += x * g[3 * a + j];
+            h[3 + j] += y * g[3 * a + j];
+            h[6 + j] += z * g[3 * a + j];
+        }
+    }
+}
+
+/// Twice the strain (xx, yy, zz, xy, xz, yz), from H and not from F^T F - I: no cancellation.
+template <bool is_green, typename V> inline void twice_strain(const V *h, V *e) {
+    e[0] = h[0] + h[0], e[1] = h[4] + h[4], e[2] = h[8] + h[8];
+    e[3] = h[1] + h[3], e[4] = h[2] + h[6], e[5] = h[5] + h[7];
+    if constexpr (is_green) {
+        e[0] += h[0] * h[0] + h[3] * h[3] + h[6] * h[6];
+        e[1] += h[1] * h[1] + h[4] * h[4] + h[7] * h[7];
+        e[2] += h[2] * h[2] + h[5] * h[5] + h[8] * h[8];
+        e[3] += h[0] * h[1] + h[3] * h[4] + h[6] * h[7];
+        e[4] += h[0] * h[2] + h[3] * h[5] + h[6] * h[8];
+        e[5] += h[1] * h[2] + h[4] * h[5] + h[7] * h[8];
+    }
+}
+
+/// det F; 1 for linear strain.
+template <bool is_green, typename Real, typename V> inline V det_of(const V *h) {
+    if constexpr (!is_green)
+        return V{} + Real(1);
+    const V f0 = h[0] + Real(1), f4 = h[4] + Real(1), f8 = h[8] + Real(1);
+    return f0 * (f4 * f8 - h[5] * h[7]) - h[1] * (h[3] * f8 - h[5] * h[6]) +
+           h[2] * (h[3] * h[7] - f4 * h[6]);
+}
+
+/// Forces on corners 1 to 3 by a stress times the volume, in the order of `twice_strain`.
+template <bool is_green, typename V>
+inline void forces_by(const V *h, const V *g, const V *s, V *edges) {
+    V p[9] = {s[0], s[3], s[4], s[3], s[1], s[5], s[4], s[5], s[2]};
+    if constexpr (is_green)
+        for (std::size_t i = 0; i < 9; i += 3) {
+            p[i] += h[i] * s[0] + h[i + 1] * s[3] + h[i + 2] * s[4];
+            p[i + 1] += h[i] * s[3] + h[i + 1] * s[1] + h[i + 2] * s[5];
+            p[i + 2] += h[i] * s[4] + h[i + 1] * s[5] + h[i + 2] * s[2];
+        }
+    for (std::size_t a = 0; a < 3; ++a)
+        for (std::size_t i = 0; i < 3; ++i)
+            edges[3 * a + i] =
+                p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] + p[3 * i + 2] * g[3 * a + 2];
+}
+
 /// Forces on corners 1 to 3 of a batch of cells, in place of their
 /// displacements relative to corner 0; returns det F (1 for linear strain).
 template <typename Pack, bool is_green>
@@ -19,30 +99,11 @@ inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width;
     const Real *rest = job.rest + 10 * width * batch;
-    V least = V{} + Real(1);
-    V g[9];
+    V g[9], h[9], e[6];
     for (std::size_t k = 0; k < 9; ++k)
         g[k] = Pack::load(rest + k * width);
-    V h[9] = {};
-    for (std::size_t a = 0; a < 3; ++a) {
-        const V x = edges[3 * a], y = edges[3 * a + 1], z = edges[3 * a + 2];
-        for (std::size_t j = 0; j < 3; ++j) {
-            h[j] += x * g[3 * a + j];
-            h[3 + j] += y * g[3 * a + j];
-            h[6 + j] += z * g[3 * a + j];
-        }
-    }
-    // Twice the strain, from H and not from F^T F - I: no cancellation.
-    V e00 = h[0] + h[0], e11 = h[4] + h[4], e22 = h[8] + h[8];
-    V e01 = h[1] + h[3], e02 = h[2] + h[6], e12 = h[5] + h[7];
-    if constexpr (is_green) {
-        e00 += h[0] * h[0] + h[3] * h[3] + h[6] * h[6];
-        e11 += h[1] * h[1] + h[4] * h[4] + h[7] * h[7];
-        e22 += h[2] * h[2] + h[5] * h[5] + h[8] * h[8];
-        e01 += h[0] * h[1] + h[3] * h[4] + h[6] * h[7];
-        e02 += h[0] * h[2] + h[3] * h[5] + h[6] * h[8];
-        e12 += h[1] * h[2] + h[4] * h[5] + h[7] * h[8];
-    }
+    gradient_of(g, edges, h);
+    twice_strain<is_green>(h, e);
     const V volume = Pack::load(rest + 9 * width);
     V mu = V{} + job.mu, half_lmbda = V{} + Real(0.5) * job.lmbda;
     if (job.lame) {
@@ -50,26 +111,18 @@ inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job
         mu = Pack::load(job.lame + (2 * batch + 1) * width);
     }
     mu *= volume;
-    const V trace = half_lmbda * volume * (e00 + e11 + e22);
-    const V s00 = mu * e00 + trace, s11 = mu * e11 + trace, s22 = mu * e22 + trace;
-    const V s01 = mu * e01, s02 = mu * e02, s12 = mu * e12;
-    V p[9] = {s00, s01, s02, s01, s11, s12, s02, s12, s22};
-    if constexpr (is_green) {
-        for (std::size_t i = 0; i < 9; i += 3) {
-            p[i] += h[i] * s00 + h[i + 1] * s01 + h[i + 2] * s02;
-            p[i + 1] += h[i] * s01 + h[i + 1] * s11 + h[i + 2] * s12;
-            p[i + 2] += h[i] * s02 + h[i + 1] * s12 + h[i + 2] * s22;
-        }
-        const V f0 = h[0] + Real(1), f4 = h[4] + Real(1), f8 = h[8] + Real(1);
-        const V det = f0 * (f4 * f8 - h[5] * h[7]) - h[1] * (h[3] * f8 - h[5] * h[6]) +
-                      h[2] * (h[3] * h[7] - f4 * h[6]);
-        least = det;
-    }
-    for (std::size_t a = 0; a < 3; ++a) {
-        for (std::size_t i = 0; i < 3; ++i)
-            edges[3 * a + i] =
-                p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] + p[3 * i + 2] * g[3 * a + 2];
-    }
+    const V trace = half_lmbda * volume * (e[0] + e[1] + e[2]);
+    const V s[6] = {mu * e[0] + trace, mu * e[1] + trace, mu * e[2] + trace,
+                    mu * e[3],         mu * e[4],         mu * e[5]};
+    forces_by<is_green>(h, g, s, edges);
+    return det_of<is_green, Real>(h);
+}
+
+/// The smallest number of a pack; one that is NaN is handed on.
+template <typename Pack> typename Pack::Real least_of(const typename Pack::V &smallest) {
+    auto least = smallest[0];
+    for (std::size_t i = 1; i < Pack::width; ++i)
+        least = smallest[i] > least ? least : smallest[i];
     return least;
 }
 
@@ -91,28 +144,13 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
         const Real *rest = job.rest + 10 * width * batch;
         prefetch<record_bytes>(records, batches_ahead);
         prefetch<rest_bytes>(rest, batches_ahead);
-        V x0, y0, z0;
-        Pack::gather(job.displacement, records, x0, y0, z0);
-        for (std::size_t a = 0; a < 3; ++a) {
-            V x, y, z;
-            Pack::gather(job.displacement, records + (a + 1) * width, x, y, z);
-            edges[3 * a] = x - x0;
-            edges[3 * a + 1] = y - y0;
-            edges[3 * a + 2] = z - z0;
-        }
+        gather_edges<Pack>(job.displacement, records, edges);
         const V least = forces_of_batch<Pack, is_green>(job, batch, edges);
         // NaN counts as inverted: the comparison is false for it.
         smallest = least > smallest ? smallest : least;
-        for (std::size_t a = 0; a < 3; ++a)
-            Pack::scatter_add(job.force, records + (a + 1) * width, edges[3 * a], edges[3 * a + 1],
-                              edges[3 * a + 2]);
-        Pack::scatter_add(job.force, records, -(edges[0] + edges[3] + edges[6]),
-                          -(edges[1] + edges[4] + edges[7]), -(edges[2] + edges[5] + edges[8]));
+        scatter_forces<Pack>(job.force, records, edges);
     }
-    Real least = smallest[0];
-    for (std::size_t i = 1; i < width; ++i)
-        least = smallest[i] > least ? least : smallest[i];
-    return least;
+    return least_of<Pack>(smallest);
 }
 
 template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename Pack::Real> &job) {

@@ -1,5 +1,6 @@
 // The kernel for AVX2 with fused multiply-add: 8 floats or 4 doubles. Compiled with those flags.
 #include "explicit/step_kernel.hpp"
+#include "explicit/sweep_kernel.hpp"
 
 #ifdef FASTSIM_HAS_X86_KERNELS
 #include <immintrin.h>
@@ -8,82 +9,19 @@ namespace fastsim {
 
 namespace {
 
-struct Float8 {
-    using Real = float;
-    using V = __m256;
-    static constexpr std::size_t width = 8;
-
-    static V load(const Real *p) { return _mm256_loadu_ps(p); }
-    static V pair(const Real *low, const Real *high) {
-        return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
-    }
-    static void gather(const Real *base, const std::int32_t *r, V &x, V &y, V &z) {
-        const V a0 = pair(base + r[0], base + r[4]), a1 = pair(base + r[1], base + r[5]);
-        const V a2 = pair(base + r[2], base + r[6]), a3 = pair(base + r[3], base + r[7]);
-        const __m256d low0 = _mm256_castps_pd(_mm256_unpacklo_ps(a0, a1));
-        const __m256d low1 = _mm256_castps_pd(_mm256_unpacklo_ps(a2, a3));
-        x = _mm256_castpd_ps(_mm256_unpacklo_pd(low0, low1));
-        y = _mm256_castpd_ps(_mm256_unpackhi_pd(low0, low1));
-        z = _mm256_castpd_ps(_mm256_unpacklo_pd(_mm256_castps_pd(_mm256_unpackhi_ps(a0, a1)),
-                                                _mm256_castps_pd(_mm256_unpackhi_ps(a2, a3))));
-    }
-    static void add(Real *record, __m128 v) {
-        _mm_store_ps(record, _mm_add_ps(_mm_load_ps(record), v));
-    }
-    static void scatter_add(Real *base, const std::int32_t *r, V x, V y, V z) {
-        const V zero = _mm256_setzero_ps();
-        const __m256d xy0 = _mm256_castps_pd(_mm256_unpacklo_ps(x, y));
-        const __m256d xy1 = _mm256_castps_pd(_mm256_unpackhi_ps(x, y));
-        const __m256d zw0 = _mm256_castps_pd(_mm256_unpacklo_ps(z, zero));
-        const __m256d zw1 = _mm256_castps_pd(_mm256_unpackhi_ps(z, zero));
-        const V v[4] = {_mm256_castpd_ps(_mm256_unpacklo_pd(xy0, zw0)),
-                        _mm256_castpd_ps(_mm256_unpackhi_pd(xy0, zw0)),
-                        _mm256_castpd_ps(_mm256_unpacklo_pd(xy1, zw1)),
-                        _mm256_castpd_ps(_mm256_unpackhi_pd(xy1, zw1))};
-        for (int k = 0; k < 4; ++k) {
-            add(base + r[k], _mm256_castps256_ps128(v[k]));
-            add(base + r[4 + k], _mm256_extractf128_ps(v[k], 1));
-        }
-    }
-};
-
-struct Double4 {
-    using Real = double;
-    using V = __m256d;
-    static constexpr std::size_t width = 4;
-
-    static V load(const Real *p) { return _mm256_loadu_pd(p); }
-    static void gather(const Real *base, const std::int32_t *r, V &x, V &y, V &z) {
-        const V a0 = _mm256_load_pd(base + r[0]), a1 = _mm256_load_pd(base + r[1]);
-        const V a2 = _mm256_load_pd(base + r[2]), a3 = _mm256_load_pd(base + r[3]);
-        const V xz0 = _mm256_unpacklo_pd(a0, a1), xz1 = _mm256_unpacklo_pd(a2, a3);
-        x = _mm256_permute2f128_pd(xz0, xz1, 0x20);
-        z = _mm256_permute2f128_pd(xz0, xz1, 0x31);
-        y = _mm256_permute2f128_pd(_mm256_unpackhi_pd(a0, a1), _mm256_unpackhi_pd(a2, a3), 0x20);
-    }
-    static void add(Real *record, V v) {
-        _mm256_store_pd(record, _mm256_add_pd(_mm256_load_pd(record), v));
-    }
-    static void scatter_add(Real *base, const std::int32_t *r, V x, V y, V z) {
-        const V zero = _mm256_setzero_pd();
-        const V xy0 = _mm256_unpacklo_pd(x, y), xy1 = _mm256_unpackhi_pd(x, y);
-        const V zw0 = _mm256_unpacklo_pd(z, zero), zw1 = _mm256_unpackhi_pd(z, zero);
-        add(base + r[0], _mm256_permute2f128_pd(xy0, zw0, 0x20));
-        add(base + r[1], _mm256_permute2f128_pd(xy1, zw1, 0x20));
-        add(base + r[2], _mm256_permute2f128_pd(xy0, zw0, 0x31));
-        add(base + r[3], _mm256_permute2f128_pd(xy1, zw1, 0x31));
-    }
-};
-
+#include "explicit/avx2_packs.inl"
 #include "explicit/step_kernel.inl"
+#include "explicit/sweep_kernel.inl"
 
 } // namespace
 
 KernelChoice<float> avx2_kernel_f32() {
-    return {&add_forces<Float8>, &move_points<Float8>, Float8::width, "avx2"};
+    return {&add_forces<Float8>, &move_points<Float8>, Float8::width,
+            &sweep<Float8>,      Float8::width,        "avx2"};
 }
 KernelChoice<double> avx2_kernel_f64() {
-    return {&add_forces<Double4>, &move_points<Double4>, Double4::width, "avx2"};
+    return {&add_forces<Double4>, &move_points<Double4>, Double4::width,
+            &sweep<Double4>,      Double4::width,        "avx2"};
 }
 
 } // namespace fastsim

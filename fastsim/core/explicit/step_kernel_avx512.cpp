@@ -1,5 +1,6 @@
 // The kernel for AVX-512: 16 floats or 8 doubles. Compiled with those flags.
 #include "explicit/step_kernel.hpp"
+#include "explicit/sweep_kernel.hpp"
 
 #ifdef FASTSIM_HAS_X86_KERNELS
 #include <immintrin.h>
@@ -89,15 +90,19 @@ struct Double8 {
     }
 };
 
+#include "explicit/avx2_packs.inl"
 #include "explicit/step_kernel.inl"
+#include "explicit/sweep_kernel.inl"
 
 } // namespace
 
 KernelChoice<float> avx512_kernel_f32() {
-    return {&add_forces<Float16>, &move_points<Float16>, Float16::width, "avx512"};
+    return {&add_forces<Float16>, &move_points<Float16>, Float16::width,
+            &sweep<Float8>,       Float8::width,         "avx512"};
 }
 KernelChoice<double> avx512_kernel_f64() {
-    return {&add_forces<Double8>, &move_points<Double8>, Double8::width, "avx512"};
+    return {&add_forces<Double8>, &move_points<Double8>, Double8::width,
+            &sweep<Double4>,      Double4::width,        "avx512"};
 }
 
 } // namespace fastsim

@@ -1,5 +1,6 @@
 // The portable kernel: 16-byte vectors, which every target has or the compiler takes apart.
 #include "explicit/step_kernel.hpp"
+#include "explicit/sweep_kernel.hpp"
 
 namespace fastsim {
 
@@ -15,6 +16,20 @@ template <typename Number> struct Plain {
         for (std::size_t i = 0; i < width; ++i)
             v[i] = p[i];
         return v;
+    }
+    static V lookup(const Real *base, const std::int32_t *index) {
+        V v;
+        for (std::size_t i = 0; i < width; ++i)
+            v[i] = base[index[i]];
+        return v;
+    }
+    static void transpose(V *m) {
+        for (std::size_t i = 0; i < width; ++i)
+            for (std::size_t j = 0; j < i; ++j) {
+                const Real moved = m[i][j];
+                m[i][j] = m[j][i];
+                m[j][i] = moved;
+            }
     }
     static void gather(const Real *base, const std::int32_t *records, V &x, V &y, V &z) {
         for (std::size_t i = 0; i < width; ++i) {
@@ -35,16 +50,20 @@ template <typename Number> struct Plain {
 };
 
 #include "explicit/step_kernel.inl"
+#include "explicit/sweep_kernel.inl"
 
 } // namespace
 
 KernelChoice<float> baseline_kernel_f32() {
-    return {&add_forces<Plain<float>>, &move_points<Plain<float>>, Plain<float>::width, "baseline"};
+    using Pack = Plain<float>;
+    return {&add_forces<Pack>, &move_points<Pack>, Pack::width,
+            &sweep<Pack>,      Pack::width,        "baseline"};
 }
 
 KernelChoice<double> baseline_kernel_f64() {
-    return {&add_forces<Plain<double>>, &move_points<Plain<double>>, Plain<double>::width,
-            "baseline"};
+    using Pack = Plain<double>;
+    return {&add_forces<Pack>, &move_points<Pack>, Pack::width,
+            &sweep<Pack>,      Pack::width,        "baseline"};
 }
 
 } // namespace fastsim

@@ -17,7 +17,7 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -61,8 +61,13 @@ SPHERE = RigidTool(SphereShape(0.4), straight([0.5, 0.5, 0.905], [0.5, 0.5, 0.84
 @BOTH
 @pytest.mark.parametrize("precision", list(Precision))
 @pytest.mark.parametrize("friction", [0.0, 0.4])
+@pytest.mark.parametrize("element", list(Element))
 def test_the_tool_feels_what_a_free_body_gains(
-    make_box: MakeBox, law: ContactLaw, precision: Precision, friction: float
+    make_box: MakeBox,
+    law: ContactLaw,
+    precision: Precision,
+    friction: float,
+    element: Element,
 ) -> None:
     # Nothing else acts on the body: its momentum is minus the tool's impulse.
     mesh = make_box((4, 4, 4), (0.5, 0.5, 0.5))
@@ -72,7 +77,7 @@ def test_the_tool_feels_what_a_free_body_gains(
     # More steps to an output than are done at one go: impulses are summed over the pieces.
     span = TimeSpan(0.4, time_step=2e-3, num_outputs=2)
     problem = Problem(mesh, SOFT, (), (), span, (tool,))
-    run = simulate(problem, contact=law, precision=precision, num_threads=2)
+    run = simulate(problem, element=element, contact=law, precision=precision, num_threads=2)
     mass = Body(mesh, SOFT).lumped_mass
     momentum = (mass[:, None] * run.velocity).sum(axis=0)
     impulse = (run.tools[0].mean_forces * (run.times[1] - run.times[0])).sum(axis=0)
@@ -85,15 +90,18 @@ def test_the_tool_feels_what_a_free_body_gains(
 
 @BOTH
 @pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("element", list(Element))
 def test_energy_balances_with_the_tools_work(
-    slab: TetMesh, law: ContactLaw, friction: float
+    slab: TetMesh, law: ContactLaw, friction: float, element: Element
 ) -> None:
     # A vertex that the constraint stops loses its speed in one step, whose middle is not known to
     # the sums: what is left over is first order there.
     tool = replace(SPHERE, friction_coefficient=friction)
     left = []
     for step in (4e-3, 1e-3):
-        run = simulate(pressed(slab, tool, time_step=step), contact=law, tracks_energy=True)
+        run = simulate(
+            pressed(slab, tool, time_step=step), element=element, contact=law, tracks_energy=True
+        )
         assert run.energies is not None
         work = np.abs(run.energies.external_work).max()
         left.append(np.abs(run.energies.balance).max() / work)

@@ -1,0 +1,74 @@
+#include "explicit/internal_force.hpp"
+
+#include <algorithm>
+
+namespace fastsim {
+
+namespace {
+
+template <typename Real> class PlainForce final : public InternalForce<Real> {
+  public:
+    PlainForce(const ElasticCells &body, const PointRecords &records,
+               const KernelChoice<Real> &kernel, std::size_t num_threads)
+        : _add_forces(kernel.add_forces), _batches(body, records, kernel.width),
+          _lame(body.materials[0]), _is_green(body.strain == StrainMeasure::green) {
+        this->portions = divide(_batches, records.size(), num_threads);
+    }
+
+    Real add(std::size_t thread, const Real *displacement, Real *force) override {
+        return _add_forces({displacement, force, _batches.corners.data(), _batches.rest.data(),
+                            this->portions[thread].first_batch, this->portions[thread].last_batch,
+                            _batches.lame.empty() ? nullptr : _batches.lame.data(),
+                            static_cast<Real>(_lame.lmbda), static_cast<Real>(_lame.mu),
+                            _is_green});
+    }
+
+  private:
+    ForceKernel<Real> _add_forces;
+    CellBatches<Real> _batches;
+    Lame _lame; // of the first material
+    bool _is_green;
+};
+
+template <typename Real> class SmoothedForce final : public InternalForce<Real> {
+  public:
+    SmoothedForce(const ElasticBody &body, const PointRecords &records,
+                  const KernelChoice<Real> &kernel, std::size_t num_threads)
+        : _sweep(kernel.sweep) {
+        const std::vector<Index> order = cells_in_order(body.elastic.cells, records);
+        const std::size_t count =
+            std::max<std::size_t>(1, std::min(num_threads, order.size() / kernel.sweep_width));
+        for (std::size_t t = 0; t < count; ++t) {
+            const SweepSchedule schedule(*body.patches, order, order.size() * t / count,
+                                         order.size() * (t + 1) / count, kernel.sweep_width);
+            _plans.emplace_back(body.elastic, *body.patches, records, schedule);
+            this->portions.push_back({t, t + 1, _plans[t].first_touched(), _plans[t].last_touched(),
+                                      first_owned(t, count, records.size()),
+                                      first_owned(t + 1, count, records.size())});
+        }
+    }
+
+    Real add(std::size_t thread, const Real *displacement, Real *force) override {
+        return _plans[thread].run(_sweep, displacement, force);
+    }
+
+  private:
+    SweepKernel<Real> _sweep;
+    std::vector<SweepPlan<Real>> _plans;
+};
+
+} // namespace
+
+template <typename Real>
+std::unique_ptr<InternalForce<Real>>
+InternalForce<Real>::make(const ElasticBody &body, const PointRecords &records,
+                          const KernelChoice<Real> &kernel, std::size_t num_threads) {
+    if (body.patches)
+        return std::make_unique<SmoothedForce<Real>>(body, records, kernel, num_threads);
+    return std::make_unique<PlainForce<Real>>(body.elastic, records, kernel, num_threads);
+}
+
+template class InternalForce<float>;
+template class InternalForce<double>;
+
+} // namespace fastsim

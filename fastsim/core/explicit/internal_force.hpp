@@ -1,0 +1,26 @@
+#pragma once
+// R(a) in parts, one for each thread: of plain cells, batch by batch, or of smoothed ones, by a
+// sweep of its own for each.
+
+#include "explicit/sweep_plan.hpp"
+#include "mechanics/elastic_body.hpp"
+
+#include <memory>
+
+namespace fastsim {
+
+template <typename Real> class InternalForce {
+  public:
+    static std::unique_ptr<InternalForce> make(const ElasticBody &body, const PointRecords &records,
+                                               const KernelChoice<Real> &kernel,
+                                               std::size_t num_threads);
+    virtual ~InternalForce() = default;
+
+    /// Adds the forces of a thread's cells; returns the smallest det F met (1 for linear strain).
+    virtual Real add(std::size_t thread, const Real *displacement, Real *force) = 0;
+
+    /// One for each thread, of which there may be fewer than were asked for.
+    std::vector<Portion> portions;
+};
+
+} // namespace fastsim

@@ -1,0 +1,166 @@
+// The sweep over smoothed cells, over a Pack of `width` numbers. See sweep_kernel.hpp.
+// Included after step_kernel.inl.
+
+/// Whole packs in memory that is aligned for them; vectors may alias their own numbers.
+template <typename Pack> inline const typename Pack::V *packs_at(const typename Pack::Real *p) {
+    return reinterpret_cast<const typename Pack::V *>(p);
+}
+template <typename Pack> inline typename Pack::V *packs_at(typename Pack::Real *p) {
+    return reinterpret_cast<typename Pack::V *>(p);
+}
+
+/// Strains a batch of cells; returns det F.
+template <typename Pack, bool is_green>
+inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, std::size_t batch) {
+    using Real = typename Pack::Real;
+    using V = typename Pack::V;
+    constexpr std::size_t width = Pack::width, parts = sweep_record / width;
+    const V *const rest = packs_at<Pack>(job.rest + 10 * width * batch);
+    V edges[9], h[9], e[sweep_record];
+    gather_edges<Pack>(job.displacement, job.corners + 4 * width * batch, edges);
+    gradient_of(rest, edges, h);
+    twice_strain<is_green>(h, e);
+    e[trace_entry] = e[0] + e[1] + e[2];
+    for (std::size_t k = 0; k <= trace_entry; ++k)
+        e[k] *= rest[9];
+    e[sweep_record - 1] = V{};
+    if constexpr (is_green) {
+        V *const kept = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
+        for (std::size_t k = 0; k < 9; ++k)
+            kept[k] = h[k];
+    }
+    V *const records =
+        packs_at<Pack>(job.cell_records + sweep_record * width * (batch % job.record_ring));
+    for (std::size_t p = 0; p < parts; ++p) {
+        Pack::transpose(e + p * width);
+        for (std::size_t lane = 0; lane < width; ++lane)
+            records[parts * lane + p] = e[p * width + lane];
+    }
+    return det_of<is_green, Real>(h);
+}
+
+/// Sums the records of each edge's cells; `count` is their number where it is known, else 0.
+template <typename Pack, std::size_t count>
+const std::int32_t *sum_edges(const SweepJob<typename Pack::Real> &job, const EdgeGroup &group,
+                              const std::int32_t *cells, const typename Pack::Real *weight) {
+    using Real = typename Pack::Real;
+    using V = typename Pack::V;
+    constexpr std::size_t parts = sweep_record / Pack::width;
+    static constexpr Real is_strain[sweep_record] = {1, 1, 1, 1, 1, 1, 0, 0};
+    static constexpr Real is_trace[sweep_record] = {0, 0, 0, 0, 0, 0, 1, 1};
+    const std::size_t num_cells = count > 0 ? count : static_cast<std::size_t>(group.num_cells);
+    Real *record = job.edge_records + group.first_entry;
+    for (std::int32_t edge = 0; edge < group.num_edges; ++edge) {
+        V sum[parts];
+        for (std::size_t p = 0; p < parts; ++p)
+            sum[p] = Pack::load(job.cell_records + cells[0] + p * Pack::width);
+        for (std::size_t k = 1; k < num_cells; ++k)
+            for (std::size_t p = 0; p < parts; ++p)
+                sum[p] += Pack::load(job.cell_records + cells[k] + p * Pack::width);
+        for (std::size_t p = 0; p < parts; ++p) {
+            const std::size_t at = p * Pack::width;
+            sum[p] *= weight[edge] * Pack::load(is_strain + at) + Pack::load(is_trace + at);
+            __builtin_memcpy(record + at, &sum[p], sizeof(V));
+        }
+        record += sweep_record;
+        cells += num_cells;
+    }
+    return cells;
+}
+
+template <typename Pack>
+const std::int32_t *sum_group(const SweepJob<typename Pack::Real> &job, const EdgeGroup &group,
+                              const std::int32_t *cells, const typename Pack::Real *weight) {
+    switch (group.num_cells) {
+    case 1:
+        return sum_edges<Pack, 1>(job, group, cells, weight);
+    case 2:
+        return sum_edges<Pack, 2>(job, group, cells, weight);
+    case 3:
+        return sum_edges<Pack, 3>(job, group, cells, weight);
+    case 4:
+        return sum_edges<Pack, 4>(job, group, cells, weight);
+    case 5:
+        return sum_edges<Pack, 5>(job, group, cells, weight);
+    case 6:
+        return sum_edges<Pack, 6>(job, group, cells, weight);
+    case 7:
+        return sum_edges<Pack, 7>(job, group, cells, weight);
+    case 8:
+        return sum_edges<Pack, 8>(job, group, cells, weight);
+    default:
+        return sum_edges<Pack, 0>(job, group, cells, weight);
+    }
+}
+
+/// Adds the forces of a batch of cells.
+template <typename Pack, bool is_green>
+inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t batch) {
+    using Real = typename Pack::Real;
+    using V = typename Pack::V;
+    constexpr std::size_t width = Pack::width, parts = sweep_record / width;
+    const std::int32_t *edges_of = job.cell_edges + 6 * width * batch;
+    V s[sweep_record];
+    for (std::size_t lane = 0; lane < width; ++lane) {
+        const std::int32_t *own = edges_of + 6 * lane;
+        for (std::size_t p = 0; p < parts; ++p) {
+            const Real *const records = job.edge_records + p * width;
+            s[p * width + lane] = ((Pack::load(records + own[0]) + Pack::load(records + own[1])) +
+                                   (Pack::load(records + own[2]) + Pack::load(records + own[3]))) +
+                                  (Pack::load(records + own[4]) + Pack::load(records + own[5]));
+        }
+    }
+    for (std::size_t p = 0; p < parts; ++p)
+        Pack::transpose(s + p * width);
+    const std::int32_t *nodes_of = job.cell_nodes + 4 * width * batch;
+    V pressure = {};
+    for (std::size_t a = 0; a < 4; ++a)
+        pressure += Pack::lookup(job.node_values, nodes_of + a * width);
+    const V *const rest = packs_at<Pack>(job.rest + 10 * width * batch);
+    for (std::size_t k = 0; k < 6; ++k)
+        s[k] = rest[9] * (k < 3 ? s[k] + pressure : s[k]);
+    const V *const h = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
+    V forces[9];
+    forces_by<is_green>(h, rest, s, forces);
+    scatter_forces<Pack>(job.force, job.corners + 4 * width * batch, forces);
+}
+
+template <typename Pack, bool is_green>
+typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
+    using Real = typename Pack::Real;
+    using V = typename Pack::V;
+    constexpr std::size_t width = Pack::width;
+    V smallest = V{} + Real(1);
+    const std::int32_t *cells = job.edge_cells, *edges = job.node_edges;
+    const Real *weight = job.edge_weight;
+    std::size_t strained = 0, edge_group = 0, node_group = 0, forced = job.first_forced;
+    for (std::size_t k = 0; k < job.num_chunks; ++k) {
+        const SweepChunk &chunk = job.chunks[k];
+        for (; strained < chunk.strained_batches; ++strained) {
+            const V least = strain_batch<Pack, is_green>(job, strained);
+            // NaN counts as inverted: the comparison is false for it.
+            smallest = least > smallest ? smallest : least;
+        }
+        for (; edge_group < chunk.edge_groups; ++edge_group) {
+            const EdgeGroup &group = job.edge_groups[edge_group];
+            cells = sum_group<Pack>(job, group, cells, weight);
+            weight += group.num_edges;
+        }
+        for (; node_group < chunk.node_groups; ++node_group) {
+            V sum = {};
+            for (std::int32_t left = job.node_counts[node_group]; left > 0; --left) {
+                sum += Pack::lookup(job.edge_records, edges);
+                edges += width;
+            }
+            sum *= Pack::load(job.node_weight + width * node_group);
+            __builtin_memcpy(job.node_values + width * node_group, &sum, sizeof(V));
+        }
+        for (; forced < chunk.forced_batches; ++forced)
+            force_batch<Pack, is_green>(job, forced);
+    }
+    return least_of<Pack>(smallest);
+}
+
+template <typename Pack> typename Pack::Real sweep(const SweepJob<typename Pack::Real> &job) {
+    return job.is_green ? sweep_cells<Pack, true>(job) : sweep_cells<Pack, false>(job);
+}
