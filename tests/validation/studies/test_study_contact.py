@@ -15,9 +15,8 @@ from palpate.validation.states import Verdict
 from palpate.validation.studies import contact
 from palpate.validation.studies.closed_forms import contact_radius, hertz_force
 from palpate.validation.studies.contact import Outcome, curve_table, present
-from palpate.validation.studies.contact.bodies import Collision, Fold
+from palpate.validation.studies.contact.motions import Collision, Fold, Speed
 from palpate.validation.studies.contact.scenes import Pair, Scene, compare
-from palpate.validation.studies.contact.speed import Speed
 from palpate.validation.studies.contact.sphere import (
     DEPTHS,
     RADIUS,

@@ -26,7 +26,6 @@ from palpate.validation.studies.validity.bending import (
     BendingLimit,
     BendingPoint,
     DegreeCheck,
-    MapSettings,
     border,
     check_by_quadratic,
     find_limit,
@@ -50,27 +49,23 @@ from palpate.validation.studies.validity.present import (
     present,
 )
 
-SETTINGS = MapSettings(
-    slendernesses=(4.0, 8.0),
-    poissons_ratios=(0.0, 0.3),
-    deflections=(0.015, 0.03, 0.06, 0.12, 0.24),
-    cells_across=3,
-)
+SLENDERNESSES, POISSONS_RATIOS = (4.0, 8.0), (0.0, 0.3)
+DEFLECTIONS = (0.015, 0.03, 0.06, 0.12, 0.24)
 
 
 @pytest.fixture(scope="module")
 def bars() -> list[BendingPoint]:
     return [
         p
-        for length in SETTINGS.slendernesses
-        for nu in SETTINGS.poissons_ratios
-        for p in follow_bar(length, nu, SETTINGS)
+        for length in SLENDERNESSES
+        for nu in POISSONS_RATIOS
+        for p in follow_bar(length, nu, 3, DEFLECTIONS)
     ]
 
 
 @pytest.fixture(scope="module")
 def ends() -> list[BendingLimit]:
-    return [find_limit(L, nu, 3) for L in SETTINGS.slendernesses for nu in (0.0, 0.3)]
+    return [find_limit(L, nu, 3) for L in SLENDERNESSES for nu in POISSONS_RATIOS]
 
 
 def verdicts(findings: list[Finding]) -> list[Verdict]:
@@ -198,8 +193,7 @@ def test_quadratic_tetrahedra_that_disagree_are_seen(bars: list[BendingPoint]) -
 
 @pytest.mark.dolfinx
 def test_quadratic_tetrahedra_agree_on_a_small_bar() -> None:
-    settings = MapSettings((2.0,), (0.3,), (0.1,), cells_across=4)
-    (point,) = follow_bar(2.0, 0.3, settings)
+    (point,) = follow_bar(2.0, 0.3, 4, (0.1,))
     check = check_by_quadratic(point, 2, lambda _line: None)
     # P1 is too stiff in bending, and yet the error of linear strain is the same.
     assert check.load_ratio > 1.05

@@ -18,9 +18,16 @@ from palpate.reference.availability import is_available
 from palpate.validation.report.line_plot import BLUE, GREY, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.contact.bodies import Collision, Fold, collide, fold
+from palpate.validation.studies.contact.motions import (
+    PART,
+    Collision,
+    Fold,
+    Speed,
+    collide,
+    fold,
+    measure_speeds,
+)
 from palpate.validation.studies.contact.scenes import Pair, all_scenes, compare, last_depth
-from palpate.validation.studies.contact.speed import PART, Speed, measure_speeds
 from palpate.validation.studies.contact.sphere import (
     DEPTH,
     DEPTHS,

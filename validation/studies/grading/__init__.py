@@ -15,7 +15,13 @@ from palpate.reference.availability import is_available
 from palpate.validation.report.line_plot import BLUE, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress, Verdict
-from palpate.validation.studies.grading.curves import Curves, cells_for_error, follow
+from palpate.validation.studies.grading.curves import (
+    Curves,
+    cells_for_error,
+    follow,
+    hertz_scene,
+    push_scene,
+)
 from palpate.validation.studies.grading.growth import (
     EXPONENT_TOLERANCE,
     EXPONENTS,
@@ -23,7 +29,6 @@ from palpate.validation.studies.grading.growth import (
     Growth,
     count_cells,
 )
-from palpate.validation.studies.grading.scenes import hertz_scene, push_scene
 from palpate.validation.studies.study import Study
 
 

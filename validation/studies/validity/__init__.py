@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 from palpate.reference.availability import is_available
 from palpate.validation.report.study_page import Finding, judged
@@ -26,11 +27,14 @@ from palpate.validation.states import Progress
 from palpate.validation.studies.closed_forms import COMPRESSION_LIMIT, elastica_error
 from palpate.validation.studies.study import Study
 from palpate.validation.studies.validity.bending import (
+    CELLS_ACROSS,
+    DEFLECTIONS,
     LIMITS,
+    POISSONS_RATIOS,
+    SLENDERNESSES,
     BendingLimit,
     BendingPoint,
     DegreeCheck,
-    MapSettings,
     border,
     check_by_quadratic,
     find_limit,
@@ -60,14 +64,12 @@ STUBBY_TOLERANCE = 0.15
 
 def compute(progress: Progress) -> Found:
     """Compute the map."""
-    settings = MapSettings()
     points: list[BendingPoint] = []
     limits: list[BendingLimit] = []
-    for slenderness in settings.slendernesses:
-        for nu in settings.poissons_ratios:
-            progress(f"bending: L/h = {slenderness:g}, Poisson's ratio {nu:g}")
-            points += follow_bar(slenderness, nu, settings)
-            limits.append(find_limit(slenderness, nu, settings.cells_across))
+    for place in product(SLENDERNESSES, POISSONS_RATIOS):
+        progress("bending: L/h = {:g}, Poisson's ratio {:g}".format(*place))
+        points += follow_bar(*place, CELLS_ACROSS, DEFLECTIONS)
+        limits.append(find_limit(*place, CELLS_ACROSS))
     checks = []
     for slenderness, nu, deflection in CHECKED if is_available() else ():
         bar = bars_of(points)[slenderness, nu]
@@ -76,7 +78,7 @@ def compute(progress: Progress) -> Found:
     return Found(
         points,
         limits,
-        finer=find_limit(4.0, 0.3, settings.cells_across + 2),
+        finer=find_limit(4.0, 0.3, CELLS_ACROSS + 2),
         modes=[p for m in Mode for nu in MODE_RATIOS for p in follow_mode(m, nu)],
         ends={(m, nu): find_mode_limit(m, nu) for m in Mode for nu in MODE_RATIOS},
         checks=checks,

@@ -27,21 +27,12 @@ from palpate.validation.studies.bodies import volume_change
 
 # Errors of linear strain that the map is about.
 LIMITS = (0.01, 0.05, 0.10)
-_FINE = tuple(0.01 * 2.0 ** (k / 2.0) for k in range(13))
-
-
-@dataclass(frozen=True)
-class MapSettings:
-    """Where the map is computed, all rising.
-
-    `deflections` are delta = w_linear / L; of the bricks over the height, which are as long as
-    high, a third as many lie over the width.
-    """
-
-    slendernesses: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0, 16.0)
-    poissons_ratios: tuple[float, ...] = (0.0, 0.15, 0.3, 0.4, 0.45)
-    deflections: tuple[float, ...] = (*_FINE, 1.28, 2.56)
-    cells_across: int = 6
+# Where the map is computed: L / h, Poisson's ratio, delta = w_linear / L.
+SLENDERNESSES = (1.0, 2.0, 4.0, 8.0, 16.0)
+POISSONS_RATIOS = (0.0, 0.15, 0.3, 0.4, 0.45)
+DEFLECTIONS = (*(0.01 * 2.0 ** (k / 2.0) for k in range(13)), 1.28, 2.56)
+# Bricks over the height; as long as high, a third as many over the width.
+CELLS_ACROSS = 6
 
 
 @dataclass(frozen=True)
@@ -106,17 +97,17 @@ def bent_bar(slenderness: float, poissons_ratio: float, load: float, cells_acros
 
 
 def follow_bar(
-    slenderness: float, poissons_ratio: float, settings: MapSettings
+    slenderness: float, poissons_ratio: float, cells_across: int, deflections: Sequence[float]
 ) -> list[BendingPoint]:
     """One bar under rising loads, as far as Green strain bears them."""
-    unit = bent_bar(slenderness, poissons_ratio, 1.0, settings.cells_across)
+    unit = bent_bar(slenderness, poissons_ratio, 1.0, cells_across)
     linear = solve_static(unit, strain=Strain.LINEAR).displacement
     compliance = tip_deflection(unit.mesh, linear)
     green: Points | None = None
     points = []
-    for deflection in settings.deflections:
+    for deflection in deflections:
         load = deflection / compliance
-        loaded = bent_bar(slenderness, poissons_ratio, load, settings.cells_across)
+        loaded = bent_bar(slenderness, poissons_ratio, load, cells_across)
         try:
             green = solve_static(loaded, start=green).displacement
         except EquilibriumLostError:

@@ -183,7 +183,11 @@ def draw_map(
                 notes += [(*at, f"{100 * limit:g} %") for at in reached[end:][:1]]
                 lines.append(_through(reached, style=style, colour=colour, label=label))
                 label = ""
-        ends = [(m[axis], m.deflection) for m in limits if m[other] == value and m.deflection]
+        ends = [
+            ((m.slenderness, m.poissons_ratio)[axis], m.deflection)
+            for m in limits
+            if m[other] == value and m.deflection
+        ]
         label = "equilibrium ends (StVK)"
         lines.append(_through(ends, style="-s", width=2.2, colour=GREY, label=label))
         panels.append(
