@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from palpate.fastsim.body import Body
+from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.statics import solve_static as solve_fast
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
-from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 
 if is_available():
+    from palpate.reference.explicit import simulate_explicit
     from palpate.reference.residual import internal_force
     from palpate.reference.statics import solve_static
 
@@ -81,3 +85,49 @@ def test_equilibria_of_two_materials_are_the_same(box, strain):
 )
 def test_built_in_cases_are_the_same(name, strain):
     assert largest_difference(load_case(name).problem, strain) < 1e-8
+
+
+def both_motions(problem, strain, **begun):
+    fast = simulate(problem, strain=strain, element=SMOOTHED, **begun)
+    true = simulate_explicit(problem, strain=strain, element=SMOOTHED, **begun)
+    assert fast.num_steps == true.num_steps
+    return fast, true
+
+
+def largest_difference_in_motion(problem, strain, **begun):
+    fast, true = both_motions(problem, strain, **begun)
+    scale = np.abs(true.displacements).max()
+    assert scale > 0.0
+    return np.abs(fast.displacements - true.displacements).max() / scale
+
+
+@BOTH
+def test_a_thousand_steps_of_two_materials_are_the_same(box, strain):
+    problem = two_materials(box, 0.4)
+    step = 0.5 * Body.of(problem, strain, element=SMOOTHED).critical_time_step()
+    span = TimeSpan(1000 * step, step, mass_damping=2.0, num_outputs=10)
+    moving = dataclasses.replace(problem, time=span)
+    velocity = 0.2 * problem.mesh.points[:, :1] * [0.2, 1.0, 0.0]
+    assert largest_difference_in_motion(moving, strain, velocity=velocity) < 1e-10
+
+
+@BOTH
+def test_a_thousand_steps_of_the_kidney_are_the_same(strain):
+    problem = load_case("kidney").problem
+    step = 0.5 * Body.of(problem, strain, element=SMOOTHED).critical_time_step()
+    span = TimeSpan(1000 * step, step, mass_damping=5.0, num_outputs=10)
+    moving = dataclasses.replace(problem, time=span)
+    assert largest_difference_in_motion(moving, strain) < 1e-10
+
+
+@BOTH
+def test_a_moving_tool_leaves_the_same_motion_and_feels_the_same(strain):
+    problem = load_case("slide").problem
+    fast, true = both_motions(problem, strain)
+    assert true.num_steps == 800
+    scale = np.abs(true.displacements).max()
+    assert np.abs(fast.displacements - true.displacements).max() < 1e-10 * scale
+    felt = np.abs(true.tool_forces).max()
+    assert felt > 0.01
+    forces = np.array([track.mean_forces for track in fast.tools])
+    assert np.abs(forces - true.tool_forces).max() < 1e-9 * felt
