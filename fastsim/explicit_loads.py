@@ -58,7 +58,9 @@ class ExplicitLoads:
                 np.repeat([float(p.pressure) for p, _ in self._pressures], counts),
                 np.repeat([h for _, h in self._pressures], counts).astype(np.int32),
             )
-        run.set_moving_supports(self._held, self._held_histories)
+        # What is held at zero never moves, whatever its factor: nothing to step.
+        moves = np.where(self._held != 0.0, self._held_histories, -1).astype(np.int32)
+        run.set_moving_supports(self._held, moves)
 
     def apply(self, run: _core.ExplicitRun, force: ArrayLike, points: ArrayLike | None) -> None:
         """Push with other forces besides, in the place of those applied before."""

@@ -68,19 +68,16 @@ Gap gap_on_way(const ToolShape &shape, const Point &own, const WayIn &way) {
     return found;
 }
 
-WayIn way_from(const ToolShape &shape, const Point &own, const WayIn &way) {
-    const auto *const box = std::get_if<SharpBox>(&shape);
-    if (box == nullptr)
-        return {};
-    const Face near = nearest_face(*box, own);
-    if (near.side * own[near.axis] - box->half_widths[near.axis] > slack_of(*box))
+WayIn way_from(const SharpBox &box, const Point &own, const WayIn &way) {
+    const Face near = nearest_face(box, own);
+    if (near.side * own[near.axis] - box.half_widths[near.axis] > slack_of(box))
         return {own, true};
     // What touches the box begins straight in front of the face by which it came.
-    const Face face = entered_face(*box, own, way);
+    const Face face = entered_face(box, own, way);
     WayIn next{own, true};
     for (std::size_t i = 0; i < 3; ++i)
-        next.begin[i] = std::clamp(own[i], -box->half_widths[i], box->half_widths[i]);
-    next.begin[face.axis] = 2.0 * face.side * box->half_widths[face.axis];
+        next.begin[i] = std::clamp(own[i], -box.half_widths[i], box.half_widths[i]);
+    next.begin[face.axis] = 2.0 * face.side * box.half_widths[face.axis];
     return next;
 }
 

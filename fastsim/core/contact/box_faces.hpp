@@ -19,7 +19,7 @@ struct WayIn {
 /// Gap of a place in the tool's frame: inside a box from the face it came by, else as `gap_of`.
 Gap gap_on_way(const ToolShape &shape, const Point &own, const WayIn &way);
 
-/// The way of a vertex that is now at a place in the tool's frame; of boxes alone it is known.
-WayIn way_from(const ToolShape &shape, const Point &own, const WayIn &way);
+/// The way of a vertex that is now at a place in the box's frame.
+WayIn way_from(const SharpBox &box, const Point &own, const WayIn &way);
 
 } // namespace fastsim

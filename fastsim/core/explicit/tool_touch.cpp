@@ -89,6 +89,7 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
                const Pose &next, Motion<Real> &motion, Push<Real> &push, std::size_t thread) {
     Reaction reaction{};
     Real fastest(0);
+    const auto *const sharp = std::get_if<SharpBox>(&tool.shape);
     const Box box = posed_box(box_of(tool.shape), now, tool.reach);
     for (TouchVertex &vertex : vertices) {
         Point place{};
@@ -101,7 +102,8 @@ Reaction touch(const TouchSettings &tool, std::span<TouchVertex> vertices, const
         if (!is_near)
             continue;
         const WayIn way = vertex.way;
-        vertex.way = way_from(tool.shape, now.to_tool(place), way);
+        if (sharp != nullptr)
+            vertex.way = way_from(*sharp, now.to_tool(place), way);
         Point force{};
         Gap gap{};
         if (tool.is_constraint) {
