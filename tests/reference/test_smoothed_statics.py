@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from palpate.validation.metrics import displacement_l2, make_state
 from palpate.validation.references.stored import load_stored
 
 if is_available():
+    from palpate.reference import smoothing
     from palpate.reference.audit import audit_displacement
     from palpate.reference.residual import internal_force
     from palpate.reference.statics import solve_static
@@ -151,6 +154,32 @@ def test_error_against_the_truth_is_what_a_prototype_had(name, error):
         problem.mesh, found.displacement, label="", simulator="reference", strain=Strain.GREEN
     )
     assert displacement_l2(problem.mesh, state, truth).value == pytest.approx(error, rel=0.02)
+
+
+@pytest.mark.parametrize("fault", ["edge", "node", "material"])
+def test_one_wrong_weight_is_seen_by_checks_on_the_same_mesh(box, monkeypatch, fault):
+    """What the gates hold on the same mesh is 1e-8 of the displacement."""
+    problem = pushed_about(box)
+    hard = np.flatnonzero(problem.mesh.points[problem.mesh.cells].mean(axis=1)[:, 0] > 0.2)
+    stiff = Inclusion(hard.astype(np.int32), Material(8e4, 0.4))
+    problem = dataclasses.replace(problem, inclusions=(stiff,))
+    right = solve_static(problem, element=SMOOTHED).displacement
+    find = smoothing.find_patches
+
+    def find_wrong(mesh, dimension, constants, volumes):
+        if fault == "material":
+            constants = np.zeros_like(constants)
+        patches = find(mesh, dimension, constants, volumes)
+        first = patches.of_cell[0, 0]
+        if (fault, dimension) == ("edge", 1):
+            patches.volumes[first] *= 1.1
+        if (fault, dimension) == ("node", 0):
+            patches.volumes[first] -= volumes[0] / 4
+        return patches
+
+    monkeypatch.setattr(smoothing, "find_patches", find_wrong)
+    wrong = solve_static(problem, element=SMOOTHED).displacement
+    assert np.linalg.norm(wrong - right) > 1e-6 * np.linalg.norm(right)
 
 
 @pytest.mark.slow
