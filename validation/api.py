@@ -25,9 +25,15 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import Formulation
-from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.solving import Simulator, simulate, solve
-from palpate.validation.states import Elements, Method, State, Trajectory, Verdict
+from palpate.validation.states import (
+    CandidateFailedError,
+    Elements,
+    Method,
+    State,
+    Trajectory,
+    Verdict,
+)
 from palpate.validation.verbs import audit, compare, export, judge, load_case, mesh
 
 __all__ = [

@@ -9,9 +9,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.metrics.possible_motion import unmeasurable_state
-from palpate.validation.simulators.answer import CandidateFailedError, Progress
 from palpate.validation.simulators.candidate import Candidate
-from palpate.validation.states import State
+from palpate.validation.states import CandidateFailedError, Progress, State
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit

@@ -26,11 +26,7 @@ from palpate.validation.simulators.faults import Fault
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import version_of
 
-app = typer.Typer(
-    name="palpate",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(name="palpate", no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(reference_cli.app, name="reference")
 
 

@@ -12,6 +12,7 @@ from palpate.meshes.errors import InputError
 from palpate.validation.case import Case
 from palpate.validation.exchange.case_folder import FILES, is_case_folder
 from palpate.validation.references.stored import accepted_path, pending_path
+from palpate.validation.run_folder_rules import require_unprotected
 
 # What a path leads to: the file itself where it exists, however it is spelled.
 Identity: TypeAlias = tuple[int, int] | str
@@ -63,15 +64,14 @@ def require_case_folder(folder: Path, *, inputs: Iterable[str | Path] = ()) -> N
         inputs: Files that the run reads; the folder may hold none of them.
 
     Raises:
-        OutputError: A file, a folder with an input, or with files of those names.
+        OutputError: A file, or a folder with files of those names.
+        RunFolderError: See `require_unprotected`.
     """
     identity(folder)
     real = Path(os.path.realpath(folder))
     if real.exists() and not real.is_dir():
         raise OutputError(folder, "is a file; name a folder for the case")
-    for file in inputs:
-        if os.path.lexists(file) and Path(os.path.realpath(file)).parent == real:
-            raise OutputError(folder, f"holds {file}, which is read; name a folder of its own")
+    require_unprotected(folder, inputs=inputs)
     taken = [name for name in FILES if os.path.lexists(real / name)]
     if taken and not is_case_folder(real):
         raise OutputError(
@@ -91,8 +91,7 @@ def input_files(
     """
     files = [file for case in cases for file in case.files]
     for case in cases:
-        beside = None if case.is_builtin else case.folder
-        files += [accepted_path(case.name, beside), pending_path(case.name, beside)]
+        files += [accepted_path(case.name, case.beside), pending_path(case.name, case.beside)]
     files += [Path(other) for other in others if other is not None]
     try:
         words = shlex.split(command or "")

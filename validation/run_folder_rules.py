@@ -43,7 +43,9 @@ def require_run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -
         raise RunFolderError(path, f"no folder can have this name ({error})") from error
     if target.exists() and not target.is_dir():
         raise RunFolderError(path, "is a file; name a folder for the results")
-    _require_unprotected(path, target, inputs)
+    require_unprotected(path, inputs=inputs)
+    if target.is_mount():
+        raise RunFolderError(path, "is a mount point and cannot be swapped; name a folder in it")
     if target.is_dir():
         unswapped(target, lambda: _require_replaceable(path, target))
     above = next(folder for folder in target.parents if folder.exists())
@@ -51,12 +53,23 @@ def require_run_folder(path: str | Path, *, inputs: Iterable[str | Path] = ()) -
         raise RunFolderError(path, f"cannot be written: {above} does not allow it")
 
 
-def _require_unprotected(path: str | Path, target: Path, inputs: Iterable[str | Path]) -> None:
+def require_unprotected(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a folder in which nobody wants files of a run among his own.
+
+    Args:
+        path: Whether there or not.
+        inputs: Files that the run reads.
+
+    Raises:
+        RunFolderError: The current folder or one above it, home, a repository's root, or a folder
+            with an input.
+    """
+    target = Path(os.path.realpath(path))
     here = Path(os.path.realpath(Path.cwd()))
     if here.is_relative_to(target):
         raise RunFolderError(
             path,
-            "is the current folder, or one above it, and would be replaced; "
+            "is the current folder, or one above it; "
             f"name a folder of its own, such as {Path(path) / 'out'}",
         )
     home = Path(os.path.realpath(os.path.expanduser("~")))  # noqa: PTH111
@@ -72,8 +85,6 @@ def _require_unprotected(path: str | Path, target: Path, inputs: Iterable[str | 
             raise RunFolderError(
                 path, f"holds {file}, which this run reads; name a folder of its own"
             )
-    if target.is_mount():
-        raise RunFolderError(path, "is a mount point and cannot be swapped; name a folder in it")
 
 
 def _require_replaceable(path: str | Path, target: Path) -> None:

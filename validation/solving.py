@@ -89,7 +89,7 @@ def solve(
     _require_possible(problem, simulator, way, form)
     # Both bring pydantic and meshio along, which `import palpate` and --help do without.
     if simulator is Simulator.REFERENCE:
-        from palpate.validation.references.one_solve import solve_reference
+        from palpate.validation.references.motion_runs import solve_reference
 
         return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
     from palpate.validation.simulators.candidate import fastsim_candidate
@@ -135,7 +135,7 @@ def simulate(
         progress: Likewise.
 
     Returns:
-        The last state; its `trajectory` has all of them, its `tool_forces` what tools felt.
+        The last state; its `trajectory` has all of them, its `tool_forces` the forces on tools.
 
     Raises:
         InputError: There is no time span.

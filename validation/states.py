@@ -193,6 +193,24 @@ class State:
     element: Element = Element.LINEAR
 
     @property
+    def displacements(self) -> NDArray[np.float64]:
+        """At each of the output times [m], (num_times, num_points, 3); once in statics."""
+        motion = self.trajectory
+        return self.displacement[None] if motion is None else motion.displacements
+
+    @property
+    def given(self) -> Trajectory | None:
+        """The motion as it was sent, or else at the output times; None in statics."""
+        return self.sent or self.trajectory
+
+    @property
+    def fields(self) -> list[NDArray[np.float64]]:
+        """Every displacement in it [m], whichever way it was given."""
+        motions = [motion for motion in (self.trajectory, self.sent) if motion is not None]
+        own = [] if self.own is None else [self.own.displacements]
+        return [self.displacement, *(motion.displacements for motion in motions), *own]
+
+    @property
     def is_reference(self) -> bool:
         """Whether the reference solved it; no candidate is called so (`candidate_name`)."""
         return self.simulator == REFERENCE

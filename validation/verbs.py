@@ -143,8 +143,7 @@ def judge(
     (<Verdict.PASSED: 'passed'>, <Verdict.FAILED: 'failed'>)
     """
     from palpate.validation.judging.judge import judge_case
-    from palpate.validation.simulators.candidate import candidates_for
-    from palpate.validation.simulators.in_memory import function_candidate
+    from palpate.validation.simulators.candidate import candidates_for, function_candidate
     from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 
     chosen = None if element is None else known_word(Elements, element, "element")
@@ -188,7 +187,7 @@ def compare(
     <Verdict.FAILED: 'failed'>
     """
     from palpate.validation.judging.judge import judge_case
-    from palpate.validation.simulators.in_memory import answer_candidate
+    from palpate.validation.simulators.candidate import answer_candidate
 
     candidate = answer_candidate(answer)
     return judge_case(_case(case), live=live, candidate=candidate, progress=progress)
@@ -228,7 +227,7 @@ def audit(
     (True, True)
     """
     from palpate.validation.auditing import audit_result
-    from palpate.validation.simulators.in_memory import answer_candidate
+    from palpate.validation.simulators.candidate import answer_candidate
 
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: use 1, 2 or 3")

@@ -20,8 +20,8 @@ from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.evidence.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.report.table_one import state_table
-from palpate.validation.simulators import run_fastsim
 from palpate.validation.simulators.candidate import result_candidate
+from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.states import Verdict
 from palpate.validation.studies import STUDIES
@@ -258,7 +258,7 @@ def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     from palpate.validation.metrics import displacement_l2, make_state
     from palpate.validation.references.sets import SAME_MESH, solve_state
     from palpate.validation.references.stored import load_stored
-    from palpate.validation.simulators import run_fastsim
+    from palpate.validation.simulators.fastsim import run_fastsim
 
     problem = load_case(name).problem
     stored = load_stored(name, problem)

@@ -89,6 +89,8 @@ def everything(folder: Path) -> dict[str, bytes]:
         "audit block.toml answer.npz --cells x.npz",
         "mesh organ.msh -o organ.msh",
         "export block.toml -o .",
+        "export block -o .",
+        "export block -o ..",
         "export block.toml -o mysim.py",
         "bench delaunay --json nowhere/x.json",
         "report block.toml -o .",

@@ -20,7 +20,7 @@ from rich.console import Console
 
 from palpate.validation import quoting
 from palpate.validation.case import load_case
-from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import progress_lines
 from palpate.validation.judging import outputs
 from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import textwrap
-import types
 from collections.abc import Iterator, Mapping
-from enum import Enum
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from palpate.validation.case.schema import CaseSpec, PointForceSpec
+from palpate.validation.case.tables import choices_of, keys_of, plain_kind, tables_of
+from palpate.validation.metrics import CATALOGUE
 
 # Shown where a key has no default; words by name, all else by type.
 _EXAMPLES: dict[str, Any] = {
@@ -35,8 +34,6 @@ _EXAMPLES: dict[str, Any] = {
     "time_step": 1e-4,
 }
 _POINT = {"nearest": [1.0, 1.0, 1.0]}
-# More words than this stand on lines of their own.
-_MOST_WORDS = 6
 
 
 def annotated_case(values: Mapping[str, Any], remarks: Mapping[str, str]) -> str:
@@ -64,10 +61,10 @@ class _Writer:
         is_first = model not in self.shown
         self.shown.add(model)
         later = []
-        for key, field in _keys(model):
+        for key, field in keys_of(model):
             if not is_first and key not in values:
                 continue
-            kinds = _tables_of(field)
+            kinds = tables_of(field)
             if kinds and (set(kinds) - self.shown or (not name and key in values)):
                 later.append((key, field, kinds))
                 continue
@@ -90,7 +87,7 @@ class _Writer:
     ) -> Iterator[str]:
         """The table of a key, or each of its tables, and one of every kind that is not there."""
         path = f"{name}.{key}" if name else key
-        is_list = get_origin(_plain(field.annotation)) is tuple
+        is_list = get_origin(plain_kind(field.annotation)) is tuple
         header = f"[[{path}]]" if is_list else f"[{path}]"
         found = values.get(key, [] if is_list else None)
         given = list(found) if is_list else [found] if found is not None else []
@@ -108,43 +105,11 @@ class _Writer:
             yield from self.table(kind, one, path, is_given=is_there)
 
 
-def _keys(model: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
-    """By the names in a file; `kind` first, and plain text tables as they stand."""
-    fields = [(field.alias or name, field) for name, field in model.model_fields.items()]
-    return sorted(fields, key=lambda pair: pair[0] != "kind")
-
-
-def _plain(annotation: Any) -> Any:
-    """Without what validates it and without None."""
-    if get_origin(annotation) is Annotated:
-        return _plain(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, types.UnionType):
-        others = [a for a in get_args(annotation) if a is not types.NoneType]
-        return _plain(others[0]) if len(others) == 1 else annotation
-    return annotation
-
-
-def _tables_of(field: FieldInfo) -> list[type[BaseModel]]:
-    """The kinds of table that may stand there; none for a plain value."""
-    kind = _plain(field.annotation)
-    if get_origin(kind) is tuple:
-        kind = _plain(get_args(kind)[0])
-    kinds = [_plain(k) for k in get_args(kind)] if get_origin(kind) is not Literal else []
-    return [k for k in (kinds or [kind]) if isinstance(k, type) and issubclass(k, BaseModel)]
-
-
 def _kind_of(value: Mapping[str, Any], kinds: list[type[BaseModel]]) -> type[BaseModel]:
     for kind in kinds:
-        if "kind" in kind.model_fields and _choices(kind.model_fields["kind"]) == [value["kind"]]:
+        if "kind" in kind.model_fields and choices_of(kind.model_fields["kind"]) == [value["kind"]]:
             return kind
     return kinds[0]
-
-
-def _choices(field: FieldInfo) -> list[Any]:
-    kind = _plain(field.annotation)
-    if get_origin(kind) is Literal:
-        return list(get_args(kind))
-    return list(kind) if isinstance(kind, type) and issubclass(kind, Enum) else []
 
 
 def _example(key: str, field: FieldInfo) -> Any:
@@ -156,17 +121,17 @@ def _example(key: str, field: FieldInfo) -> Any:
         return value
     if key in _EXAMPLES:
         return _EXAMPLES[key]
-    choices = _choices(field)
+    choices = choices_of(field)
     if choices:
         return choices[0]
-    kinds = _tables_of(field)
+    kinds = tables_of(field)
     if kinds:
-        one = {k: _example(k, f) for k, f in _keys(kinds[0]) if f.is_required()}
-        return [one] if get_origin(_plain(field.annotation)) is tuple else one
-    kind = _plain(field.annotation)
+        one = {k: _example(k, f) for k, f in keys_of(kinds[0]) if f.is_required()}
+        return [one] if get_origin(plain_kind(field.annotation)) is tuple else one
+    kind = plain_kind(field.annotation)
     if get_origin(kind) is tuple:
         count = len([a for a in get_args(kind) if a is not ...])
-        return [_of_type(_plain(get_args(kind)[0]))] * count
+        return [_of_type(plain_kind(get_args(kind)[0]))] * count
     return _of_type(kind)
 
 
@@ -180,11 +145,10 @@ def _lines(key: str, value: Any, field: FieldInfo | None, is_given: bool) -> Ite
     if field is None:
         yield text
         return
-    words = [str(choice) for choice in _choices(field)]
+    words = [str(choice) for choice in choices_of(field)]
     about = str(field.description)
-    if len(words) > _MOST_WORDS:
-        listed = textwrap.wrap(f"One of {', '.join(words)}.", 96)
-        yield from (f"#   {line}" for line in listed)
+    if words == list(CATALOGUE):
+        yield from (f"#   {metric.name}: {metric.meaning}" for metric in CATALOGUE.values())
     elif len(words) > 1:
         about += f" One of {', '.join(words)}."
     yield f"{text:<34}  # {about}"

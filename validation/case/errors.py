@@ -5,16 +5,14 @@ from __future__ import annotations
 import difflib
 import re
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from palpate.meshes.errors import InputError
-from palpate.validation.case import geometry_schema, motion_schema
-from palpate.validation.case import region_schema as regions_schema
-from palpate.validation.case import schema as case_schema
-from palpate.validation.case.schema import CaseSpec, LoadSpec
+from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.tables import choices_of, keys_of, tables_of
 
 
 class CaseError(InputError):
@@ -103,8 +101,8 @@ _ALSO_CALLED = {
     "length": ("mm", "unit"),
 }  # fmt: skip
 _LOADS: dict[str, type[BaseModel]] = {
-    get_args(model.model_fields["kind"].annotation)[0]: model
-    for model in get_args(get_args(LoadSpec)[0])
+    choices_of(model.model_fields["kind"])[0]: model
+    for model in tables_of(CaseSpec.model_fields["load"])
 }
 
 
@@ -115,30 +113,20 @@ def _is_tag(index: int, loc: tuple[int | str, ...]) -> bool:
 
 def _siblings(loc: tuple[int | str, ...]) -> list[str]:
     """Keys that may stand where an unknown one was found."""
-    model: Any = CaseSpec
+    model: type[BaseModel] = CaseSpec
     for index, part in enumerate(loc[:-1]):
         if isinstance(part, int):
             continue
         if _is_tag(index, loc):
             model = _LOADS[str(part)]
             continue
-        annotation = str(model.model_fields[part].annotation) if part in model.model_fields else ""
-        models = {cls.__name__: cls for cls in _all_models()}
-        named = [cls for name, cls in models.items() if re.search(rf"\b{name}\b", annotation)]
-        if len(named) == 1:
-            model = named[0]
+        field = dict(keys_of(model)).get(part)
+        kinds = tables_of(field) if field is not None else []
+        if len(kinds) == 1:
+            model = kinds[0]
         elif part != "load":
-            return sorted({key for cls in (named or models.values()) for key in cls.model_fields})
-    return [f.alias or name for name, f in model.model_fields.items()]
-
-
-def _all_models() -> list[type[BaseModel]]:
-    return [
-        value
-        for schema in (case_schema, geometry_schema, motion_schema, regions_schema)
-        for value in vars(schema).values()
-        if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel
-    ]
+            return []
+    return [name for name, _ in keys_of(model)]
 
 
 def _line_of(source: str, place: list[int | str]) -> int:

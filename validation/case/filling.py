@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.fastsim.grading.graded_mesh import GradedMesh
+from palpate.fastsim.grading.size_fields import (
+    SizeField,
+    distance_to_ball,
+    distance_to_facets,
+    distance_to_points,
+    grow_with_distance,
+    refine_to_size,
+)
+from palpate.fastsim.mesher import Boundary, MeshingError, mesh_surface_with_report
+from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
+from palpate.meshes.gmsh_mesher import mesh_with_gmsh
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.geometry_schema import GradeSpec, MeshSpec
 from palpate.validation.case.units import Units
-
-if TYPE_CHECKING:
-    from palpate.fastsim.grading.size_fields import SizeField
 
 MOST_CELLS = 2_000_000
 # Of a box around the body, which may be mostly empty.
@@ -66,8 +74,6 @@ def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
         require_countable([float(x) for x in np.ptp(surface.points, axis=0)], size)
     done = []
     if spec.boundary_distance is not None:
-        from palpate.fastsim.surface_remesher import remesh_surface
-
         if spec.grade and spec.mesher != "gmsh":
             return _fill_graded(surface, spec, units, size)
         surface, report = remesh_surface(
@@ -86,8 +92,6 @@ def _fill_graded(
     surface: TriSurface, spec: MeshSpec, units: Units, size: float | None
 ) -> BuiltMesh:
     """Facets and cells as small as the grades ask, made at once."""
-    from palpate.fastsim.mesher import Boundary, mesh_surface_with_report
-
     assert spec.boundary_distance is not None
     mesh, report = mesh_surface_with_report(
         surface,
@@ -104,9 +108,6 @@ def _fill_graded(
 
 def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
     """Refine by bisection until every grade's sizes are met."""
-    from palpate.fastsim.grading.graded_mesh import GradedMesh
-    from palpate.fastsim.grading.size_fields import refine_to_size
-
     graded = GradedMesh(mesh)
     refine_to_size(graded, _size_field(mesh.surface(), grades, units), max_cells=MOST_CELLS)
     return graded.mesh
@@ -114,21 +115,12 @@ def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
 
 def _size_field(surface: TriSurface, grades: Sequence[GradeSpec], units: Units) -> SizeField:
     """The smallest of what the grades ask."""
-    from palpate.fastsim.grading.size_fields import (
-        distance_to_ball,
-        distance_to_facets,
-        distance_to_points,
-        grow_with_distance,
-    )
-
     fields: list[SizeField] = []
     for one in grades:
         if one.ball is not None:
-            distance = distance_to_ball(
-                [units.metres(x) for x in one.ball.center], units.metres(one.ball.radius)
-            )
+            distance = distance_to_ball(units.place(one.ball.center), units.metres(one.ball.radius))
         elif one.point is not None:
-            distance = distance_to_points([units.metres(x) for x in one.point])
+            distance = distance_to_points(units.place(one.point))
         else:
             distance = distance_to_facets(surface)
         smallest = units.metres(one.smallest)
@@ -145,8 +137,6 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> Built
     """By the mesher asked for, or fastsim's first and gmsh's otherwise."""
     refusal = ""
     if spec.mesher in ("auto", "fastsim"):
-        from palpate.fastsim.mesher import MeshingError, mesh_surface_with_report
-
         try:
             mesh, report = mesh_surface_with_report(surface, edge_length=size)
             cut = report.boundary_steiner_points
@@ -156,8 +146,6 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> Built
             if spec.mesher == "fastsim":
                 raise
             refusal = str(error)
-    from palpate.meshes.gmsh_mesher import mesh_with_gmsh
-
     try:
         mesh = mesh_with_gmsh(surface, edge_length=size)
     except MeshError as error:

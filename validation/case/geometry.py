@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 from palpate.meshes.errors import FileFormatError, InputError, SurfaceError
 from palpate.meshes.files import read_mesh, read_surface
@@ -14,7 +15,7 @@ from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.surface_repair import repair_surface
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.filling import BuiltMesh, fill, require_countable
-from palpate.validation.case.geometry_schema import GeometrySpec
+from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec
 from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.units import Units
 
@@ -77,48 +78,38 @@ def load_surface(path: Path, *, scale: float, repair: bool = False) -> tuple[Tri
 
 def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:
     """The surface of a built-in shape; the schema has checked that its parameters are there."""
-
-    def metres(value: float | None) -> float:
-        return units.metres(cast(float, value))
-
-    edge = metres(geometry.edge_length)
-    require_countable(_extents(geometry, units), edge)
-    match geometry.shape:
-        case "box":
-            x, y, z = (units.metres(s) for s in geometry.size or (1.0, 1.0, 1.0))
-            return shape_box((x, y, z), edge_length=edge)
-        case "beam":
-            return shape_beam(
-                metres(geometry.length),
-                metres(geometry.width),
-                metres(geometry.height),
-                edge_length=edge,
-            )
-        case "cylinder":
-            return shape_cylinder(
-                metres(geometry.radius), metres(geometry.height), edge_length=edge
-            )
-        case "sphere":
-            return shape_sphere(metres(geometry.radius), edge_length=edge)
-        case _:
-            return shape_kidney(edge_length=edge)
+    assert geometry.shape is not None
+    assert geometry.edge_length is not None
+    edge = units.metres(geometry.edge_length)
+    given = [getattr(geometry, key) for key in SHAPES[geometry.shape]]
+    sizes = [units.place(v) if isinstance(v, tuple) else units.metres(v) for v in given]
+    require_countable(_extents(geometry.shape, sizes), edge)
+    surface: TriSurface = _MAKERS[geometry.shape](*sizes, edge_length=edge)
+    return surface
 
 
-def _extents(geometry: GeometrySpec, units: Units) -> tuple[float, float, float]:
+_MAKERS: dict[str, Any] = {
+    "box": shape_box,
+    "beam": shape_beam,
+    "cylinder": shape_cylinder,
+    "sphere": shape_sphere,
+    "kidney": shape_kidney,
+}
+
+
+def _extents(shape: str, sizes: list[Any]) -> Sequence[float]:
     """Of a box around a built-in shape [m]."""
-    across = 2.0 * (geometry.radius or 0.0)
-    match geometry.shape:
-        case "box":
-            x, y, z = geometry.size or (1.0, 1.0, 1.0)
-        case "beam":
-            x, y, z = (side or 0.0 for side in (geometry.length, geometry.width, geometry.height))
-        case "cylinder":
-            x, y, z = across, across, geometry.height or 0.0
-        case "sphere":
-            x, y, z = across, across, across
-        case _:
+    match shape, sizes:
+        case "box", [size]:
+            extents: Sequence[float] = size
+            return extents
+        case "cylinder", [radius, height]:
+            return 2.0 * radius, 2.0 * radius, height
+        case "sphere", [radius]:
+            return (2.0 * radius,) * 3
+        case "kidney", []:
             return _KIDNEY
-    return units.metres(x), units.metres(y), units.metres(z)
+    return sizes
 
 
 def inside_folder(folder: Path, name: str) -> Path:

@@ -9,6 +9,15 @@ from pydantic import model_validator
 from palpate.validation.case.numbers import Flag, Positive, Vector
 from palpate.validation.case.region_schema import BallRegion, Table
 
+# Of each built-in shape its sizes, in the order in which its maker takes them.
+SHAPES: dict[str, tuple[str, ...]] = {
+    "box": ("size",),
+    "beam": ("length", "width", "height"),
+    "cylinder": ("radius", "height"),
+    "sphere": ("radius",),
+    "kidney": (),
+}
+
 
 class GeometrySpec(Table):
     """Exactly one of a built-in shape, a surface file or a mesh file."""
@@ -39,14 +48,7 @@ class GeometrySpec(Table):
         given = [k for k in ("shape", "surface", "mesh") if getattr(self, k) is not None]
         if len(given) != 1:
             raise ValueError("needs exactly one of shape, surface, mesh")
-        parameters = {
-            None: set(),
-            "box": {"size", "edge_length"},
-            "beam": {"length", "width", "height", "edge_length"},
-            "cylinder": {"radius", "height", "edge_length"},
-            "sphere": {"radius", "edge_length"},
-            "kidney": {"edge_length"},
-        }[self.shape]
+        parameters = {*SHAPES[self.shape], "edge_length"} if self.shape else set()
         extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
         if self.surface is not None:
             extra.discard("repair")

@@ -120,6 +120,11 @@ class Case:
         return self.folder == builtin_folder()
 
     @property
+    def beside(self) -> Path | None:
+        """Beside what its references lie; None of a built-in case."""
+        return None if self.is_builtin else self.folder
+
+    @property
     def title(self) -> str:
         """One line for people."""
         return self.spec.title

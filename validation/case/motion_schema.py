@@ -6,14 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from palpate.validation.case.numbers import (
-    Count,
-    Flag,
-    NotNegative,
-    Number,
-    Positive,
-    Vector,
-)
+from palpate.validation.case.numbers import Count, Flag, NotNegative, Number, Positive, Vector
 from palpate.validation.case.region_schema import RegionSpec, Table
 
 # States kept of a motion; each is as large as the answer of a static case.

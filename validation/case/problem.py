@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.arrays import Indices
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     Load,
@@ -49,10 +48,12 @@ from palpate.validation.case.schema import (
     TractionSpec,
 )
 from palpate.validation.case.units import Units
+from palpate.validation.exchange.facets import facet_areas
 
 # Of loads and displacements in SI units: squares and sums of it are still numbers.
 _LARGEST = 1e100
-_Triple = tuple[float, float, float]
+# What the kinds of loads call their size, and its unit.
+_SIZES = {"force_density": "N/m3", "traction": "Pa", "pressure": "Pa", "forces": "N"}
 
 
 def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
@@ -103,7 +104,7 @@ class _Builder:
 
     def support(self, spec: SupportSpec, what: str) -> Support:
         x, y, z = ("x" in spec.components, "y" in spec.components, "z" in spec.components)
-        displacement, amplitude = self._metres(spec.displacement), _amplitude(spec.amplitude)
+        displacement, amplitude = self.units.place(spec.displacement), _amplitude(spec.amplitude)
         factors = (1.0,) if amplitude is None else amplitude.factors
         _require_usable(np.outer(factors, displacement), what, "m")
         if spec.region.nearest is not None:
@@ -117,11 +118,8 @@ class _Builder:
 
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         built = self._load(spec, material, what)
-        values = {
-            "force_density": "N/m3", "traction": "Pa", "pressure": "Pa", "forces": "N"
-        }  # fmt: skip
-        for name, unit in values.items():
-            factors = (1.0,) if built.amplitude is None else built.amplitude.factors
+        factors = (1.0,) if built.amplitude is None else built.amplitude.factors
+        for name, unit in _SIZES.items():
             _require_usable(np.outer(factors, getattr(built, name, 0.0)), what, unit)
         return built
 
@@ -144,7 +142,7 @@ class _Builder:
                 return Traction(facets, (tx, ty, tz), amplitude)
             case ForceSpec():
                 facets = select_facets(mesh, spec.region, units, what)
-                area = _area(mesh, facets)
+                area = float(facet_areas(mesh.points, facets).sum())
                 tx, ty, tz = (units.newtons(f) / area for f in spec.force)
                 return Traction(facets, (tx, ty, tz), amplitude)
 
@@ -156,7 +154,7 @@ class _Builder:
         )
         path = ToolPath(
             np.array([pose.time for pose in spec.pose]),
-            np.array([self._metres(pose.position) for pose in spec.pose]),
+            np.array([self.units.place(pose.position) for pose in spec.pose]),
             np.array([_quaternion(pose) for pose in spec.pose]),
         )
         return RigidTool(
@@ -178,17 +176,13 @@ class _Builder:
             case ToolSpec(shape="capsule", radius=float(radius), half_length=float(half)):
                 return CapsuleShape(metres(radius), metres(half))
             case ToolSpec(shape="box", half_widths=(a, b, c)):
-                return BoxShape((metres(a), metres(b), metres(c)))
+                return BoxShape(self.units.place((a, b, c)))
             case ToolSpec(shape="surface", surface=str(name)):
                 path = inside_folder(self.folder, name)
                 surface, _ = load_surface(path, scale=metres(1.0))
                 return SurfaceShape(surface)
             case _:
                 return PlaneShape()
-
-    def _metres(self, values: _Triple) -> _Triple:
-        x, y, z = (self.units.metres(value) for value in values)
-        return (x, y, z)
 
 
 def _require_usable(values: NDArray[np.float64], what: str, unit: str) -> None:
@@ -211,9 +205,3 @@ def _quaternion(pose: PoseSpec) -> list[float]:
     largest = max(abs(a) for a in pose.rotation.axis)
     axis = [a / largest for a in pose.rotation.axis]
     return [math.cos(half), *(math.sin(half) * a / math.hypot(*axis) for a in axis)]
-
-
-def _area(mesh: TetMesh, facets: Indices) -> float:
-    corners = mesh.points[facets]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return float(0.5 * np.linalg.norm(normals, axis=1).sum())

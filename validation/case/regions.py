@@ -11,6 +11,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.numbers import Vector
 from palpate.validation.case.region_schema import RegionSpec
 from palpate.validation.case.units import Units
+from palpate.validation.exchange.facets import are_among
 
 # A point is there within this part of the body's size.
 SAME_PLACE = 1e-6
@@ -42,9 +43,7 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
             raise InputError(
                 f"{what}: no facet group {region.group!r} in the mesh (known: {known})"
             )
-        wanted = {tuple(row) for row in np.sort(mesh.facet_groups[region.group], axis=1).tolist()}
-        keys = np.sort(facets, axis=1).tolist()
-        inside = np.array([tuple(row) in wanted for row in keys])
+        inside = are_among(facets, mesh.facet_groups[region.group])
     else:
         inside = np.ones(len(facets), dtype=bool)
     inside &= _contains(mesh.points[facets].mean(axis=1), region, units)
@@ -70,7 +69,7 @@ def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     """Index of the boundary point nearest to the region's place, shape (1,)."""
     if region.nearest is None:
         raise InputError(f"{what}: needs region = {{ nearest = [x, y, z] }}")
-    place = np.array([units.metres(x) for x in region.nearest])
+    place = np.array(units.place(region.nearest))
     boundary = np.unique(mesh.boundary_facets)
     distance = np.linalg.norm(mesh.points[boundary] - place, axis=1)
     return boundary[[int(np.argmin(distance))]].astype(np.int32)
@@ -88,7 +87,7 @@ def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:
     Raises:
         InputError: None lies there; the message tells the nearest.
     """
-    wanted = np.array([units.metres(x) for x in place])
+    wanted = np.array(units.place(place))
     apart = np.linalg.norm(mesh.points - wanted, axis=1)
     point = int(apart.argmin())
     if not apart[point] <= SAME_PLACE * float(np.ptp(mesh.points, axis=0).max()):
@@ -102,14 +101,13 @@ def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:
 def _contains(places: NDArray[np.float64], region: RegionSpec, units: Units) -> NDArray[np.bool_]:
     inside = np.ones(len(places), dtype=bool)
     if region.box is not None:
-        low = np.array([units.metres(x) for x in region.box.min])
-        high = np.array([units.metres(x) for x in region.box.max])
+        low, high = (np.array(units.place(c)) for c in (region.box.min, region.box.max))
         inside &= np.all((places >= low) & (places <= high), axis=1)
     if region.ball is not None:
-        center = np.array([units.metres(x) for x in region.ball.center])
-        inside &= np.linalg.norm(places - center, axis=1) <= units.metres(region.ball.radius)
+        apart = np.linalg.norm(places - np.array(units.place(region.ball.center)), axis=1)
+        inside &= apart <= units.metres(region.ball.radius)
     if region.half_space is not None:
-        point = np.array([units.metres(x) for x in region.half_space.point])
+        point = np.array(units.place(region.half_space.point))
         inside &= (places - point) @ np.array(region.half_space.normal) >= 0.0
     return inside
 

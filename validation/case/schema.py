@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -10,29 +11,16 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
 from palpate.validation.case.named_values import require_inputs
-from palpate.validation.case.numbers import (
-    Number,
-    PlainData,
-    Vector,
-    plain_number,
-)
+from palpate.validation.case.numbers import Number, PlainData, Vector, plain_number
 from palpate.validation.case.region_schema import RegionSpec, Table
 from palpate.validation.case.units import Units
-from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS
+from palpate.validation.metrics import CATALOGUE, Metric
 from palpate.validation.states import Precision
 
-# Held against a number of the case file: the candidate's answer, or the truth itself.
-PUBLISHED = "published_displacement"
-PUBLISHED_SWING = "published_oscillation"
-PUBLISHED_METRICS = (PUBLISHED, PUBLISHED_SWING)
-# The candidate's own, without a reference.
-OWN_METRICS = tuple(
-    metric.name
-    for metric in CATALOGUE.values()
-    if metric.compare is None and metric.name not in PUBLISHED_METRICS
-)
-# What the truth of a motion can be asked for.
-MOVING_TRUTH = (*MOVING_TRUTH_METRICS, *PUBLISHED_METRICS)
+if TYPE_CHECKING:
+    MetricName: TypeAlias = str
+else:
+    MetricName = Literal[tuple(CATALOGUE)]
 
 
 class MaterialSpec(Table):
@@ -141,31 +129,7 @@ LoadSpec = Annotated[
 class CheckSpec(Table):
     """A limit and the reason for it."""
 
-    metric: Literal[
-        "displacement_l2",
-        "displacement_h1",
-        "energy_norm",
-        "displacement_max",
-        "max_displacement",
-        "volume",
-        "local_volume",
-        "surface_area",
-        "surface_hausdorff",
-        "surface_mean_distance",
-        "reaction_force",
-        "tool_force",
-        "strain_energy",
-        "trajectory_l2",
-        "oscillation_amplitude",
-        "oscillation_frequency",
-        "oscillation_phase",
-        "oscillation_damping",
-        "oscillation_mean",
-        "smallest_det_f",
-        "inverted_cells",
-        "published_displacement",
-        "published_oscillation",
-    ]
+    metric: MetricName
     """What is compared, or measured of the candidate itself."""
     against: Literal["same_mesh", "truth", "candidate"] = "same_mesh"
     """The reference on the same mesh, the truth with its error bar, or the candidate alone."""
@@ -188,31 +152,51 @@ class CheckSpec(Table):
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
-        is_published = self.metric in PUBLISHED_METRICS
-        if is_published and self.against == "same_mesh":
+        about = self.about
+        if about.is_published and self.against == "same_mesh":
             raise ValueError(
                 f'{self.metric} goes with against = "candidate", or "truth" for the '
                 "reference's own"
             )
-        if not is_published and (self.metric in OWN_METRICS) != (self.against == "candidate"):
-            own = ", ".join((*OWN_METRICS, *PUBLISHED_METRICS))
+        if not about.is_published and about.is_own != (self.against == "candidate"):
+            own = ", ".join(_names(lambda m: m.is_own or m.is_published))
             raise ValueError(f'{own} go with against = "candidate", and nothing else does')
-        if CATALOGUE[self.metric].needs_same_mesh and self.against != "same_mesh":
+        if about.needs_same_mesh and self.against != "same_mesh":
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
-        if self.precision is not None and self.metric in OWN_METRICS:
+        if self.precision is not None and about.is_own:
             raise ValueError(f"precision goes with what is compared, not with {self.metric}")
         given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
-        if (is_published and len(given) < 3) or (given and not is_published):
+        if (about.is_published and len(given) < 3) or (given and not about.is_published):
             raise ValueError(
-                f"at, component and expected go with {' and '.join(PUBLISHED_METRICS)}, all three"
+                f"at, component and expected go with {' and '.join(_names(_is_published))}, "
+                "all three"
             )
-        if (self.metric == PUBLISHED_SWING) != (self.quantity is not None):
-            raise ValueError(f"quantity goes with {PUBLISHED_SWING}: {PUBLISHED_SWING} needs one")
-        if is_published and not self.expected:
+        if (about.is_published and about.is_fitted) != (self.quantity is not None):
+            (swing,) = _names(lambda m: m.is_published and m.is_fitted)
+            raise ValueError(f"quantity goes with {swing}: {swing} needs one")
+        if about.is_published and not self.expected:
             raise ValueError("expected = 0 gives no scale; choose another component or point")
-        if self.metric not in OWN_METRICS and self.limit <= 0.0:
+        if not about.is_own and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
+
+    @property
+    def about(self) -> Metric:
+        """What the catalogue says of its metric."""
+        return CATALOGUE[self.metric]
+
+    @property
+    def is_of_truth_alone(self) -> bool:
+        """Whether the truth itself, not the candidate, is held against a published number."""
+        return self.against == "truth" and self.about.is_published
+
+
+def _names(which: Callable[[Metric], bool]) -> list[str]:
+    return [metric.name for metric in CATALOGUE.values() if which(metric)]
+
+
+def _is_published(metric: Metric) -> bool:
+    return metric.is_published
 
 
 class EvidenceSpec(Table):
@@ -280,16 +264,17 @@ class CaseSpec(Table):
     @model_validator(mode="after")
     def _motion_needs_time(self) -> CaseSpec:
         for check in self.check:
-            metric = CATALOGUE[check.metric]
+            metric = check.about
             if metric.needs_tools and not self.tool:
                 raise ValueError(f"check {check.metric} needs [tool]")
             if metric.needs_time and self.time is None:
                 raise ValueError(f"check {check.metric} needs [time]")
             if self.time is None:
                 continue
-            if check.against == "truth" and check.metric not in MOVING_TRUTH:
+            if check.against == "truth" and not metric.has_moving_truth:
+                known = ", ".join(_names(lambda m: m.has_moving_truth))
                 raise ValueError(
-                    f"the truth of a case with [time] knows {', '.join(MOVING_TRUTH)}; "
+                    f"the truth of a case with [time] knows {known}; "
                     f'check {check.metric} against = "same_mesh"'
                 )
             if check.against == "same_mesh" and self.time.time_step is None:

@@ -40,6 +40,11 @@ class Units(BaseModel):
         """Turn a length into metres."""
         return value * LENGTH[self.length]
 
+    def place(self, values: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Turn three lengths into metres."""
+        x, y, z = (self.metres(value) for value in values)
+        return x, y, z
+
     def in_case_units(self, message: str) -> str:
         """A message from a room that knows metres only, with its lengths in the case's unit."""
 

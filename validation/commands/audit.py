@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json as json_format
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,15 +12,27 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
-from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import ElementOfResult, OneCase
-from palpate.validation.quoting import for_terminal
-from palpate.validation.states import CandidateFailedError, ExitCode
+from palpate.validation.commands.words import ElementOfResult, OneCase, progress_lines
+from palpate.validation.quoting import for_json, for_terminal
+from palpate.validation.states import ExitCode
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
 
 _INVERTED = "a cell is inverted"
+# What has to be a number, and how it is called.
+_NUMBERS = {
+    "residual_norm": "residual",
+    "relative_residual_norm": "relative residual",
+    "support_gap": "gap of the supports",
+    "force_imbalance": "force out of balance",
+    "moment_imbalance": "moment out of balance",
+    "strain_energy": "strain energy",
+    "volume": "volume",
+    "smallest_det_f": "smallest det F",
+    "displacement_error": "estimated error of displacement",
+    "volume_error": "estimated error of volume",
+}
 _STABLE = {True: "yes", False: "no", None: "not asked"}
 
 
@@ -63,13 +74,8 @@ def audit(
     loaded = load_case(case)
     require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
     used, progress = strain or loaded.strain, progress_lines()
-    try:
-        audited = audit_result(
-            loaded, result_candidate(result, element), strain=used, degree=degree, progress=progress
-        )
-    except CandidateFailedError as error:
-        print(for_terminal(f"palpate: {error}"), file=sys.stderr)
-        raise typer.Exit(ExitCode.FAILED) from error
+    judged = result_candidate(result, element)
+    audited = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
     found, state = audited.audit, audited.state
     wrong = failures(found, limit)
     # Of a mesh of its own the audit sees the case's points only.
@@ -104,21 +110,10 @@ def failures(audit: Audit, limit: float | None = None) -> list[str]:
         limit: Of the residual over the displacement's own norm, and of the supports' gap over the
             largest displacement [-].
     """
-    numbers = (
-        ("residual", audit.residual_norm),
-        ("relative residual", audit.relative_residual_norm),
-        ("gap of the supports", audit.support_gap),
-        ("force out of balance", audit.force_imbalance),
-        ("moment out of balance", audit.moment_imbalance),
-        ("strain energy", audit.strain_energy),
-        ("volume", audit.volume),
-        ("smallest det F", audit.smallest_det_f),
-        ("estimated error of displacement", audit.displacement_error),
-        ("estimated error of volume", audit.volume_error),
-    )
+    numbers = {name: getattr(audit, attribute) for attribute, name in _NUMBERS.items()}
     found = [
         f"the {name} is {value:g}, no finite number"
-        for name, value in numbers
+        for name, value in numbers.items()
         if value is not None and not math.isfinite(value)
     ]
     if audit.smallest_det_f <= 0.0:
@@ -164,10 +159,8 @@ def as_numbers(audit: Audit, wrong: list[str]) -> dict[str, Any]:
     values = dataclasses.asdict(audit)
     values.pop("cell_errors")
     values |= {"relative_support_gap": audit.relative_support_gap, "failures": wrong}
-    return {
-        name: None if isinstance(v, float) and not math.isfinite(v) else v
-        for name, v in values.items()
-    }
+    numbers: dict[str, Any] = for_json(values)
+    return numbers
 
 
 def _estimate(value: float | None, scale: str) -> str:

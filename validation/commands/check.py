@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import OneCase
+from palpate.validation.commands.words import OneCase, progress_lines
 
 
 def check(

@@ -23,7 +23,7 @@ import typer
 from palpate.meshes.errors import InputError
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.quoting import for_terminal_lines
-from palpate.validation.states import ExitCode
+from palpate.validation.states import CandidateFailedError, ExitCode
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -31,6 +31,13 @@ if TYPE_CHECKING:
 _STOPS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
+# The first that fits.
+_CODES: dict[type[Exception], ExitCode] = {
+    InputError: ExitCode.UNUSABLE_INPUT,
+    ReferenceUnavailableError: ExitCode.UNUSABLE_INPUT,
+    ReferenceFailedError: ExitCode.INCONCLUSIVE,
+    CandidateFailedError: ExitCode.FAILED,
+}
 # The core answers no signal while it computes: so long it is waited for [s].
 _PATIENCE = 5.0
 
@@ -146,15 +153,13 @@ def end_of(error: BaseException) -> int:
         error = error.__cause__ or KeyboardInterrupt()
     if isinstance(error, KeyboardInterrupt):
         return end_by(signal.SIGINT)
-    if isinstance(error, InputError | ReferenceUnavailableError):
-        _say(str(error))
-        return ExitCode.UNUSABLE_INPUT
+    for kind, code in _CODES.items():
+        if isinstance(error, kind):
+            _say(str(error))
+            return code
     if isinstance(error, OSError):
         _say(f"{error.filename or ''}: {error.strerror or error}")
         return ExitCode.UNUSABLE_INPUT
-    if isinstance(error, ReferenceFailedError):
-        _say(str(error))
-        return ExitCode.INCONCLUSIVE
     # typer brings its own copy of click or the real one: known by what they can do.
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
         _say(_with_suggestion(error.format_message()))

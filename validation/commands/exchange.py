@@ -9,8 +9,12 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.problem import Strain
-from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import ElementOfResult, GrantedPrecision, OneCase
+from palpate.validation.commands.words import (
+    ElementOfResult,
+    GrantedPrecision,
+    OneCase,
+    progress_lines,
+)
 
 
 def export(
@@ -36,7 +40,6 @@ def compare(
     element: ElementOfResult = None,
 ) -> None:
     """Judge somebody else's result; the exit code is the verdict."""
-    from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.case import load_case
     from palpate.validation.exchange.result_files import read_result, room_for_answer
     from palpate.validation.judging import outputs
@@ -55,8 +58,6 @@ def compare(
         precision=precision,
         progress=progress_lines(),
     )
-    if json is not None:
-        text = outputs.results_json([judged], str(judged.provenance["palpate"]))
-        write_text_atomically(json, text)
+    outputs.write_outputs([judged], json=json)
     outputs.print_results([judged], Console(highlight=False))
     raise typer.Exit(exit_code([judged]))

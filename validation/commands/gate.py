@@ -10,7 +10,6 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import (
     ChosenElements,
     GrantedPrecision,
@@ -18,10 +17,10 @@ from palpate.validation.commands.words import (
     OptionalFile,
     SimulatorCommand,
     TimeLimit,
+    progress_lines,
 )
-from palpate.validation.simulators import Fault
+from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
-from palpate.validation.versions import version_of
 
 
 def gate(
@@ -50,7 +49,6 @@ def gate(
     ] = None,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
-    from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.evidence.metamorphic import judge_relations
     from palpate.validation.evidence.self_test import run_self_test
@@ -94,14 +92,7 @@ def gate(
         ]
     if accepted is not None:
         results = with_changes(results, accepted)
-    texts = {
-        json: outputs.results_json(results, version_of("palpate")),
-        junit: outputs.junit_xml(results),
-        summary: outputs.summary_markdown(results),
-    }
-    for path, text in texts.items():
-        if path is not None:
-            write_text_atomically(path, text)
+    outputs.write_outputs(results, json=json, junit=junit, summary=summary)
     outputs.print_results(results, Console(highlight=False))
     if os.environ.get("GITHUB_ACTIONS") == "true":
         print("\n".join(github_annotations(results)))

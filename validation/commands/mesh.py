@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import progress_lines
 from palpate.validation.quoting import for_terminal
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import getpass
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +12,7 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
-from palpate.validation.commands.progress_lines import progress_lines
+from palpate.validation.commands.words import progress_lines
 from palpate.validation.quoting import for_terminal
 from palpate.validation.versions import version_of
 
@@ -30,6 +31,25 @@ def _chosen(names: list[str] | None) -> list[str]:
     from palpate.validation.case import builtin_cases
 
     return names or list(builtin_cases())
+
+
+def _tell_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) -> None:
+    """Print what is said of each case's accepted reference; refusals come last, all of them."""
+    from palpate.validation.case import load_case
+    from palpate.validation.references.stored import accepted_path
+
+    troubles = []
+    for name in names:
+        case = load_case(name)
+        try:
+            found = lines(case, name, accepted_path(case.name, case.beside))
+        except InputError as error:
+            troubles.append(str(error))
+            continue
+        for line in found:
+            print(for_terminal(line))
+    if troubles:
+        raise InputError("; ".join(troubles))
 
 
 @app.command()
@@ -58,7 +78,6 @@ def build(
     for name in _chosen(names):
         case = load_case(name)
         wanted = {spec.against for spec in case.checks}
-        beside = _beside(case)
         asked = "" if element is None else f" --element {element}"
         about = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
@@ -73,13 +92,13 @@ def build(
             print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))
             continue
         else:
-            old = load_checked(accepted_path(case.name, beside), case.name, case.problem, name)
+            old = load_checked(accepted_path(case.name, case.beside), case.name, case.problem, name)
             found = with_element(case.problem, old, element, about, progress)
             provenance = dict(found.provenance)
-        path = pending_path(case.name, beside)
+        path = pending_path(case.name, case.beside)
         store(case.name, case.problem, found, provenance, path=path)
         print(path)
-        for line in describe_changes(accepted_path(case.name, beside), path):
+        for line in describe_changes(accepted_path(case.name, case.beside), path):
             print(for_terminal(f"  {line}"))
         print(f"  not used before `palpate reference accept {name} --reason TEXT`")
 
@@ -91,29 +110,15 @@ def check(names: Cases = None) -> None:
     The hash, that they belong to their case, header numbers, supports, times, equilibrium, error
     bars, and every step of a motion on the same mesh.
     """
-    from palpate.validation.case import load_case
-    from palpate.validation.references.stored import (
-        accepted_path,
-        describe_acceptance,
-        load_checked,
-    )
+    from palpate.validation.references.stored import describe_acceptance, load_checked
 
-    troubles = []
-    for name in _chosen(names):
-        case = load_case(name)
-        try:
-            path = accepted_path(case.name, _beside(case))
-            stored = load_checked(path, case.name, case.problem, name, thoroughly=True)
-        except InputError as error:
-            troubles.append(str(error))
-            continue
-        made = stored.provenance.get("date", "?")
-        print(for_terminal(f"{case.name}: {stored.origin}, made {made}"))
+    def lines(case: Case, name: str, path: Path) -> list[str]:
+        stored = load_checked(path, case.name, case.problem, name, thoroughly=True)
         accepted = describe_acceptance(stored)
-        if accepted:
-            print(for_terminal(f"  {accepted}"))
-    if troubles:
-        raise InputError("; ".join(troubles))
+        made = f"{case.name}: {stored.origin}, made {stored.provenance.get('date', '?')}"
+        return [made, f"  {accepted}"] if accepted else [made]
+
+    _tell_each(_chosen(names), lines)
 
 
 @app.command()
@@ -125,26 +130,16 @@ def renew(
 
     Nothing is solved. Who accepted them and why is kept.
     """
-    from palpate.validation.case import builtin_cases, load_case
     from palpate.validation.references.renewal import renew_reference
-    from palpate.validation.references.stored import accepted_path
 
     if bool(names) == is_all:
         raise InputError("name the cases whose references to renew, or --all for all built-in ones")
-    troubles = []
-    for name in names or list(builtin_cases()):
-        case = load_case(name)
-        path = accepted_path(case.name, _beside(case))
-        try:
-            lines = renew_reference(path, case.name, case.problem, name)
-        except InputError as error:
-            troubles.append(str(error))
-            continue
-        print(path)
-        for line in lines:
-            print(for_terminal(f"  {line}"))
-    if troubles:
-        raise InputError("; ".join(troubles))
+
+    def lines(case: Case, name: str, path: Path) -> list[str]:
+        done = renew_reference(path, case.name, case.problem, name)
+        return [str(path), *(f"  {line}" for line in done)]
+
+    _tell_each(_chosen(names), lines)
 
 
 @app.command()
@@ -162,20 +157,14 @@ def accept(
         raise InputError("--reason is empty; say why the new reference is right")
     for name in names:
         case = load_case(name)
-        beside = _beside(case)
-        pending = pending_path(case.name, beside)
-        changes = describe_changes(accepted_path(case.name, beside), pending)
+        pending = pending_path(case.name, case.beside)
+        changes = describe_changes(accepted_path(case.name, case.beside), pending)
         acceptance = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "by": by or getpass.getuser(),
             "reason": reason.strip(),
             "changes": changes,
         }
-        print(accept_pending(case.name, case.problem, acceptance, beside=beside))
+        print(accept_pending(case.name, case.problem, acceptance, beside=case.beside))
         for line in changes:
             print(for_terminal(f"  {line}"))
-
-
-def _beside(case: Case) -> Path | None:
-    """References of one's own case lie beside it."""
-    return None if case.is_builtin else case.folder

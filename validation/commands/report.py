@@ -8,7 +8,6 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.progress_lines import progress_lines
 from palpate.validation.commands.words import (
     ChosenElements,
     Folder,
@@ -16,9 +15,9 @@ from palpate.validation.commands.words import (
     OptionalCases,
     SimulatorCommand,
     TimeLimit,
+    progress_lines,
 )
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
-from palpate.validation.versions import version_of
 
 
 def report(
@@ -65,10 +64,11 @@ def report(
         if pdf:
             for written in sorted(fresh.glob("*.html")):
                 print_pdf(written)
-        (fresh / "junit.xml").write_text(outputs.junit_xml(results), encoding="utf-8")
-        (fresh / "summary.md").write_text(outputs.summary_markdown(results), encoding="utf-8")
-        (fresh / RESULTS).write_text(
-            outputs.results_json(results, version_of("palpate")), encoding="utf-8"
+        outputs.write_outputs(
+            results,
+            json=fresh / RESULTS,
+            junit=fresh / "junit.xml",
+            summary=fresh / "summary.md",
         )
     outputs.print_results(results, Console(highlight=False))
     print(f"{output / page.name}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +9,10 @@ import typer
 
 from palpate.meshes.problem import Element, Strain
 from palpate.reference.result import Formulation
-from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import OneCase
-from palpate.validation.quoting import for_terminal
+from palpate.validation.commands.words import OneCase, progress_lines
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
-from palpate.validation.states import CandidateFailedError, ExitCode, Method
+from palpate.validation.states import Method
 
 
 def solve(
@@ -45,18 +42,14 @@ def solve(
     loaded = load_case(case)
     require_outputs({"--output": output}, inputs=input_files([loaded]))
     problem, used = loaded.problem, strain or loaded.strain
-    try:
-        state = solve_problem(
-            problem,
-            with_=simulator,
-            strain=used,
-            degree=degree,
-            method=method,
-            formulation=formulation,
-            element=element,
-            progress=progress_lines(),
-        )
-    except CandidateFailedError as error:
-        print(for_terminal(f"palpate: {error}"), file=sys.stderr)
-        raise typer.Exit(ExitCode.FAILED) from error
+    state = solve_problem(
+        problem,
+        with_=simulator,
+        strain=used,
+        degree=degree,
+        method=method,
+        formulation=formulation,
+        element=element,
+        progress=progress_lines(),
+    )
     print(write_solution(output, problem, state))

@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import Folder
+from palpate.validation.commands.words import Folder, progress_lines
 from palpate.validation.studies import STUDIES
 
 

@@ -8,8 +8,7 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.progress_lines import progress_lines
-from palpate.validation.commands.words import Folder, OneCase
+from palpate.validation.commands.words import Folder, OneCase, progress_lines
 from palpate.validation.solving import Simulator
 
 

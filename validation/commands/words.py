@@ -1,4 +1,4 @@
-"""Arguments, options and lines of help that several verbs share."""
+"""Arguments, options, lines of help and of progress that several verbs share."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.text import Text
 
 from palpate.meshes.problem import Element
-from palpate.validation.states import Elements, Precision
+from palpate.validation.quoting import for_terminal
+from palpate.validation.states import Elements, Precision, Progress
 
 
 def complete_case(incomplete: str) -> list[str]:
@@ -27,8 +30,7 @@ def listed(title: str, lines: Iterable[tuple[str, str]]) -> str:
 
 
 OneCase = Annotated[
-    str,
-    typer.Argument(help="built-in name, or path to a .toml file", autocompletion=complete_case),
+    str, typer.Argument(help="built-in name, or path to a .toml file", autocompletion=complete_case)
 ]
 OptionalCases = Annotated[
     list[str] | None,
@@ -48,6 +50,11 @@ SimulatorCommand = Annotated[
 ]
 TimeLimit = Annotated[float, typer.Option(help="of the simulator, in seconds")]
 GrantedPrecision = Annotated[
-    Precision | None,
-    typer.Option(help="granted to the answers; default: what the case grants"),
+    Precision | None, typer.Option(help="granted to the answers; default: what the case grants")
 ]
+
+
+def progress_lines() -> Progress:
+    """A function that prints one dim line."""
+    console = Console(stderr=True, highlight=False)
+    return lambda line: console.print(Text(f"  {for_terminal(line)}", style="dim"), soft_wrap=True)

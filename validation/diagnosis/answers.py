@@ -19,12 +19,7 @@ from palpate.validation.diagnosis.explanation import (
     Cause,
     Explanation,
 )
-from palpate.validation.diagnosis.factors import (
-    LENGTH_UNITS,
-    displacement_words,
-    is_unit,
-    snapped,
-)
+from palpate.validation.diagnosis.factors import LENGTH_UNITS, displacement_words, is_unit, snapped
 
 # (num_times, num_points, 3)
 Fields = NDArray[np.float64]
@@ -45,11 +40,7 @@ def distance(fields: Fields, reference: Fields) -> float:
 
 
 def answer_explanations(
-    fields: Fields,
-    reference: Fields,
-    rest: Points,
-    *,
-    other: tuple[str, Fields] | None = None,
+    fields: Fields, reference: Fields, rest: Points, *, other: tuple[str, Fields] | None = None
 ) -> Iterator[Explanation]:
     """Try every slip of the answer.
 
@@ -194,9 +185,9 @@ def _retimed(fields: Fields, reference: Fields, stated: float) -> Iterator[Expla
         yield tried(f"time shifted: {outputs} late", fields[shift:], reference[:-shift], 1)
         yield tried(f"time shifted: {outputs} early", fields[:-shift], reference[shift:], 1)
     for factor in _TIME_FACTORS:
-        shared = (count - 1) // factor + 1
-        if shared < 4:
+        common = (count - 1) // factor + 1
+        if common < 4:
             continue
         name = f"time runs {factor} times too"
-        yield tried(f"{name} fast", fields[:shared], reference[::factor][:shared], 1)
-        yield tried(f"{name} slow", fields[::factor][:shared], reference[:shared], 1)
+        yield tried(f"{name} fast", fields[:common], reference[::factor][:common], 1)
+        yield tried(f"{name} slow", fields[::factor][:common], reference[:common], 1)

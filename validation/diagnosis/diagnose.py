@@ -18,7 +18,6 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.diagnosis.answers import Fields, answer_explanations, distance, plain_slips
 from palpate.validation.diagnosis.asked import Ask, isotropy_explanation
-from palpate.validation.diagnosis.body import Body
 from palpate.validation.diagnosis.explanation import (
     CONVERGED,
     DOUBLE,
@@ -36,12 +35,17 @@ from palpate.validation.diagnosis.law_slips import (
     law_explanations,
     material_explanations,
 )
-from palpate.validation.diagnosis.laws import OTHER_STRAIN
 from palpate.validation.diagnosis.load_slips import each_load_apart, load_explanations
 from palpate.validation.diagnosis.motion_slips import motion_explanations, stepper_of
-from palpate.validation.diagnosis.support_slips import support_explanations
-from palpate.validation.diagnosis.tool_slips import tool_explanation, tool_force_explanations
+from palpate.validation.diagnosis.static_answer import StaticAnswer
+from palpate.validation.diagnosis.support_slips import (
+    support_explanations,
+    tool_explanation,
+    tool_force_explanations,
+)
 from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.laws import OTHER_STRAIN
 from palpate.validation.states import CandidateFailedError, State
 
 _OWN_MESH = "The answer is on a mesh of its own: only units were tried"
@@ -74,7 +78,7 @@ def diagnose(
         What fits, the simplest first; nothing that does not fit by the rule of `explanation`.
     """
     body = Body(problem, candidate.strain)
-    mine, theirs = _fields(candidate), None if reference is None else _fields(reference)
+    mine, theirs = candidate.displacements, None if reference is None else reference.displacements
     if theirs is not None and theirs.shape != mine.shape:
         theirs = None
     tried: list[Explanation] = []
@@ -87,13 +91,14 @@ def diagnose(
             if theirs is not None:
                 other = None
                 if other_strain is not None:
-                    other = (OTHER_STRAIN[candidate.strain], _fields(other_strain))
+                    other = (OTHER_STRAIN[candidate.strain], other_strain.displacements)
                 tried += answer_explanations(mine, theirs, problem.mesh.points, other=other)
             if problem.time is None:
                 apart = None if theirs is None else distance(mine, theirs)
+                answer = StaticAnswer(body, mine[-1], apart)
                 if theirs is None:
-                    tried += _by_balance(body, mine[-1])
-                tried += _statics(body, mine[-1], apart, ask, bool(choose(tried)))
+                    tried += _by_balance(answer)
+                tried += _statics(answer, ask, bool(choose(tried)))
                 if reference is not None:
                     tried += tool_force_explanations(candidate, reference)
             else:
@@ -111,14 +116,7 @@ def diagnose(
 
 def equations_left(problem: Problem, candidate: State) -> float:
     """What a static answer leaves of the stated equations, over the largest nodal force."""
-    body, u = Body(problem, candidate.strain), candidate.displacement
-    return body.residual(u, body.internal(u), body.total(body.loads(u)))
-
-
-def _fields(state: State) -> Fields:
-    if state.trajectory is not None:
-        return state.trajectory.displacements
-    return state.displacement[None]
+    return StaticAnswer(Body(problem, candidate.strain), candidate.displacement).stated
 
 
 def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str]:
@@ -126,44 +124,37 @@ def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str
         return distance(mine, theirs), OF_DISPLACEMENT
     if body.problem.time is not None:
         return float("nan"), OF_DISPLACEMENT
-    return _left(body, mine[-1]), OF_FORCE
+    return StaticAnswer(body, mine[-1]).stated, OF_FORCE
 
 
-def _left(body: Body, displacement: Points) -> float:
-    external = body.total(body.loads(displacement))
-    return body.residual(displacement, body.internal(displacement), external)
+# Of a static answer; the next of them only where nothing simpler fits.
+_FAMILIES = (
+    (law_explanations, load_explanations, support_explanations, tool_explanation),
+    (material_explanations, each_load_apart),
+    (anisotropy_explanations,),
+)
 
 
-def _statics(
-    body: Body, displacement: Points, apart: float | None, ask: Ask | None, is_found: bool
-) -> Iterator[Explanation]:
-    stated = _left(body, displacement)
-    if stated <= CONVERGED and not is_found:
-        yield Explanation(_kept(body, apart), Cause.AGREES, stated, stated, OF_FORCE, 0)
+def _statics(answer: StaticAnswer, ask: Ask | None, is_found: bool) -> Iterator[Explanation]:
+    problem = answer.body.problem
+    if answer.stated <= CONVERGED and not is_found:
+        yield answer.tried(_kept(answer), Cause.AGREES, 0)
     tried: list[Explanation] = []
-    for family in (
-        law_explanations(body, displacement, stated),
-        load_explanations(body, displacement, stated),
-        support_explanations(body, displacement, stated),
-        tool_explanation(body, displacement, apart),
-    ):
-        tried += family
-    if not is_found and not choose(tried):
-        tried += material_explanations(body, displacement, stated)
-        tried += each_load_apart(body, displacement, stated)
-    if not is_found and not choose(tried):
-        tried += anisotropy_explanations(body, displacement, stated)
-    if ask is not None and not is_found and not choose(tried) and not body.problem.inclusions:
+    for number, families in enumerate(_FAMILIES):
+        if number == 0 or not (is_found or choose(tried)):
+            for family in families:
+                tried += family(answer)
+    if ask is not None and not (is_found or choose(tried) or problem.inclusions):
         # Where it cannot answer these problems, nothing is said of them.
         with contextlib.suppress(CandidateFailedError, InputError):
-            tried += isotropy_explanation(body.problem, displacement, ask)
+            tried += isotropy_explanation(problem, answer.displacement, ask)
     yield from tried
 
 
-def _kept(body: Body, apart: float | None) -> str:
-    if body.problem.tools:
+def _kept(answer: StaticAnswer) -> str:
+    if answer.body.problem.tools:
         return "the stated equations are kept wherever no tool can touch"
-    if apart is not None and apart > SINGLE:
+    if answer.apart is not None and answer.apart > SINGLE:
         return (
             "the stated equations are kept, yet the answer is not the reference's: another "
             "equilibrium of the same body"
@@ -171,11 +162,12 @@ def _kept(body: Body, apart: float | None) -> str:
     return "the stated equations are kept on this mesh"
 
 
-def _by_balance(body: Body, displacement: Points) -> Iterator[Explanation]:
+def _by_balance(answer: StaticAnswer) -> Iterator[Explanation]:
     """Slips of the answer, where no reference is there to see them: undone, the body balances."""
-    stated = _left(body, displacement)
-    for name, fixed in plain_slips(displacement, body.mesh.points):
-        yield Explanation(name, Cause.ANSWER, _left(body, fixed), stated, OF_FORCE)
+    body = answer.body
+    for name, fixed in plain_slips(answer.displacement, body.mesh.points):
+        left = StaticAnswer(body, fixed).stated
+        yield Explanation(name, Cause.ANSWER, left, answer.stated, OF_FORCE)
 
 
 def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:

@@ -1,7 +1,17 @@
-"""Factors: which are known slips of units or sign, and how they are said."""
+"""Words: factors that are known slips of units or sign, and how they and loads are said."""
 
 from __future__ import annotations
 
+from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
+
+PRESSURE_STAYS = "pressure does not follow the surface (dead load)"
+PRESSURE_FOLLOWS = "pressure follows the surface, which linear theory has at rest"
+_KINDS = {
+    Traction: "traction",
+    Pressure: "pressure",
+    PointForce: "point forces",
+    BodyForce: "body force",
+}
 UNIT_FACTORS = (1e-9, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 10.0, 100.0, 1e3, 1e4, 1e6, 1e9)
 # Lengths, as a metre counts in them; an inch is 25.4 mm.
 LENGTH_UNITS = {
@@ -25,6 +35,11 @@ def snapped(factor: float, *, is_single: bool = False) -> float | None:
         if abs(abs(factor) - known) <= near * known:
             return known if factor > 0.0 else -known
     return 0.0 if abs(factor) <= near else None
+
+
+def load_name(index: int, load: Load) -> str:
+    """A load for people: its place in the case, from 1, and its kind."""
+    return f"load {index + 1} ({_KINDS[type(load)]})"
 
 
 def is_unit(factor: float) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -15,12 +16,20 @@ from numpy.typing import NDArray
 
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.diagnosis.body import PRESSURE_FOLLOWS, PRESSURE_STAYS, Body, load_name
 from palpate.validation.diagnosis.explanation import OF_MOTION, SINGLE, Cause, Explanation
-from palpate.validation.diagnosis.factors import in_words, is_unit, snapped
-from palpate.validation.diagnosis.laws import OTHER_STRAIN, Array, laws_instead_of
-from palpate.validation.diagnosis.stepping import Slip, Start, Stepper, Update
+from palpate.validation.diagnosis.factors import (
+    PRESSURE_FOLLOWS,
+    PRESSURE_STAYS,
+    in_words,
+    is_unit,
+    load_name,
+    snapped,
+)
+from palpate.validation.diagnosis.law_slips import lame_slips
 from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
+from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.laws import OTHER_STRAIN, laws_instead_of
+from palpate.validation.mechanics.stepping import Slip, Start, Stepper, Update
 from palpate.validation.states import State
 
 Fields = NDArray[np.float64]
@@ -30,6 +39,20 @@ _MOST_STEPS = 500
 # A full mass matrix is inverted up to this size.
 _FULL_MASS = 600
 _FACTORS = (2.0, 0.5, 1e3, 1e-3)
+_DAMPINGS = {
+    "damping left out": 0.0,
+    "damping twice what was asked (D = 2 lambda M)": 2.0,
+    "half the damping (D = lambda/2 M)": 0.5,
+    "damping reversed in sign": -1.0,
+}
+_STEPPINGS = {
+    "wrong start: the step before the first taken for the first, without half of its "
+    "acceleration": Slip(start=Start.NONE),
+    "wrong start: twice the acceleration at first": Slip(start=Start.DOUBLE),
+    "semi-implicit Euler steps": Slip(update=Update.SEMI_IMPLICIT),
+    "every state stored one step late": Slip(late=-1),
+    "every state stored one step early": Slip(late=1),
+}
 # Of a fitted number: how far it is moved to see the change, and how often it is mended.
 _NUDGE = 1e-5
 _ROUNDS = 8
@@ -97,10 +120,8 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
     asked = span.mass_damping
     pressures = any(isinstance(load, Pressure) for load in problem.loads)
     if asked:
-        yield "damping left out", Cause.TIME, Slip(damping=0.0)
-        yield "damping twice what was asked (D = 2 lambda M)", Cause.TIME, Slip(damping=2.0 * asked)
-        yield "half the damping (D = lambda/2 M)", Cause.TIME, Slip(damping=0.5 * asked)
-        yield "damping reversed in sign", Cause.TIME, Slip(damping=-asked)
+        for name, factor in _DAMPINGS.items():
+            yield name, Cause.TIME, Slip(damping=factor * asked)
     yield from _mass_slips(body)
     yield from _load_slips(body)
     for name, law in laws_instead_of(body.strain).items():
@@ -109,22 +130,14 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
             # Pressures go with the strain measure, or are as they were asked for.
             yield name, Cause.LAW, Slip(law=law, is_other_pressure=True)
     yield from _material_slips(body)
-    yield (
-        "wrong start: the step before the first taken for the first, without half of its "
-        "acceleration",
-        Cause.TIME,
-        Slip(start=Start.NONE),
-    )
-    yield "wrong start: twice the acceleration at first", Cause.TIME, Slip(start=Start.DOUBLE)
-    yield "semi-implicit Euler steps", Cause.TIME, Slip(update=Update.SEMI_IMPLICIT)
+    for name, slip in _STEPPINGS.items():
+        yield name, Cause.TIME, slip
     for pieces in (2, 4, 8, 10):
         yield f"a time step {pieces} times shorter", Cause.TIME, Slip(pieces=pieces)
     for factor in _FACTORS:
         words = f"time runs {in_words(factor)}".replace("counted twice", "twice as fast")
         words = words.replace("halved", "half as fast")
         yield words, Cause.TIME, Slip(step_factor=factor)
-    yield "every state stored one step late", Cause.TIME, Slip(late=-1)
-    yield "every state stored one step early", Cause.TIME, Slip(late=1)
     for number, support in enumerate(problem.supports, start=1):
         released = np.zeros_like(body.held)
         released[np.ix_(support.points, np.flatnonzero(support.components))] = True
@@ -158,36 +171,35 @@ def _mass_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
         )
 
 
+def _load_groups(body: Body) -> list[tuple[str, tuple[int, ...]]]:
+    """Each load alone, and all of them together, by name."""
+    loads = body.problem.loads
+    groups: list[tuple[str, tuple[int, ...]]] = [
+        (load_name(k, load), (k,)) for k, load in enumerate(loads)
+    ]
+    return groups if len(loads) < 2 else [*groups, ("every load", tuple(range(len(loads))))]
+
+
+def _loaded(body: Body, indices: tuple[int, ...], factor: float) -> Slip:
+    numbers = range(len(body.problem.loads))
+    return Slip(load_factors=tuple(factor if k in indices else 1.0 for k in numbers))
+
+
 def _load_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
     loads = body.problem.loads
-    ones = (1.0,) * len(loads)
-    for index, load in enumerate(loads):
+    for name, indices in _load_groups(body):
         for factor in (0.0, 2.0, -1.0):
-            factors = (*ones[:index], factor, *ones[index + 1 :])
-            name = f"{load_name(index, load)} {in_words(factor)}"
-            if factor == -1.0 and isinstance(load, Pressure):
-                name = f"sign of the pressure reversed: {load_name(index, load)} pulls"
-            yield name, Cause.LOAD, Slip(load_factors=factors)
-    if len(loads) > 1:
-        for factor in (0.0, 2.0, -1.0):
-            factors = (factor,) * len(loads)
-            yield f"every load {in_words(factor)}", Cause.LOAD, Slip(load_factors=factors)
+            words = f"{name} {in_words(factor)}"
+            if factor == -1.0 and len(indices) == 1 and isinstance(loads[indices[0]], Pressure):
+                words = f"sign of the pressure reversed: {name} pulls"
+            yield words, Cause.LOAD, _loaded(body, indices, factor)
     if any(isinstance(load, Pressure) for load in loads):
         name = PRESSURE_STAYS if body.follows else PRESSURE_FOLLOWS
         yield name, Cause.LOAD, Slip(is_other_pressure=True)
 
 
 def _material_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
-    l0, m0 = body.lmbda, body.mu
-    E = m0 * (3.0 * l0 + 2.0 * m0) / (l0 + m0)
-    pairs: dict[str, tuple[Array, Array]] = {
-        "Lamé's parameters exchanged": (m0, l0),
-        "bulk modulus in the place of Lamé's lmbda": (l0 + 2.0 * m0 / 3.0, m0),
-        "mu in the place of 2 mu": (l0, 0.5 * m0),
-        "Young's modulus in the place of mu": (l0, E),
-        "lmbda of plane stress": (2.0 * l0 * m0 / (l0 + 2.0 * m0), m0),
-    }
-    for name, lame in pairs.items():
+    for name, lame in lame_slips(body.lmbda, body.mu).items():
         yield name, Cause.MATERIAL, Slip(lame=lame)
     for factor in (1e3, 1e-3):
         name = f"stiffness {in_words(factor)}"
@@ -197,16 +209,8 @@ def _material_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
 def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explanation]:
     """One number at a time by Gauss-Newton steps of the motion itself, from what was asked."""
     body = stepper.body
-    loads = body.problem.loads
-    span = body.problem.time
-    assert span is not None
-    damping = span.mass_damping
-
-    def loaded(index: int | None) -> Callable[[float], Slip]:
-        return lambda c: Slip(
-            load_factors=tuple(c if index in (None, k) else 1.0 for k in range(len(loads)))
-        )
-
+    assert body.problem.time is not None
+    damping = body.problem.time.mass_damping
     numbers: list[tuple[str, Cause, Callable[[float], Slip]]] = [
         ("density", Cause.MASS, lambda c: Slip(mass_factor=c)),
         ("stiffness", Cause.MATERIAL, lambda c: Slip(stiffness_factor=c)),
@@ -214,9 +218,9 @@ def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explana
     ]
     if damping:
         numbers.append(("damping", Cause.TIME, lambda c: Slip(damping=c * damping)))
-    if len(loads) > 1:
-        numbers.append(("every load", Cause.LOAD, loaded(None)))
-    numbers += [(load_name(k, load), Cause.LOAD, loaded(k)) for k, load in enumerate(loads)]
+    numbers += [
+        (name, Cause.LOAD, partial(_loaded, body, indices)) for name, indices in _load_groups(body)
+    ]
     few = replace(stepper, num_outputs=min(stepper.num_outputs, _few_outputs(stepper)))
     for name, cause, slip_of in numbers:
         factor = _fit(few, slip_of, wanted[: few.num_outputs])

@@ -17,11 +17,12 @@ do.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.fastsim.dynamics import simulate
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -31,7 +32,7 @@ from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.evidence.remainder import SOLVER, name_of_rest
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, TRUTH
-from palpate.validation.states import State
+from palpate.validation.states import Progress, State, in_silence
 
 MODEL, DISCRETISATION, TIME = "model", "discretisation", "time"
 # How much finer the time step is that stands for none.
@@ -131,31 +132,24 @@ def static_budgets(
         return []
     probe = farthest_probe(truth.displacement)
 
-    def read(state: State | None) -> Points | None:
+    def read(state: State | None) -> Points:
         if state is None:
-            return None
+            return np.full(2, np.nan)
         return probe.read(problem.mesh, state.displacement, state.volume)
 
     strain = candidate.strain
-    twin = OF_ELEMENT[candidate.element]
-    same, fine = states.get((twin, strain)), truth_of(strain)
-    own = _sure(read(candidate))
-    terms: dict[str, Points | None] = {MODEL: None}
+    on_mesh = OF_ELEMENT[candidate.element]
+    same, fine, own = states.get((on_mesh, strain)), truth_of(strain), read(candidate)
+    terms: dict[str, Points | None] = {MODEL: None, TIME: None}
     if strain is Strain.LINEAR:
-        same_green = read(states.get((twin, Strain.GREEN)))
-        same_linear = read(same)
-        if same_green is not None and same_linear is not None:
-            terms[MODEL] = same_linear - same_green
-    terms[TIME] = None
+        terms[MODEL] = read(same) - read(states.get((on_mesh, Strain.GREEN)))
     if candidate.own is not None:
         # Nothing was solved on that mesh but the candidate: its solver's error is in here.
-        terms[DISCRETISATION] = _less(own, read(fine))
-        terms[SOLVER] = None
+        terms |= {DISCRETISATION: own - read(fine), SOLVER: None}
     else:
-        terms[DISCRETISATION] = _less(read(same), read(fine))
-        rest = name_of_rest(problem, candidate, same, diagnoses)
-        terms[rest] = _less(own, read(same))
-    return _budgets(_name(candidate), own, _sure(read(truth)), terms)
+        terms[DISCRETISATION] = read(same) - read(fine)
+        terms[name_of_rest(problem, candidate, same, diagnoses)] = own - read(same)
+    return _budgets(_name(candidate), own, read(truth), terms)
 
 
 def motion_budgets(
@@ -165,7 +159,7 @@ def motion_budgets(
     candidate: State | None = None,
     same_mesh: State | None = None,
     diagnoses: Sequence[Diagnosis] = (),
-    progress: Callable[[str], None] = lambda _line: None,
+    progress: Progress = in_silence,
 ) -> list[Budget]:
     """Budgets at the end of a motion, by fastsim itself with one thing changed at a time.
 
@@ -184,8 +178,6 @@ def motion_budgets(
         InputError: No time step, or nothing moves.
         FastsimError: A run failed.
     """
-    from palpate.fastsim.dynamics import simulate
-
     span = problem.time
     if span is None or span.time_step is None:
         raise InputError("a budget of a motion needs [time] with a time_step")
@@ -273,7 +265,7 @@ def _budgets(
             name,
             float(own[k]),
             float(truth[k]),
-            {cause: None if term is None else float(term[k]) for cause, term in terms.items()},
+            {cause: _number(term, k) for cause, term in terms.items()},
         )
         for k, (quantity, unit) in enumerate(numbers)
     ]
@@ -284,10 +276,6 @@ def _name(state: State) -> str:
     return f"{state.label}, {state.strain} strain{own_mesh}"
 
 
-def _less(value: Points | None, other: Points | None) -> Points | None:
-    return None if value is None or other is None else value - other
-
-
-def _sure(value: Points | None) -> Points:
-    assert value is not None
-    return value
+def _number(term: Points | None, k: int) -> float | None:
+    """NaN where what it would be told by is missing."""
+    return None if term is None or np.isnan(term[k]) else float(term[k])

@@ -7,22 +7,21 @@ an ornament.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
 from palpate.validation.case import Case, load_case
-from palpate.validation.case.schema import MOVING_TRUTH, OWN_METRICS, PUBLISHED_METRICS, CheckSpec
-from palpate.validation.evidence.trials import trial_check
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.judge import find_references
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import CATALOGUE
-from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import on_own_mesh, with_fault
-from palpate.validation.states import State, Verdict, in_silence
+from palpate.validation.states import CandidateFailedError, Progress, State, Verdict, in_silence
 
 # Kind of a case, the built-in one, and whether the answer comes on a mesh of its own.
 KINDS = (
@@ -61,7 +60,7 @@ class Row:
     unseen: tuple[Fault, ...]
 
 
-def metric_table(candidate: Candidate, progress: Callable[[str], None]) -> list[Row]:
+def metric_table(candidate: Candidate, progress: Progress) -> list[Row]:
     """Every metric alone against every fault, on a case of each kind."""
     rows: list[Row] = []
     for kind, name, is_own in KINDS:
@@ -80,7 +79,7 @@ def _rows(kind: str, case: Case, candidate: Candidate, *, is_own: bool) -> list[
 
 
 def _published_rows(kind: str, case: Case, candidate: Candidate) -> list[Row]:
-    own = [s for s in case.checks if s.metric in PUBLISHED_METRICS and s.against == "candidate"]
+    own = [s for s in case.checks if s.about.is_published and s.against == "candidate"]
     return _judge(kind, case, candidate, own[:1])
 
 
@@ -119,16 +118,15 @@ def _specs(case: Case, *, is_own: bool) -> Iterator[CheckSpec]:
     """Each metric that such a case can be asked for, alone."""
     problem = case.problem
     for metric in CATALOGUE.values():
-        if metric.name in PUBLISHED_METRICS:
+        if metric.is_published:
             continue
         if (metric.needs_time and not problem.time) or (metric.needs_tools and not problem.tools):
             continue
-        if metric.name in OWN_METRICS:
+        if metric.is_own:
             yield _spec(metric.name, "candidate", 0.0)
         elif not is_own:
-            is_fitted = metric.needs_time and metric.name != "trajectory_l2"
-            yield _spec(metric.name, "same_mesh", _FITTED if is_fitted else _SAME_MESH)
-        elif not metric.needs_same_mesh and (not problem.time or metric.name in MOVING_TRUTH):
+            yield _spec(metric.name, "same_mesh", _FITTED if metric.is_fitted else _SAME_MESH)
+        elif not metric.needs_same_mesh and (not problem.time or metric.has_moving_truth):
             yield _spec(metric.name, "truth", _OWN_MESH)
 
 
@@ -166,3 +164,17 @@ def table_lines(rows: list[Row]) -> list[str]:
         cells = ["x" if f in row.seen else "." if f in row.unseen else " " for f in faults]
         lines.append(f"{row.metric}, {row.kind}".ljust(width + 2) + " ".join(cells))
     return lines
+
+
+def trial_check(
+    name: str, strain: Strain, is_good: bool, message: str, *, reason: str
+) -> CheckResult:
+    """Passed where the gate did what it should; it has no number and no limit."""
+    return CheckResult(
+        metric=name,
+        against="self-test",
+        strain=strain,
+        verdict=Verdict.PASSED if is_good else Verdict.FAILED,
+        reason=reason,
+        message=message,
+    )

@@ -8,17 +8,23 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.case import Case, load_case
-from palpate.validation.evidence.metric_table import Row, metric_table, row_check, table_lines
-from palpate.validation.evidence.trials import trial_check
+from palpate.validation.evidence.metric_table import (
+    Row,
+    metric_table,
+    row_check,
+    table_lines,
+    trial_check,
+)
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
@@ -26,61 +32,32 @@ from palpate.validation.references.stored import references_folder
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import CannotShowError, Fault
 from palpate.validation.simulators.seeded import with_fault
-from palpate.validation.states import Verdict, gravest
+from palpate.validation.states import Progress, Verdict, gravest
 
-TRIALS: tuple[tuple[Fault, str], ...] = (
-    (Fault.WRONG_MASS, "block-motion"),
-    (Fault.NO_DAMPING, "block-motion"),
-    (Fault.LAST_STATE_REPEATED, "block-motion"),
-    (Fault.EVERY_SECOND_STATE, "block-motion"),
-    (Fault.LATE, "wave"),
-    (Fault.SWAPPED_LAME, "block"),
-    (Fault.SWAPPED_LAME, "kidney"),
-    (Fault.SOFTER, "block"),
-    (Fault.SOFTER, "kidney"),
-    (Fault.SOFTER, "beam"),
-    (Fault.MIRRORED_MESH, "block"),
-    (Fault.MIRRORED_MESH, "kidney"),
-    (Fault.MIRRORED, "beam"),
-    (Fault.DROPPED_LOAD, "beam"),
-    (Fault.DROPPED_LOAD, "block-motion"),
-    (Fault.REVERSED_LOAD, "block"),
-    (Fault.INVERTED_CELL, "block"),
-    (Fault.INVERTED_CELL, "kidney"),
-    (Fault.NAN, "kidney"),
-    (Fault.NAN, "block-motion"),
-    (Fault.UNIT_ERROR, "kidney"),
-    (Fault.LINEAR_INSTEAD_OF_GREEN, "kidney"),
-    (Fault.LINEAR_INSTEAD_OF_GREEN, "beam"),
-    (Fault.SHIFTED_NUMBERS, "block"),
-    (Fault.LINEAR_INSTEAD_OF_GREEN, "stretch"),
-    (Fault.SOFTER, "confined"),
-    (Fault.SWAPPED_LAME, "shear"),
-    (Fault.LINEAR_INSTEAD_OF_GREEN, "csm1"),
-    (Fault.SOFTER, "csm2"),
-    (Fault.MIRRORED, "csm2"),
-    (Fault.REVERSED_LOAD, "cantilever"),
-    (Fault.LINEAR_INSTEAD_OF_GREEN, "cantilever"),
-    (Fault.LINEAR_INSTEAD_OF_GREEN, "sze"),
-    (Fault.SOFTER, "column"),
-    (Fault.WRONG_MASS, "wave"),
-    (Fault.SOFTER, "wave"),
-    (Fault.NO_DAMPING, "decay"),
-    (Fault.NO_DAMPING, "strip"),
-    (Fault.REVERSED_LOAD, "csm3"),
-    (Fault.DROPPED_TOOL, "press"),
-    (Fault.DROPPED_TOOL, "slide"),
-    (Fault.REVERSED_TOOL_FORCE, "press"),
-    (Fault.REVERSED_TOOL_FORCE, "slide"),
-    (Fault.SOFTER, "slide"),
-    (Fault.WRONG_MASS, "slide"),
-)
-REFERENCE_FAULTS = (
-    "missing-reference",
-    "stale-reference",
-    "damaged-reference",
-    "altered-reference",
-    "unhashed-reference",
+# Where each fault is tried.
+_CASES = {
+    Fault.WRONG_MASS: "block-motion wave slide",
+    Fault.NO_DAMPING: "block-motion decay strip",
+    Fault.LAST_STATE_REPEATED: "block-motion",
+    Fault.EVERY_SECOND_STATE: "block-motion",
+    Fault.LATE: "wave",
+    Fault.SWAPPED_LAME: "block kidney shear",
+    Fault.SOFTER: "block kidney beam confined csm2 column wave slide",
+    Fault.MIRRORED_MESH: "block kidney",
+    Fault.MIRRORED: "beam csm2",
+    Fault.DROPPED_LOAD: "beam block-motion",
+    Fault.REVERSED_LOAD: "block cantilever csm3",
+    Fault.INVERTED_CELL: "block kidney",
+    Fault.NAN: "kidney block-motion",
+    Fault.UNIT_ERROR: "kidney",
+    Fault.LINEAR_INSTEAD_OF_GREEN: "kidney beam stretch csm1 cantilever sze",
+    Fault.SHIFTED_NUMBERS: "block",
+    Fault.DROPPED_TOOL: "press slide",
+    Fault.REVERSED_TOOL_FORCE: "press slide",
+}
+TRIALS = tuple((fault, name) for fault, names in _CASES.items() for name in names.split())
+REFERENCE_FAULTS = tuple(
+    f"{word}-reference" for word in ("missing", "stale", "damaged", "altered", "unhashed")
 )
 _CASE_OF_REFERENCES = "block"
 # Two answers of one simulator are the same within this part of the largest displacement: each is
@@ -89,10 +66,7 @@ _SAME = 1e-7
 
 
 def run_self_test(
-    progress: Callable[[str], None],
-    *,
-    cases: Sequence[Case] = (),
-    candidate: Candidate | None = None,
+    progress: Progress, *, cases: Sequence[Case] = (), candidate: Candidate | None = None
 ) -> CaseResult:
     """Seed faults; each check of the result is one trial, passed when it was caught.
 
@@ -133,23 +107,19 @@ def run_self_test(
     verdict = gravest([check.verdict for check in checks])
     if not any(check.verdict is Verdict.PASSED for check in checks[len(healthy) :]):
         raise InputError("no fault shows on these cases; try `palpate gate --self-test` alone")
-    return replace(
-        first,
+    return CaseResult(
         name="self-test",
         title=f"{len(checks)} trials of the gates themselves",
         verdict=verdict,
         checks=tuple(replace(check, element=judged.element) for check in checks),
         candidates=(Judged(judged.name, verdict, judged.element),),
-        states=(),
-        metrics={},
+        problem=first.problem,
+        provenance=first.provenance,
         notes=(
             "A trial passes when its fault turned the gate red, or the healthy one did not.",
             *table_lines(table),
         ),
-        published={},
-        error_fields={},
-        unseen=(),
-        diagnoses=(),
+        candidate_says=first.candidate_says,
     )
 
 
@@ -181,7 +151,7 @@ def _is_same(one: CaseResult, other: CaseResult) -> bool:
     )
 
 
-def _spoil_references(word: str, progress: Callable[[str], None]) -> CheckResult:
+def _spoil_references(word: str, progress: Progress) -> CheckResult:
     case = load_case(_CASE_OF_REFERENCES)
     with _spoiled_references(word):
         try:
@@ -210,28 +180,21 @@ def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
 @contextmanager
 def _spoiled_references(word: str) -> Iterator[None]:
     """Stored references that are missing, another case's, cut off, halved, or of version 0.1."""
-    own = references_folder()
-    before = os.environ.get("PALPATE_REFERENCES")
+    own, name = references_folder(), f"{_CASE_OF_REFERENCES}.npz"
     with scratch_folder("self-test") as folder:
-        target = folder / f"{_CASE_OF_REFERENCES}.npz"
-        if word == "stale-reference":
-            shutil.copy(own / "kidney.npz", target)
-        elif word == "damaged-reference":
-            whole = (own / f"{_CASE_OF_REFERENCES}.npz").read_bytes()
-            target.write_bytes(whole[: len(whole) // 2])
-        elif word in ("altered-reference", "unhashed-reference"):
-            with np.load(own / f"{_CASE_OF_REFERENCES}.npz") as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            if word == "altered-reference":
-                arrays["displacement_0"] = 0.5 * arrays["displacement_0"]
-            else:
-                del arrays["sha256"]
-            np.savez(target, **arrays)
-        os.environ["PALPATE_REFERENCES"] = str(folder)
-        try:
+        match word:
+            case "stale-reference":
+                shutil.copy(own / "kidney.npz", folder / name)
+            case "damaged-reference":
+                whole = (own / name).read_bytes()
+                (folder / name).write_bytes(whole[: len(whole) // 2])
+            case "altered-reference" | "unhashed-reference":
+                with np.load(own / name) as stored:
+                    arrays = dict(stored)
+                if word == "altered-reference":
+                    arrays["displacement_0"] = 0.5 * arrays["displacement_0"]
+                else:
+                    del arrays["sha256"]
+                np.savez(folder / name, **arrays)
+        with mock.patch.dict(os.environ, PALPATE_REFERENCES=str(folder)):
             yield
-        finally:
-            if before is None:
-                del os.environ["PALPATE_REFERENCES"]
-            else:
-                os.environ["PALPATE_REFERENCES"] = before

@@ -22,13 +22,7 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
-from palpate.validation.exchange.conventions import (
-    ANSWER,
-    ARRAYS,
-    KEYS,
-    LAWS,
-    describe_conventions,
-)
+from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.exchange.nodal_loads import nodal_force, rest_arrays
 
 SCHEMA = 1
@@ -102,7 +96,6 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
         "title": title,
         "case_key": case_key(problem, strain),
         "strain": strain.value,
-        "law": LAWS[strain],
         "units": {"length": "m", "force": "N", "stress": "Pa", "density": "kg/m3", "time": "s"},
         "material": dataclasses.asdict(problem.material),
         "has_inclusions": bool(problem.inclusions),
@@ -119,10 +112,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
             for support in problem.supports
         ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
-        "arrays": {name: dict(words) for name, words in ARRAYS.items()},
-        "conventions": describe_conventions(strain),
-        "keys": dict(KEYS),
-        "answer": ANSWER,
+        **describe_conventions(strain),
     }
 
 

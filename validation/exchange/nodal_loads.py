@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.exchange.facets import facet_areas
 
 
 def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
@@ -49,12 +50,12 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
     match load:
         case BodyForce():
             quarters = signed_volumes(mesh.points, mesh.cells) / 4.0
-            share = np.bincount(mesh.cells.ravel(), np.repeat(quarters, 4), mesh.num_points)
-            force += share[:, None] * np.array(load.force_density)
+            by_point = np.bincount(mesh.cells.ravel(), np.repeat(quarters, 4), mesh.num_points)
+            force += by_point[:, None] * np.array(load.force_density)
         case Traction():
             thirds = facet_areas(mesh.points, load.facets) / 3.0
-            share = np.bincount(load.facets.ravel(), np.repeat(thirds, 3), mesh.num_points)
-            force += share[:, None] * np.array(load.traction)
+            by_point = np.bincount(load.facets.ravel(), np.repeat(thirds, 3), mesh.num_points)
+            force += by_point[:, None] * np.array(load.traction)
         case PointForce():
             np.add.at(force, load.points, load.forces)
         case Pressure():
@@ -62,15 +63,14 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
     return force
 
 
-def facet_areas(points: Points, facets: Indices) -> Points:
-    """Area of each facet [m2], shape (num_facets,)."""
-    a, b, c = (points[facets[:, k]] for k in range(3))
-    areas: Points = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return areas
-
-
-def held_components(problem: Problem) -> tuple[NDArray[np.uint8], Points]:
+def held_components(
+    problem: Problem, time: float | None = None
+) -> tuple[NDArray[np.uint8], Points]:
     """Which components of which points are held, and where.
+
+    Args:
+        problem: With its supports.
+        time: Of their amplitudes [s]; at full size where None.
 
     Returns:
         `fixed`, 1 where held, shape (num_points, 3); `prescribed_displacement` [m], the same
@@ -79,13 +79,23 @@ def held_components(problem: Problem) -> tuple[NDArray[np.uint8], Points]:
     fixed = np.zeros(problem.mesh.points.shape, dtype=np.uint8)
     moved = np.zeros_like(problem.mesh.points)
     for support in problem.supports:
-        for axis, (is_held, value) in enumerate(
-            zip(support.components, support.displacement, strict=True)
-        ):
-            if is_held:
-                fixed[support.points, axis] = 1
-                moved[support.points, axis] = value
+        factor = 1.0
+        if time is not None and support.amplitude is not None:
+            factor = support.amplitude(time)
+        for axis in np.flatnonzero(support.components):
+            fixed[support.points, axis] = 1
+            moved[support.points, axis] = factor * support.displacement[axis]
     return fixed, moved
+
+
+def touchable_points(problem: Problem) -> NDArray[np.bool_]:
+    """Which points a tool may touch, (num_points,)."""
+    may_touch = np.zeros(problem.mesh.num_points, dtype=bool)
+    for tool in problem.tools:
+        # None named: all of the boundary may touch.
+        facets = tool.contact_facets if len(tool.contact_facets) else problem.mesh.boundary_facets
+        may_touch[facets] = True
+    return may_touch
 
 
 def lumped_mass(problem: Problem) -> Points:

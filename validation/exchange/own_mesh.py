@@ -89,10 +89,7 @@ def own_answer(result: ResultFile, displacement: NDArray[np.float64], case: TetM
 
 
 def _joined(
-    points: Points,
-    cells: NDArray[np.int64],
-    displacement: NDArray[np.float64],
-    case: TetMesh,
+    points: Points, cells: NDArray[np.int64], displacement: NDArray[np.float64], case: TetMesh
 ) -> tuple[Points, NDArray[np.int64], NDArray[np.float64], list[str]]:
     """Points at one place made one.
 

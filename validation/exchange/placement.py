@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.exchange.box_tree import BoxTree
 from palpate.validation.exchange.own_mesh import own_answer, same_place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.states import CandidateFailedError
@@ -131,21 +132,13 @@ def _by_place(result: ResultFile, rest: Points) -> Placed | None:
 
 def _match_places(points: Points, rest: Points, tolerance: float) -> NDArray[np.int64] | None:
     """For each rest point the one of `points` at its place; None unless it is one to one."""
+    who, found = BoxTree(points - tolerance, points + tolerance).holding(rest)
+    apart = np.abs(points[found] - rest[who]).max(axis=1)
     order = np.full(len(rest), -1)
-    # Rounded both ways, so that a place near a rounding edge is found in one of them.
-    for shift in (0.0, 0.5):
-        keys = [np.floor(p / (8.0 * tolerance) + shift).astype(np.int64) for p in (points, rest)]
-        table = {tuple(key): index for index, key in enumerate(keys[0].tolist())}
-        for index in np.flatnonzero(order < 0):
-            found = table.get(tuple(keys[1][index].tolist()), -1)
-            if found >= 0 and np.abs(points[found] - rest[index]).max() <= tolerance:
-                order[index] = found
-    for index in np.flatnonzero(order < 0):
-        apart = np.abs(points - rest[index]).max(axis=1)
-        if apart.min() > tolerance:
-            return None
-        order[index] = int(apart.argmin())
-    return order if len(np.unique(order)) == len(order) else None
+    nearest_last = np.argsort(-apart, kind="stable")
+    order[who[nearest_last]] = found[nearest_last]
+    is_one_to_one = order.min() >= 0 and len(np.unique(order)) == len(order)
+    return order if is_one_to_one else None
 
 
 def _on_other_mesh(result: ResultFile, problem: Problem) -> Placed:

@@ -64,16 +64,16 @@ def locate(points: Points, cells: Indices | NDArray[np.int64], places: Points) -
     order = order[depth[order] >= _INSIDE]
     held, first = np.unique(who[order], return_index=True)
     found = np.full(len(places), -1)
-    shares, distances = np.zeros((len(places), 4)), np.zeros(len(places))
-    found[held], shares[held] = tried[order[first]], weights[order[first]]
+    coordinates, distances = np.zeros((len(places), 4)), np.zeros(len(places))
+    found[held], coordinates[held] = tried[order[first]], weights[order[first]]
     outside = np.flatnonzero(found < 0)
     if outside.size:
-        found[outside], shares[outside], distances[outside] = _nearest(
+        found[outside], coordinates[outside], distances[outside] = _nearest(
             points, cells, places[outside]
         )
-    shares = np.clip(shares, 0.0, None)
-    shares /= shares.sum(axis=1, keepdims=True)
-    return Location(found, shares, distances)
+    coordinates = np.clip(coordinates, 0.0, None)
+    coordinates /= coordinates.sum(axis=1, keepdims=True)
+    return Location(found, coordinates, distances)
 
 
 @lru_cache(maxsize=4)

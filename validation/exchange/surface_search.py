@@ -59,11 +59,11 @@ def _on_triangles(places: Points, corners: Array) -> tuple[Array, Points]:
     to_plane = np.abs(np.einsum("ij,ij->i", w, normal)) / np.sqrt(squared)
     best = np.where(has_area & (weights.min(axis=1) >= 0.0), to_plane, np.inf)
     for start, end in ((0, 1), (1, 2), (2, 0)):
-        share, distance = _on_segments(places, corners[:, start], corners[:, end])
+        fraction, distance = _on_segments(places, corners[:, start], corners[:, end])
         nearer = distance < best
         best = np.where(nearer, distance, best)
         on_edge = np.zeros((len(places), 3))
-        on_edge[:, start], on_edge[:, end] = 1.0 - share, share
+        on_edge[:, start], on_edge[:, end] = 1.0 - fraction, fraction
         weights = np.where(nearer[:, None], on_edge, weights)
     return weights, best
 
@@ -71,6 +71,6 @@ def _on_triangles(places: Points, corners: Array) -> tuple[Array, Points]:
 def _on_segments(places: Points, start: Points, end: Points) -> tuple[Points, Points]:
     along = end - start
     squared = np.einsum("ij,ij->i", along, along)
-    share = np.einsum("ij,ij->i", places - start, along) / np.where(squared > 0.0, squared, 1.0)
-    share = np.clip(share, 0.0, 1.0)
-    return share, np.linalg.norm(places - start - share[:, None] * along, axis=1)
+    fraction = np.einsum("ij,ij->i", places - start, along) / np.where(squared > 0.0, squared, 1.0)
+    fraction = np.clip(fraction, 0.0, 1.0)
+    return fraction, np.linalg.norm(places - start - fraction[:, None] * along, axis=1)

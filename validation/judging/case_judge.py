@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case import Case
-from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.record import case_name
@@ -70,7 +70,7 @@ class CaseJudge:
         the candidate is held against a published number.
         """
         reference, strain = self._reference(spec), self.strain_of(spec)
-        if spec.against == "truth" and spec.metric in PUBLISHED_METRICS:
+        if spec.is_of_truth_alone:
             return True
         if spec.against != "candidate" and reference and is_still(self.problem.mesh, reference):
             return True

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.case.schema import PUBLISHED_METRICS, CheckSpec
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import (
-    CATALOGUE,
-    OWN_MESH_REMEDY,
-    measure,
-    most_inverted,
-    smallest_det_f,
-)
+from palpate.validation.metrics import OWN_MESH_REMEDY, measure
 from palpate.validation.states import Precision, State, Verdict
 
 
@@ -63,36 +58,28 @@ def judge_check(
         units: The case's, of published numbers; SI where None.
     """
     value: float | None = None
-    scale = "-"
-    is_published = spec.metric in PUBLISHED_METRICS
-    is_of_truth = is_published and spec.against == "truth"
+    about, is_of_truth = spec.about, spec.is_of_truth_alone
     judged = reference if is_of_truth else candidate
-    if is_of_truth:
-        scale = "the number expected"
+    scale = about.scale if is_of_truth else "-"
     if judged is None and not is_of_truth:
         verdict, message = Verdict.FAILED, failure or "the candidate gave no answer"
     elif judged is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
-    elif is_published:
+    elif about.is_published:
         compared = compare_published(spec, problem, judged, units)
-        value, scale = _number(compared.error), "the number expected"
-        bar = (bar * compared.share if is_of_truth else 0.0) + compared.uncertainty
+        value, scale = _number(compared.error), about.scale
+        bar = (bar * compared.scale if is_of_truth else 0.0) + compared.uncertainty
         verdict = decide(compared.error, bar, spec.limit)
         message = "reference " if is_of_truth else ""
         message += compared.message + (f" (+- {bar:.2g})" if bar else "")
-    elif spec.metric == "smallest_det_f":
-        least = smallest_det_f(problem.mesh, judged)
-        value, scale, bar = _number(least.value), "none", 0.0
-        is_good = math.isfinite(least.value) and least.value > spec.limit
+    elif about.own is not None:
+        worst = about.own(problem.mesh, judged)
+        value, scale, bar = _number(worst.value), about.scale, 0.0
+        is_within = worst.value > spec.limit if about.is_lower_limit else worst.value <= spec.limit
+        is_good = is_within and math.isfinite(worst.value)
         verdict = Verdict.PASSED if is_good else Verdict.FAILED
         sign = ">" if is_good else "not >"
-        message = f"smallest det F {least.value:.4g}{least.when} {sign} {spec.limit:g}"
-    elif spec.metric == "inverted_cells":
-        most = most_inverted(problem.mesh, judged)
-        value, scale, bar = most.value, "none", 0.0
-        verdict = Verdict.PASSED if most.value <= spec.limit else Verdict.FAILED
-        when = most.when if most.value else ""
-        message = f"{most.value:.0f} inverted cell(s){when}, at most {spec.limit:g}"
+        message = about.says.format(worst, sign=sign, limit=spec.limit)
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
@@ -106,35 +93,25 @@ def judge_check(
         message += f"; {difference.remark}" if difference.remark else ""
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"
-    return _result(spec, strain, verdict, message, value=value, scale=scale, bar=bar)
+    return dataclasses.replace(
+        _result(spec, strain, verdict, message), value=value, scale=scale, reference_error=bar
+    )
 
 
 def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:
     """A check that was not made, with the reason: it stands in every output."""
-    return _result(spec, strain, Verdict.SKIPPED, why, value=None, scale="-", bar=0.0)
+    return _result(spec, strain, Verdict.SKIPPED, why)
 
 
-def _result(
-    spec: CheckSpec,
-    strain: Strain,
-    verdict: Verdict,
-    message: str,
-    *,
-    value: float | None,
-    scale: str,
-    bar: float,
-) -> CheckResult:
+def _result(spec: CheckSpec, strain: Strain, verdict: Verdict, message: str) -> CheckResult:
     return CheckResult(
         metric=spec.metric,
         against=spec.against,
         strain=strain,
-        value=value,
-        limit=spec.limit,
-        scale=scale,
-        unit=CATALOGUE[spec.metric].unit,
-        reference_error=bar,
         verdict=verdict,
         reason=spec.reason,
-        precision=spec.precision or Precision.DOUBLE,
         message=message,
+        limit=spec.limit,
+        unit=spec.about.unit,
+        precision=spec.precision or Precision.DOUBLE,
     )

@@ -6,26 +6,27 @@ import dataclasses
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference import availability
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.diagnosis import Diagnosis
+from palpate.validation.diagnosis import Diagnosis, diagnose
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
-from palpate.validation.judging.diagnosing import diagnose_failures
 from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.record import all_metrics, case_name, error_lengths, provenance_of
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
-from palpate.validation.judging.together import is_of_truth, together
+from palpate.validation.judging.together import together
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
 from palpate.validation.references.sets import ReferenceSet, solve_live
 from palpate.validation.references.stored import load_stored, references_folder
-from palpate.validation.simulators import CandidateFailedError
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import (
+    CandidateFailedError,
     ExitCode,
     Precision,
     Progress,
@@ -35,6 +36,8 @@ from palpate.validation.states import (
     in_silence,
 )
 
+# A candidate that takes longer [s] is not asked again, when its answer is diagnosed.
+_QUICK = 10.0
 # Added to what a check found.
 VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
 
@@ -139,17 +142,11 @@ def _judge_one(
             f"No check of this case turns red when the answer is wrong like this: "
             f"{', '.join(unseen)}. Add a check of displacement_l2."
         )
-    found: tuple[Diagnosis, ...] = ()
-    if diagnoses:
-        found = diagnose_failures(
-            problem,
-            judged,
-            candidates,
-            references,
-            checks,
-            length_unit=case.spec.units.length,
-            progress=progress,
-        )
+    found: list[Diagnosis] = []
+    failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
+    for strain in (s for s in candidates if diagnoses and s in failed):
+        progress(f"diagnosis, {strain} strain")
+        found.append(_diagnosed(judge, judged, candidates[strain]))
     notes.extend(f"Diagnosis, {each.strain} strain: {each}." for each in found)
     verdict, why = _verdict(checks)
     notes.extend(why)
@@ -166,14 +163,30 @@ def _judge_one(
         provenance=provenance_of(case, references),
         notes=tuple(notes),
         published=case.spec.published,
-        rest_volume=problem.mesh.volume,
-        rest_surface_area=problem.mesh.surface_area,
         error_fields=error_lengths(candidates, references),
         case_text=case.text,
         candidate_says=said,
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
         unseen=unseen,
-        diagnoses=found,
+        diagnoses=tuple(found),
+    )
+
+
+def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnosis:
+    """What would explain an answer; one of a quick candidate by asking it again too."""
+
+    def ask(problem: Problem) -> Points:
+        return candidate.solve(problem, answer.strain, in_silence).displacement
+
+    may_ask = candidate.can_be_asked and answer.seconds < _QUICK
+    (other,) = (strain for strain in Strain if strain is not answer.strain)
+    return diagnose(
+        judge.problem,
+        answer,
+        judge.references.same_mesh(answer.strain),
+        other_strain=judge.references.same_mesh(other),
+        ask=ask if may_ask else None,
+        length_unit=judge.case.spec.units.length,
     )
 
 
@@ -198,7 +211,8 @@ def _judged(
     found = judge.check(spec, None if has_failed else answer, failures.get(strain, ""))
     if not judge.is_vacuous(spec):
         return found
-    remark = VACUOUS if found.verdict is Verdict.PASSED and not is_of_truth(found) else ""
+    has_remark = found.verdict is Verdict.PASSED and not spec.is_of_truth_alone
+    remark = VACUOUS if has_remark else ""
     return dataclasses.replace(found, is_vacuous=True, message=found.message + remark)
 
 
@@ -240,14 +254,11 @@ def find_references(
         stored = _load_stored(case)
     except (MissingReferenceError, StaleReferenceError) as error:
         trouble = error
-    if live:
-        from palpate.reference.availability import is_available
-
-        if is_available():
-            if trouble is not None:
-                progress(f"left aside: {trouble}")
-            wanted = {spec.against for spec in case.checks}
-            return solve_live(problem, progress, stored=stored, wanted=wanted, elements=elements)
+    if live and availability.is_available():
+        if trouble is not None:
+            progress(f"left aside: {trouble}")
+        wanted = {spec.against for spec in case.checks}
+        return solve_live(problem, progress, stored=stored, wanted=wanted, elements=elements)
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored
@@ -263,7 +274,7 @@ def find_references(
 
 def _load_stored(case: Case) -> ReferenceSet | None:
     """A built-in case's reference; of one's own case, what lies in `references` beside it."""
-    folder = references_folder(None if case.is_builtin else case.folder)
+    folder = references_folder(case.beside)
     if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
         return None
     return load_stored(case.name, case.problem, folder=folder, called=case_name(case))

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import json
+import dataclasses
+import json as json_format
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from palpate.meshes.atomic_write import write_text_atomically
 from palpate.meshes.problem import Element
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
 from palpate.validation.states import Precision, Verdict
+from palpate.validation.versions import version_of
 
 _COLOUR = {
     Verdict.PASSED: "green",
@@ -23,85 +27,56 @@ _COLOUR = {
     Verdict.INCONCLUSIVE: "yellow",
     Verdict.SKIPPED: "dim",
 }
+# Of a case, in results.json.
+_OF_CASE = (
+    "name", "title", "verdict", "metrics", "unseen", "published", "notes", "candidate_says",
+    "provenance",
+)  # fmt: skip
 _GRAVEST_FIRST = (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.SKIPPED, Verdict.PASSED)
 # Of a check, in JUnit.
 _PROPERTIES = (
-    "value",
-    "limit",
-    "reference_error",
-    "scale",
-    "reason",
-    "is_vacuous",
-    "precision",
-)
+    "value", "limit", "reference_error", "scale", "reason", "is_vacuous", "precision",
+)  # fmt: skip
+_OUTCOMES = {
+    Verdict.FAILED: ("failure", ""),
+    Verdict.INCONCLUSIVE: ("error", "inconclusive: "),
+    Verdict.SKIPPED: ("skipped", ""),
+}
 # Job summaries are cut off at 1 MiB; nobody reads more rows than this.
 _MOST_ROWS = 200
 
 
 def results_json(results: Sequence[CaseResult], version: str) -> str:
     """The results by the schema of the README; strict JSON, no NaN."""
-    cases: list[dict[str, Any]] = [
-        {
-            "name": result.name,
-            "title": result.title,
-            "verdict": result.verdict,
-            "candidates": [
-                {"name": judged.name, "element": judged.element, "verdict": judged.verdict}
-                for judged in result.candidates
-            ],
-            "checks": [
-                {
-                    "metric": check.metric,
-                    "against": check.against,
-                    "strain": check.strain,
-                    "element": check.element,
-                    "value": check.value,
-                    "limit": check.limit,
-                    "scale": check.scale,
-                    "unit": check.unit,
-                    "reference_error": _finite(check.reference_error),
-                    "verdict": check.verdict,
-                    "is_vacuous": check.is_vacuous,
-                    "precision": check.precision,
-                    "reason": check.reason,
-                    "message": check.message,
-                }
-                for check in result.checks
-            ],
-            "metrics": {name: _finite(value) for name, value in result.metrics.items()},
-            "unseen": list(result.unseen),
-            "diagnosis": _diagnosis_rows(result.diagnoses),
-            "published": dict(result.published),
-            "notes": list(result.notes),
-            "candidate_says": dict(result.candidate_says),
-            "provenance": dict(result.provenance),
+    cases = [
+        {name: getattr(result, name) for name in _OF_CASE}
+        | {
+            "candidates": [dataclasses.asdict(judged) for judged in result.candidates],
+            "checks": [dataclasses.asdict(check) for check in result.checks],
+            "diagnosis": [row for found in result.diagnoses for row in _diagnosis_rows(found)],
         }
         for result in results
     ]
     document = {"palpate": version, "schema": 1, "cases": cases}
-    return json.dumps(for_json(document), indent=2, allow_nan=False) + "\n"
+    return json_format.dumps(for_json(document), indent=2, allow_nan=False) + "\n"
 
 
-def _diagnosis_rows(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
+def _diagnosis_rows(found: Diagnosis) -> list[dict[str, Any]]:
     """A row for each explanation that fits; one without a name where none of those tried does."""
-    rows: list[dict[str, Any]] = []
-    for found in diagnoses:
-        about = {"strain": found.strain, "element": found.element, "tried": found.tested}
-        rows += [
-            about
-            | {
-                "explanation": each.name,
-                "cause": each.cause.name.lower(),
-                "residual": _finite(each.residual),
-                "stated": _finite(each.stated),
-                "of": each.of,
-            }
-            for each in found.explanations
-        ]
-        if not found.explanations:
-            nothing = {"explanation": None, "cause": None, "residual": None}
-            rows.append(about | nothing | {"stated": _finite(found.stated), "of": found.of})
-    return rows
+    rows = [
+        {
+            "explanation": each.name,
+            "cause": each.cause.name.lower(),
+            "residual": each.residual,
+            "stated": each.stated,
+            "of": each.of,
+        }
+        for each in found.explanations
+    ]
+    nothing = {"explanation": None, "cause": None, "residual": None}
+    rows = rows or [{**nothing, "stated": found.stated, "of": found.of}]
+    about = {"strain": found.strain, "element": found.element, "tried": found.tested}
+    return [about | row for row in rows]
 
 
 def junit_xml(results: Sequence[CaseResult]) -> str:
@@ -134,18 +109,16 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
             for name in _PROPERTIES:
                 value = for_xml(str(getattr(check, name)))
                 ET.SubElement(properties, "property", name=name, value=value)
+            if check.verdict in _OUTCOMES:
+                tag, words = _OUTCOMES[check.verdict]
+                outcome = ET.SubElement(test, tag, message=for_xml(words + check.message))
             if check.verdict is Verdict.FAILED:
-                failure = ET.SubElement(test, "failure", message=for_xml(check.message))
                 explained = [
                     str(found)
                     for found in result.diagnoses
                     if (found.strain, found.element) == (check.strain, check.element)
                 ]
-                failure.text = "\n".join(map(for_xml, explained)) or None
-            elif check.verdict is Verdict.INCONCLUSIVE:
-                ET.SubElement(test, "error", message=for_xml(f"inconclusive: {check.message}"))
-            elif check.verdict is Verdict.SKIPPED:
-                ET.SubElement(test, "skipped", message=for_xml(check.message))
+                outcome.text = "\n".join(map(for_xml, explained)) or None
         if is_empty:
             test = ET.SubElement(suite, "testcase", classname="palpate", name=for_xml(result.name))
             ET.SubElement(test, "error", message=for_xml(result.notes[-1]))
@@ -226,5 +199,17 @@ def check_name(check: CheckResult) -> str:
     return f"{check.metric} ({', '.join(words)})"
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and abs(value) < float("inf") else None
+def write_outputs(
+    results: Sequence[CaseResult],
+    *,
+    json: Path | None = None,
+    junit: Path | None = None,
+    summary: Path | None = None,
+) -> None:
+    """Write what was asked for, each file whole or not at all."""
+    if json is not None:
+        write_text_atomically(json, results_json(results, version_of("palpate")))
+    if junit is not None:
+        write_text_atomically(junit, junit_xml(results))
+    if summary is not None:
+        write_text_atomically(summary, summary_markdown(results))

@@ -8,13 +8,8 @@ from __future__ import annotations
 import dataclasses
 
 from palpate.validation.case import Case
-from palpate.validation.case.schema import (
-    OWN_METRICS,
-    PUBLISHED,
-    PUBLISHED_METRICS,
-    PUBLISHED_SWING,
-    CheckSpec,
-)
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics.rounding import LARGEST, SinglePrecision
 from palpate.validation.references.sets import ReferenceSet
@@ -91,23 +86,21 @@ class PrecisionGrant:
         base = self._base(spec)
         if base is None:
             return None
-        if spec.metric == PUBLISHED:
-            return self._single.limit("displacement_max", base) * self._share(spec, base)
-        metric = "trajectory_l2" if spec.metric == PUBLISHED_SWING else spec.metric
-        return self._single.limit(metric, base)
+        metric = spec.metric if spec.about.is_fitted else metric_of_bar(spec)
+        return self._single.limit(metric, base) * self._scale(spec, base)
 
     def _ceiling(self, spec: CheckSpec) -> float:
         base = self._base(spec)
-        return LARGEST * (self._share(spec, base) if base and spec.metric == PUBLISHED else 1.0)
+        return LARGEST * (self._scale(spec, base) if base else 1.0)
 
-    def _share(self, spec: CheckSpec, base: State) -> float:
-        """The largest displacement over the number expected at a point."""
+    def _scale(self, spec: CheckSpec, base: State) -> float:
+        """Of a published displacement, the largest one over the number expected at a point."""
+        if not spec.about.is_published or spec.about.is_fitted:
+            return 1.0
         expected = self._case.spec.units.metres(spec.expected or 0.0)
         return base.max_displacement / abs(expected)
 
 
 def _can_be_rounded(spec: CheckSpec) -> bool:
     """Whether a check compares numbers of the candidate, not the truth's own or a count."""
-    if spec.metric in PUBLISHED_METRICS:
-        return spec.against == "candidate"
-    return spec.metric not in OWN_METRICS
+    return not (spec.about.is_own or spec.is_of_truth_alone)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.validation.case.regions import point_at
-from palpate.validation.case.schema import PUBLISHED, CheckSpec
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.metrics.sampling import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
@@ -22,7 +22,7 @@ def metric_of_bar(spec: CheckSpec) -> str:
     """Which metric's error bar says how far the truth's number may be off."""
     if spec.quantity is not None:
         return f"oscillation_{spec.quantity}"
-    return "displacement_max" if spec.metric == PUBLISHED else spec.metric
+    return "displacement_max" if spec.about.is_published else spec.metric
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Comparison:
     Attributes:
         error: Relative to the number expected [-]; infinite where there is none to be had.
         message: One line on it.
-        share: What errors of `metric_of_bar` are divided by, over the number expected [-].
+        scale: What errors of `metric_of_bar` are divided by, over the number expected [-].
         uncertainty: Of what was fitted, or read between states, relative to the number expected
             [-]; 0 of a truth, whose bars hold it; infinite where the states tell nothing of it.
     """
 
     error: float
     message: str
-    share: float = math.inf
+    scale: float = math.inf
     uncertainty: float = 0.0
 
 
@@ -65,7 +65,7 @@ def compare_published(
         off = 0.0 if other is None else abs(found - float(other.displacement[point, axis]) / metre)
         # No component at a point is farther off than the largest error of displacement.
         return _compare(spec, found, used.length, state.max_displacement / metre, off)
-    motion = state.sent or state.trajectory
+    motion = state.given
     try:
         if motion is None:
             raise InputError("there is no trajectory")

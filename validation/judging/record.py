@@ -14,7 +14,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
-from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
+from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import problem_key
 from palpate.validation.states import State
@@ -70,8 +70,9 @@ def _comparable(against: str, problem: Problem) -> list[str]:
         for metric in CATALOGUE.values()
         if metric.compare
         and (against == "same_mesh" or not metric.needs_same_mesh)
-        and (not metric.needs_time or (problem.time and metric.name == "trajectory_l2"))
-        and (not problem.time or against == "same_mesh" or metric.name in MOVING_TRUTH_METRICS)
+        and not metric.is_fitted
+        and (not metric.needs_time or problem.time)
+        and (not problem.time or against == "same_mesh" or metric.has_moving_truth)
         and (not metric.needs_tools or problem.tools)
     ]
 

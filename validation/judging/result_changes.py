@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,13 @@ from palpate.meshes.untrusted_text import parse_json, read_text
 from palpate.validation.case.numbers import Number
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.metrics import CATALOGUE
 
 # Changes smaller than this are rounding and solver noise.
 QUIET = 1e-6
 
 
-class _AcceptedCheck(BaseModel):
+class AcceptedCheck(BaseModel):
     """What is compared of a check."""
 
     metric: str
@@ -36,11 +37,11 @@ class _AcceptedCheck(BaseModel):
     value: Number | None
 
 
-class _AcceptedCase(BaseModel):
+class AcceptedCase(BaseModel):
     """What is compared of a case."""
 
     name: str
-    checks: list[_AcceptedCheck]
+    checks: list[AcceptedCheck]
     metrics: dict[str, Number | None] = {}
     provenance: dict[str, Any] = {}
 
@@ -48,10 +49,10 @@ class _AcceptedCase(BaseModel):
 class _AcceptedResults(BaseModel):
     """What is compared of a results.json; other keys are left alone."""
 
-    cases: list[_AcceptedCase]
+    cases: list[AcceptedCase]
 
 
-def read_accepted(path: str | Path) -> dict[str, dict[str, Any]]:
+def read_accepted(path: str | Path) -> dict[str, AcceptedCase]:
     """The cases of an accepted results.json, by name.
 
     Raises:
@@ -64,7 +65,7 @@ def read_accepted(path: str | Path) -> dict[str, dict[str, Any]]:
         if document["schema"] != 1:
             raise ValueError(f"schema {document['schema']} is not known here (1 is)")
         accepted = _AcceptedResults.model_validate(document)
-        return {case.name: case.model_dump() for case in accepted.cases}
+        return {case.name: case for case in accepted.cases}
     except FileFormatError as error:
         remedy = "; keep an accepted results.json there"
         raise FileFormatError(path, str(error).removeprefix(f"{path}: ") + remedy) from error
@@ -77,14 +78,14 @@ def read_accepted(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def describe_since(
-    results: Sequence[CaseResult], accepted: dict[str, dict[str, Any]]
+    results: Sequence[CaseResult], accepted: dict[str, AcceptedCase]
 ) -> dict[str, list[str]]:
     """Lines on what changed, for each case by name; an empty list where nothing did."""
     return {result.name: _of_case(result, accepted.get(result.name)) for result in results}
 
 
 def with_changes(
-    results: Sequence[CaseResult], accepted: dict[str, dict[str, Any]]
+    results: Sequence[CaseResult], accepted: dict[str, AcceptedCase]
 ) -> list[CaseResult]:
     """The results with a note on each change; verdicts stay what they are."""
     changes = describe_since(results, accepted)
@@ -96,38 +97,38 @@ def with_changes(
     return changed
 
 
-def _of_case(result: CaseResult, accepted: dict[str, Any] | None) -> list[str]:
+def _of_case(result: CaseResult, accepted: AcceptedCase | None) -> list[str]:
     if accepted is None:
         return ["new: the accepted result does not have this case"]
     lines = []
-    key = accepted.get("provenance", {}).get("case_key")
-    if key != result.provenance.get("case_key"):
+    if accepted.provenance.get("case_key") != result.provenance.get("case_key"):
         lines.append("the problem itself has changed: mesh, material, supports or loads")
     # A metric may be asked for at several points: its checks are matched in their order.
-    before: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for known in accepted["checks"]:
-        before.setdefault(_key(known), []).append(known)
+    before: dict[tuple[str, ...], list[AcceptedCheck]] = {}
+    for known in accepted.checks:
+        key = (known.metric, known.against, known.strain, known.element)
+        before.setdefault(key, []).append(known)
     for check in result.checks:
         old = before.get((check.metric, check.against, str(check.strain), str(check.element)))
         lines += _of_check(check, old.pop(0) if old else None)
     lines += [f"gone: check {' '.join(key)}" for key, left in before.items() for _ in left]
-    lines += _largest_change(result, accepted.get("metrics", {}))
+    lines += _largest_change(result, accepted.metrics)
     return lines
 
 
-def _of_check(check: CheckResult, old: dict[str, Any] | None) -> list[str]:
+def _of_check(check: CheckResult, old: AcceptedCheck | None) -> list[str]:
     name = check_name(check)
     if old is None:
         return [f"new: check {name}"]
     lines = []
-    if old["verdict"] != check.verdict:
-        lines.append(f"{name}: was {old['verdict']}, now {check.verdict}")
-    if old["limit"] != check.limit:
-        word = "looser" if (check.limit > old["limit"]) != (check.metric == "smallest_det_f") else (
-            "tighter"
-        )  # fmt: skip
-        lines.append(f"{name}: limit {old['limit']:g}, now {check.limit:g} ({word})")
-    before, now = old["value"], check.value
+    if old.verdict != check.verdict:
+        lines.append(f"{name}: was {old.verdict}, now {check.verdict}")
+    if old.limit != check.limit:
+        known = CATALOGUE.get(check.metric)
+        is_lower = known is not None and known.is_lower_limit
+        word = "looser" if (check.limit > old.limit) != is_lower else "tighter"
+        lines.append(f"{name}: limit {old.limit:g}, now {check.limit:g} ({word})")
+    before, now = old.value, check.value
     if before is not None and now is not None and abs(now - before) > QUIET * check.limit:
         lines.append(f"{name}: {before:.4g}, now {now:.4g}")
     elif (before is None) != (now is None):
@@ -135,7 +136,7 @@ def _of_check(check: CheckResult, old: dict[str, Any] | None) -> list[str]:
     return lines
 
 
-def _largest_change(result: CaseResult, accepted: dict[str, Any]) -> list[str]:
+def _largest_change(result: CaseResult, accepted: Mapping[str, float | None]) -> list[str]:
     """The metric that changed most, in parts of what it was."""
     worst, name = 0.0, ""
     for metric, now in result.metrics.items():
@@ -150,10 +151,6 @@ def _largest_change(result: CaseResult, accepted: dict[str, Any]) -> list[str]:
         return []
     old, new = accepted[name], result.metrics[name]
     return [f"changed most: {name}, {old:.6g}, now {new:.6g} ({100.0 * worst:.3g} %)"]
-
-
-def _key(check: dict[str, Any]) -> tuple[str, ...]:
-    return tuple(str(check[name]) for name in ("metric", "against", "strain", "element"))
 
 
 def _shown(value: float | None) -> str:

@@ -21,15 +21,15 @@ class CheckResult:
         against: "same_mesh" (P1 on the same mesh), "truth" (P2), "candidate" (on its own),
             "relation" (of two of its own answers) or "self-test" (of the gate).
         strain: Which of the candidate's solutions was judged.
+        verdict: The outcome.
+        reason: Why this limit, from the case.
+        message: One line that says what was found.
         value: The error (or the quantity, for "candidate") in `unit`; None if there is none.
         limit: What `value` may be at most (at least, for smallest_det_f and for a relation that
             must be broken).
         scale: What the error was divided by, in words.
         unit: "-" or a unit.
         reference_error: The reference's own error bar, in the units of `value`.
-        verdict: The outcome.
-        reason: Why this limit, from the case.
-        message: One line that says what was found.
         is_vacuous: Whether an answer in which nothing moves passes it too.
         precision: What the limit allows for: single where the case or the caller granted it.
         element: What the tetrahedra of the judged answer are; linear where it is the truth that
@@ -39,14 +39,14 @@ class CheckResult:
     metric: str
     against: str
     strain: Strain
-    value: float | None
-    limit: float
-    scale: str
-    unit: str
-    reference_error: float
     verdict: Verdict
     reason: str
     message: str
+    value: float | None = None
+    limit: float = 0.0
+    scale: str = "-"
+    unit: str = "-"
+    reference_error: float = 0.0
     is_vacuous: bool = False
     precision: Precision = Precision.DOUBLE
     element: Element = Element.LINEAR
@@ -76,14 +76,12 @@ class CaseResult:
         title: Its title.
         verdict: The gravest of its checks.
         checks: In the order of the case file, candidate by candidate.
-        states: Every solution that was made or read.
         problem: Mesh, material, supports and loads.
+        states: Every solution that was made or read.
         metrics: Named numbers, SI units.
         provenance: Versions, hashes, machine, command.
         notes: Lines a reader must know (what meshed it, where the reference comes from).
         published: Numbers of a paper with their source, from the case file.
-        rest_volume: [m3].
-        rest_surface_area: [m2].
         error_fields: Error at the points, by name [m], shape (num_points,).
         candidates: Who was judged, and how each fared.
         case_text: The case file as it was read.
@@ -97,16 +95,14 @@ class CaseResult:
     title: str
     verdict: Verdict
     checks: tuple[CheckResult, ...]
-    states: tuple[State, ...]
     problem: Problem
-    metrics: Mapping[str, float | None]
-    provenance: Mapping[str, Any]
-    notes: tuple[str, ...]
-    published: Mapping[str, Any]
-    rest_volume: float
-    rest_surface_area: float
-    error_fields: Mapping[str, Points]
     candidates: tuple[Judged, ...]
+    states: tuple[State, ...] = ()
+    metrics: Mapping[str, float | None] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    published: Mapping[str, Any] = field(default_factory=dict)
+    error_fields: Mapping[str, Points] = field(default_factory=dict)
     case_text: str = ""
     evidence: Mapping[str, Any] = field(default_factory=dict)
     candidate_says: Mapping[str, Any] = field(default_factory=dict)

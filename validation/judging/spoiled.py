@@ -8,12 +8,14 @@ and with answers that are plainly wrong, so that what it cannot see is named.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.metrics import make_state
+from palpate.validation.metrics.pairs import measures_of
 from palpate.validation.states import State, Trajectory
 
 _Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -75,15 +77,16 @@ def _from(
     keeps_tool_forces: bool = False,
 ) -> State:
     motion, forces = reference.trajectory, reference.tool_forces
-    return make_state(
-        problem.mesh,
-        spoil(reference.displacement),
+    if motion is not None:
+        motion = Trajectory(motion.times, spoil(motion.displacements))
+    if forces is not None and not keeps_tool_forces:
+        forces = spoil(forces)
+    spoiled = measures_of(problem.mesh, spoil(reference.displacement))
+    return replace(
+        reference,
         label=label,
         simulator="spoiled",
-        strain=reference.strain,
-        trajectory=None
-        if motion is None
-        else Trajectory(motion.times, spoil(motion.displacements)),
-        tool_forces=forces if forces is None or keeps_tool_forces else spoil(forces),
-        element=reference.element,
+        trajectory=motion,
+        tool_forces=forces,
+        **spoiled,
     )

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from palpate.validation.case.schema import PUBLISHED_METRICS
 from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.metrics import CATALOGUE
 from palpate.validation.states import gravest
 
 
 def is_of_truth(check: CheckResult) -> bool:
     """Whether the truth itself is held against a number, whoever the candidate is."""
-    return check.against == "truth" and check.metric in PUBLISHED_METRICS
+    return check.against == "truth" and CATALOGUE[check.metric].is_published
 
 
 def together(results: Sequence[CaseResult]) -> CaseResult:

@@ -2,6 +2,7 @@
 
 from palpate.validation.metrics.catalogue import CATALOGUE, MOVING_TRUTH_METRICS, Metric, measure
 from palpate.validation.metrics.fields import det_f, inverted_cells, most_inverted, smallest_det_f
+from palpate.validation.metrics.finite import is_still
 from palpate.validation.metrics.own_mesh import OWN_MESH_REMEDY
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
@@ -15,7 +16,6 @@ from palpate.validation.metrics.pairs import (
     surface_area,
     volume,
 )
-from palpate.validation.metrics.stillness import is_still
 
 __all__ = [
     "CATALOGUE",

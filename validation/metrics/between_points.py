@@ -74,10 +74,10 @@ def read_between(mesh: TetMesh, displacement: Points, degree: int, own: TetMesh)
         for a, b in _EDGES:
             along = mesh.points[corners[:, b]] - mesh.points[corners[:, a]]
             slopes = [np.einsum("pij,pj->pi", gradients[:, k], along) for k in (a, b)]
-            share = weights[:, a] * weights[:, b]
-            added += (0.5 * share)[:, None] * (slopes[0] - slopes[1])
+            product = weights[:, a] * weights[:, b]
+            added += (0.5 * product)[:, None] * (slopes[0] - slopes[1])
             missed = [np.linalg.norm(s - (values[:, b] - values[:, a]), axis=1) for s in slopes]
-            doubt += _SAFETY * share * np.maximum(*missed)
+            doubt += _SAFETY * product * np.maximum(*missed)
     outside = location.distances > 0.0
     if outside.any():
         beyond = own.points - location.read(mesh.cells, mesh.points)
@@ -144,9 +144,7 @@ def _fit(
     return weights
 
 
-def _neighbours(
-    mesh: TetMesh,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def _neighbours(mesh: TetMesh) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Neighbours of point a: the `count[a]` numbers from `first[a]` on."""
     ends = mesh.cells.astype(np.int64)[:, np.array(_EDGES)].reshape(-1, 2)
     keys = np.unique(

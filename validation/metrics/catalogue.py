@@ -1,4 +1,7 @@
-"""Every metric by name: unit, scale, meaning, and how it is measured."""
+"""Every metric by name: what it says, what it needs, and how it is measured.
+
+Nobody else compares names: what sets a metric apart is a property of it here.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,16 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.metrics import fields, motion, pairs, surfaces
-from palpate.validation.metrics.finite import are_measurable
-from palpate.validation.metrics.own_mesh import measure_on_own_mesh
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.metrics import fields, motion, own_mesh, pairs, surfaces
+from palpate.validation.metrics.finite import are_measurable, is_still
 from palpate.validation.metrics.pairs import Difference
-from palpate.validation.metrics.stillness import is_still
 from palpate.validation.states import State
 
 Compare = Callable[[Problem, State, State], Difference]
@@ -30,26 +32,44 @@ class Metric:
         name: As in a case file.
         meaning: What it says, in one line.
         scale: What the error is divided by.
-        compare: Candidate and reference to a relative error; None where it is the candidate's own.
+        compare: Candidate and reference to a relative error; None of one state alone.
+        on_own_mesh: The same on a candidate's own mesh; None where it depends on no mesh.
+        own: Of the candidate alone.
+        says: What was found and the limit, of the candidate alone.
         unit: Of the value.
+        is_published: Held against a number of the case file: the candidate's, or the truth's own.
+        is_alone: On its own mesh, without what it is at the case's points.
+        is_fitted: To a motion, as good as its samples.
+        is_lower_limit: The limit is the least that it may be, not the most.
+        has_moving_truth: The truth of a motion is held to it: points over time, not integrals of
+            the last state.
         needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
             read at the points does not carry it.
         needs_time: For cases with [time] only.
         needs_tools: Of cases with tools only.
-        looks_at: Which states of a motion.
-        reads_own_samples: Of the states as they were sent, not as they are read between them.
     """
 
     name: str
     meaning: str
     scale: str
-    compare: Compare | None
+    compare: Compare | None = None
+    on_own_mesh: own_mesh.Measure | None = None
+    own: Callable[[TetMesh, State], fields.Worst] | None = None
+    says: str = ""
     unit: str = "-"
+    is_published: bool = False
+    is_alone: bool = False
+    is_fitted: bool = False
+    is_lower_limit: bool = False
+    has_moving_truth: bool = False
     needs_same_mesh: bool = False
     needs_tools: bool = False
     needs_time: bool = False
-    looks_at: str = "the last output"
-    reads_own_samples: bool = False
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it is of the candidate alone, without any number to compare with."""
+        return self.own is not None
 
 
 def _of_mesh(name: str) -> Compare:
@@ -57,162 +77,169 @@ def _of_mesh(name: str) -> Compare:
     return lambda problem, candidate, reference: compare(problem.mesh, candidate, reference)
 
 
-def _of_oscillation(name: str) -> Compare:
-    return lambda problem, candidate, reference: motion.oscillation(
-        name, problem, candidate, reference
-    )
-
-
 _LARGEST = "largest displacement of the reference"
-
-CATALOGUE = {
-    metric.name: metric
-    for metric in (
+_METRICS = (
+    Metric(
+        "displacement_l2",
+        "error of displacement over the whole body, by rest volume",
+        "L2 norm of the reference's displacement",
+        _of_mesh("displacement_l2"),
+        own_mesh.displacement_l2,
+        has_moving_truth=True,
+    ),
+    Metric(
+        "displacement_h1",
+        "error of the displacement's gradient: local strain and rotation",
+        "H1 seminorm of the reference's displacement",
+        fields.displacement_h1,
+        own_mesh.displacement_h1,
+        needs_same_mesh=True,
+    ),
+    Metric(
+        "energy_norm",
+        "error of strain weighted by stiffness",
+        "energy norm of the reference's displacement",
+        fields.energy_norm,
+        own_mesh.energy_norm,
+        needs_same_mesh=True,
+    ),
+    Metric(
+        "displacement_max",
+        "largest error of displacement at a point",
+        _LARGEST,
+        _of_mesh("displacement_max"),
+        own_mesh.displacement_max,
+        has_moving_truth=True,
+    ),
+    Metric(
+        "max_displacement",
+        "error of the largest displacement",
+        _LARGEST,
+        _of_mesh("max_displacement"),
+        own_mesh.max_displacement,
+        has_moving_truth=True,
+    ),
+    Metric(
+        "volume",
+        "error of the deformed volume",
+        "change of volume of the reference",
+        _of_mesh("volume"),
+        own_mesh.size_error("volume"),
+        is_alone=True,
+    ),
+    Metric(
+        "local_volume",
+        "root mean square error of det F over the cells",
+        "root mean square of the reference's det F - 1",
+        fields.local_volume,
+        own_mesh.local_volume,
+        needs_same_mesh=True,
+    ),
+    Metric(
+        "surface_area",
+        "error of the deformed area",
+        "change of area of the reference",
+        _of_mesh("surface_area"),
+        own_mesh.size_error("surface_area"),
+        is_alone=True,
+    ),
+    Metric(
+        "surface_hausdorff",
+        "largest distance between the deformed surfaces",
+        _LARGEST,
+        surfaces.surface_hausdorff,
+        own_mesh.surface_hausdorff,
+    ),
+    Metric(
+        "surface_mean_distance",
+        "mean distance between the deformed surfaces",
+        _LARGEST,
+        surfaces.surface_mean_distance,
+        own_mesh.surface_mean_distance,
+    ),
+    Metric(
+        "reaction_force",
+        "largest error of a support's total force",
+        "largest support force of the reference",
+        fields.reaction_force,
+        own_mesh.reaction_force,
+        is_alone=True,
+        needs_same_mesh=True,
+    ),
+    Metric(
+        "tool_force",
+        "largest error of the force on a tool",
+        "largest force of the reference on a tool",
+        fields.tool_force,
+        needs_same_mesh=True,
+        needs_tools=True,
+    ),
+    Metric(
+        "strain_energy",
+        "error of the strain energy",
+        "strain energy of the reference",
+        fields.energy,
+        own_mesh.energy,
+        is_alone=True,
+        needs_same_mesh=True,
+    ),
+    Metric(
+        "trajectory_l2",
+        "largest error of displacement over time",
+        "largest L2 norm of the reference's displacement over time",
+        motion.trajectory_l2,
+        own_mesh.trajectory_l2,
+        has_moving_truth=True,
+        needs_time=True,
+    ),
+    *(
         Metric(
-            "displacement_l2",
-            "error of displacement over the whole body, by rest volume",
-            "L2 norm of the reference's displacement",
-            _of_mesh("displacement_l2"),
-        ),
-        Metric(
-            "displacement_h1",
-            "error of the displacement's gradient: local strain and rotation",
-            "H1 seminorm of the reference's displacement",
-            fields.displacement_h1,
-            needs_same_mesh=True,
-        ),
-        Metric(
-            "energy_norm",
-            "error of strain weighted by stiffness",
-            "energy norm of the reference's displacement",
-            fields.energy_norm,
-            needs_same_mesh=True,
-        ),
-        Metric(
-            "displacement_max",
-            "largest error of displacement at a point",
-            _LARGEST,
-            _of_mesh("displacement_max"),
-        ),
-        Metric(
-            "max_displacement",
-            "error of the largest displacement",
-            _LARGEST,
-            _of_mesh("max_displacement"),
-        ),
-        Metric(
-            "volume",
-            "error of the deformed volume",
-            "change of volume of the reference",
-            _of_mesh("volume"),
-        ),
-        Metric(
-            "local_volume",
-            "root mean square error of det F over the cells",
-            "root mean square of the reference's det F - 1",
-            fields.local_volume,
-            needs_same_mesh=True,
-        ),
-        Metric(
-            "surface_area",
-            "error of the deformed area",
-            "change of area of the reference",
-            _of_mesh("surface_area"),
-        ),
-        Metric(
-            "surface_hausdorff",
-            "largest distance between the deformed surfaces",
-            _LARGEST,
-            surfaces.surface_hausdorff,
-        ),
-        Metric(
-            "surface_mean_distance",
-            "mean distance between the deformed surfaces",
-            _LARGEST,
-            surfaces.surface_mean_distance,
-        ),
-        Metric(
-            "reaction_force",
-            "largest error of a support's total force",
-            "largest support force of the reference",
-            fields.reaction_force,
-            needs_same_mesh=True,
-        ),
-        Metric(
-            "tool_force",
-            "largest error of the force on a tool",
-            "largest force of the reference on a tool",
-            fields.tool_force,
-            needs_same_mesh=True,
-            needs_tools=True,
-            looks_at="all outputs: means from one to the next",
-        ),
-        Metric(
-            "strain_energy",
-            "error of the strain energy",
-            "strain energy of the reference",
-            fields.energy,
-            needs_same_mesh=True,
-        ),
-        Metric(
-            "trajectory_l2",
-            "largest error of displacement over time",
-            "largest L2 norm of the reference's displacement over time",
-            motion.trajectory_l2,
+            name,
+            f"error of the {name.removeprefix('oscillation_')} of the point that swings most",
+            "the reference's (phase: one period; damping: its frequency; mean: its amplitude)",
+            partial(motion.oscillation, name),
+            is_fitted=True,
+            has_moving_truth=True,
             needs_time=True,
-            looks_at="all outputs",
-        ),
-        *(
-            Metric(
-                name,
-                f"error of the {name.removeprefix('oscillation_')} of the point that swings most",
-                "the reference's (phase: one period; damping: its frequency; mean: its amplitude)",
-                _of_oscillation(name),
-                needs_time=True,
-                looks_at="every state that was sent",
-                reads_own_samples=True,
-            )
-            for name in motion.OSCILLATION
-        ),
-        Metric(
-            "smallest_det_f",
-            "smallest volume ratio of a cell",
-            "none",
-            None,
-            looks_at="every state that was sent",
-        ),
-        Metric(
-            "published_displacement",
-            "error of a point's displacement against a closed form or a published number",
-            "the number expected",
-            None,
-        ),
-        Metric(
-            "published_oscillation",
-            "error of a point's amplitude, frequency, damping or mean, closed form or published",
-            "the number expected",
-            None,
-            needs_time=True,
-            looks_at="every state that was sent",
-        ),
-        Metric(
-            "inverted_cells",
-            "cells turned inside out",
-            "none",
-            None,
-            unit="cells",
-            looks_at="every state that was sent",
-        ),
-    )
-}
-
-# What the truth of a motion is held to: its points over time, not integrals of its last state.
-MOVING_TRUTH_METRICS = (
-    "displacement_l2",
-    "displacement_max",
-    "max_displacement",
-    *(metric.name for metric in CATALOGUE.values() if metric.needs_time and metric.compare),
+        )
+        for name in motion.OSCILLATION
+    ),
+    Metric(
+        "smallest_det_f",
+        "smallest volume ratio of a cell",
+        "none",
+        own=fields.smallest_det_f,
+        says="smallest det F {0.value:.4g}{0.when} {sign} {limit:g}",
+        is_lower_limit=True,
+    ),
+    Metric(
+        "inverted_cells",
+        "cells turned inside out",
+        "none",
+        own=fields.most_inverted,
+        says="{0.value:.0f} inverted cell(s){0.when}, at most {limit:g}",
+        unit="cells",
+    ),
+    Metric(
+        "published_displacement",
+        "error of a point's displacement against a closed form or a published number",
+        "the number expected",
+        is_published=True,
+        has_moving_truth=True,
+    ),
+    Metric(
+        "published_oscillation",
+        "error of a point's amplitude, frequency, damping or mean, closed form or published",
+        "the number expected",
+        is_published=True,
+        is_fitted=True,
+        has_moving_truth=True,
+        needs_time=True,
+    ),
 )
+CATALOGUE = {metric.name: metric for metric in _METRICS}
+# What the truth of a motion carries error bars for.
+MOVING_TRUTH_METRICS = tuple(m.name for m in _METRICS if m.has_moving_truth and m.compare)
 
 
 def measure(name: str, problem: Problem, candidate: State, reference: State) -> Difference:
@@ -224,25 +251,27 @@ def measure(name: str, problem: Problem, candidate: State, reference: State) -> 
     metric = CATALOGUE.get(name)
     if metric is None or metric.compare is None:
         raise InputError(f"no metric {name!r} between two states")
-    if not are_measurable(*_numbers_of(candidate)):
+    if not are_measurable(*candidate.fields):
         return Difference(math.inf, math.nan, metric.scale)
     if not metric.needs_tools and all(is_still(problem.mesh, s) for s in (candidate, reference)):
         # Distances of surfaces and forces are then rounding, and nothing scales them.
         return Difference(0.0, 0.0, metric.scale)
     with np.errstate(over="ignore", invalid="ignore"):
         found = metric.compare(problem, candidate, reference)
-        if candidate.own is not None:
-            found = measure_on_own_mesh(name, found, problem, candidate, reference)
+        if candidate.own is not None and metric.on_own_mesh is not None:
+            found = own_mesh.measure_on_own_mesh(
+                metric.on_own_mesh,
+                found,
+                problem,
+                candidate,
+                candidate.own,
+                reference,
+                is_alone=metric.is_alone,
+            )
         other = candidate.other_reading
-        if other is None or metric.reads_own_samples:
+        # A fit is of the states as they were sent, not as they are read between them.
+        if other is None or metric.is_fitted:
             return found
         apart = metric.compare(problem, candidate, other)
         off = apart.value * apart.scale / found.scale if apart.value else 0.0
     return dataclasses.replace(found, uncertainty=found.uncertainty + off)
-
-
-def _numbers_of(state: State) -> list[NDArray[np.float64]]:
-    """Everything that a metric may look at."""
-    motions = [motion for motion in (state.trajectory, state.sent) if motion is not None]
-    own = [] if state.own is None else [state.own.displacements]
-    return [state.displacement, *(motion.displacements for motion in motions), *own]

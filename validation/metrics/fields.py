@@ -11,11 +11,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.metrics.elasticity import (
-    displacement_gradients,
-    strain_energy,
-    support_reactions,
-)
+from palpate.validation.mechanics.body import body_of, shape_gradients
 from palpate.validation.metrics.finite import measurable_rows, smallest
 from palpate.validation.metrics.pairs import SMALLEST_CHANGE, Difference, ratio
 from palpate.validation.states import State
@@ -23,7 +19,7 @@ from palpate.validation.states import State
 
 def gradient_norm(mesh: TetMesh, displacement: Points) -> float:
     """H1 seminorm: L2 norm of the displacement gradient over the rest volume [m^1.5]."""
-    gradients = displacement_gradients(mesh, displacement)
+    gradients = displacement[mesh.cells].transpose(0, 2, 1) @ shape_gradients(mesh)
     squared = np.einsum("cij,cij->c", gradients, gradients)
     return math.sqrt(float(signed_volumes(mesh.points, mesh.cells) @ squared))
 
@@ -38,8 +34,8 @@ def displacement_h1(problem: Problem, candidate: State, reference: State) -> Dif
 def energy_norm(problem: Problem, candidate: State, reference: State) -> Difference:
     """Error in the energy norm of linear elasticity: strain errors weighted by stiffness."""
     error = candidate.displacement - reference.displacement
-    scale = math.sqrt(2.0 * strain_energy(problem, reference.displacement, Strain.LINEAR))
-    value = math.sqrt(2.0 * strain_energy(problem, error, Strain.LINEAR))
+    energy_of = body_of(problem, Strain.LINEAR).energy
+    scale, value = (math.sqrt(2.0 * energy_of(u)) for u in (reference.displacement, error))
     return ratio(value, scale, "energy norm of the reference's displacement")
 
 
@@ -102,7 +98,7 @@ def shapes(mesh: TetMesh, state: State) -> Iterator[tuple[float | None, TetMesh,
 
     On the mesh it was given on: the candidate's own, or else the case's.
     """
-    motion = state.sent or state.trajectory
+    motion = state.given
     own = state.own
     where = mesh if own is None else own.mesh
     if motion is None:
@@ -120,10 +116,11 @@ def inverted_cells(mesh: TetMesh, displacement: Points) -> int:
 
 def most_inverted(mesh: TetMesh, state: State) -> Worst:
     """Most cells turned inside out in any state that was given."""
-    return max(
+    most = max(
         (Worst(inverted_cells(where, u), time) for time, where, u in shapes(mesh, state)),
         key=lambda worst: worst.value,
     )
+    return most if most.value else Worst(0)
 
 
 def smallest_det_f(mesh: TetMesh, state: State) -> Worst:
@@ -136,13 +133,15 @@ def smallest_det_f(mesh: TetMesh, state: State) -> Worst:
 
 def energy(problem: Problem, candidate: State, reference: State) -> Difference:
     """Error of the strain energy by the case's law."""
-    of = [strain_energy(problem, s.displacement, s.strain) for s in (candidate, reference)]
+    of = [body_of(problem, s.strain).energy(s.displacement) for s in (candidate, reference)]
     return ratio(abs(of[0] - of[1]), of[1], "the reference's strain energy")
 
 
 def reaction_force(problem: Problem, candidate: State, reference: State) -> Difference:
     """Largest error of a support's total force, over the largest force of a support."""
-    of = [support_reactions(problem, s.displacement, s.strain) for s in (candidate, reference)]
+    of = [
+        body_of(problem, s.strain).support_reactions(s.displacement) for s in (candidate, reference)
+    ]
     error = float(np.linalg.norm(of[0] - of[1], axis=1).max(initial=0.0))
     scale = float(np.linalg.norm(of[1], axis=1).max(initial=0.0))
     return ratio(error, scale, "the largest support force of the reference")

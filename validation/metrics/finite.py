@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.states import State
+
 # Displacements [m] beyond this have no volume that a number can hold.
 _LARGEST = 1e100
 
@@ -35,3 +38,13 @@ def measurable_rows(array: NDArray[Any]) -> NDArray[np.bool_]:
     """Which rows hold such numbers alone, (num_rows,)."""
     rows: NDArray[np.bool_] = (np.abs(array) < _LARGEST).all(axis=1)
     return rows
+
+
+# Of the body's size.
+_ROUNDING = float(np.finfo(np.float64).eps)
+
+
+def is_still(mesh: TetMesh, state: State) -> bool:
+    """Whether a state moves nowhere, at no time, by more than the rounding of the body's places."""
+    size = float(np.ptp(mesh.points, axis=0).max())
+    return all(bool((np.abs(u) <= _ROUNDING * size).all()) for u in state.fields)

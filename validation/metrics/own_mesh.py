@@ -23,8 +23,8 @@ from palpate.meshes.problem import Inclusion, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.exchange.time_reading import read_at
+from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.between_points import Reading, read_between
-from palpate.validation.metrics.elasticity import strain_energy
 from palpate.validation.metrics.fields import det_f, gradient_norm
 from palpate.validation.metrics.own_reactions import own_reactions
 from palpate.validation.metrics.pairs import Difference, l2_norm
@@ -49,20 +49,22 @@ class OwnPair:
         problem: The case's.
         mesh: The answer's own.
         displacement: Of the answer on it [m], (mesh.num_points, 3).
-        reference: Read at its points.
-        strain: That the answer was asked for.
+        read: The reference read at its points.
+        candidate: The answer at the case's points.
+        reference: There too.
     """
 
     problem: Problem
     mesh: TetMesh
     displacement: Points
-    reference: Reading
-    strain: Strain
+    read: Reading
+    candidate: State
+    reference: State
 
     @property
     def error(self) -> Points:
         """Answer less reference at the own points [m]."""
-        return self.displacement - self.reference.value
+        return self.displacement - self.read.value
 
     @property
     def own_problem(self) -> Problem:
@@ -85,53 +87,50 @@ class OwnPair:
 def _pair(problem: Problem, candidate: State, own: OwnMesh, reference: State) -> OwnPair:
     """At the end; the last ones are remembered, for all metrics of them."""
     read = read_between(problem.mesh, reference.displacement, reference.degree, own.mesh)
-    return OwnPair(problem, own.mesh, own.displacements[-1], read, candidate.strain)
+    return OwnPair(problem, own.mesh, own.displacements[-1], read, candidate, reference)
 
 
 # An error on the own mesh and what it may be off by, both in the metric's unit.
 Measured = tuple[float, float]
-Measure = Callable[[OwnPair, State, State], Measured]
+Measure = Callable[[OwnPair], Measured]
 
 
-def _displacement_l2(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    return own_l2(pair)
-
-
-def own_l2(pair: OwnPair) -> Measured:
+def displacement_l2(pair: OwnPair) -> Measured:
     """L2 norm of the error over the own mesh, and of the reading's doubt [m^2.5]."""
-    return l2_norm(pair.mesh, pair.error), l2_norm(pair.mesh, pair.reference.doubt[:, None])
+    return l2_norm(pair.mesh, pair.error), l2_norm(pair.mesh, pair.read.doubt[:, None])
 
 
-def _displacement_h1(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    return gradient_norm(pair.mesh, pair.error), gradient_norm(pair.mesh, pair.reference.added)
+def displacement_h1(pair: OwnPair) -> Measured:
+    """H1 seminorms of the error and of what a linear reading would not have [m^1.5]."""
+    return gradient_norm(pair.mesh, pair.error), gradient_norm(pair.mesh, pair.read.added)
 
 
-def _energy_norm(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    own = pair.own_problem
-    error, doubt = (
-        math.sqrt(2.0 * strain_energy(own, field, Strain.LINEAR))
-        for field in (pair.error, pair.reference.added)
-    )
+def energy_norm(pair: OwnPair) -> Measured:
+    """Of the same two, in linear elasticity [J^(1/2)]."""
+    body = body_of(pair.own_problem, Strain.LINEAR)
+    error, doubt = (math.sqrt(2.0 * body.energy(field)) for field in (pair.error, pair.read.added))
     return error, doubt
 
 
-def _displacement_max(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    error, doubt = _lengths(pair.error), pair.reference.doubt
+def displacement_max(pair: OwnPair) -> Measured:
+    """Largest error of a point [m]."""
+    error, doubt = _lengths(pair.error), pair.read.doubt
     return _middle(float((error - doubt).max()), float((error + doubt).max()))
 
 
-def _max_displacement(pair: OwnPair, candidate: State, reference: State) -> Measured:
-    read, doubt = _lengths(pair.reference.value), pair.reference.doubt
-    # The largest of the reference lies at a point of the case or at one of the own mesh.
-    largest = reference.max_displacement
+def max_displacement(pair: OwnPair) -> Measured:
+    """Error of the largest displacement [m], of a point of the case or of the own mesh."""
+    read, doubt = _lengths(pair.read.value), pair.read.doubt
+    largest = pair.reference.max_displacement
     low, high = (max(largest, float((read + sign * doubt).max())) for sign in (-1.0, 1.0))
     middle, off = _middle(low, high)
-    found = max(float(_lengths(u).max()) for u in (pair.displacement, candidate.displacement))
+    found = max(float(_lengths(u).max()) for u in (pair.displacement, pair.candidate.displacement))
     return abs(found - middle), off
 
 
-def _local_volume(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    read = pair.reference
+def local_volume(pair: OwnPair) -> Measured:
+    """Root mean square error of det F over the own cells [-]."""
+    read = pair.read
     rest = signed_volumes(pair.mesh.points, pair.mesh.cells)
     ours, theirs, plain = (
         det_f(pair.mesh, field)
@@ -143,58 +142,59 @@ def _local_volume(pair: OwnPair, _candidate: State, _reference: State) -> Measur
     return error, doubt
 
 
-def _volume(pair: OwnPair, candidate: State, reference: State) -> Measured:
-    rest = pair.problem.mesh.volume
-    change = abs(candidate.volume - rest)
-    other = abs(pair.mesh.volume / rest - 1.0)
-    return abs(candidate.volume - reference.volume), other * change
+def size_error(name: str) -> Measure:
+    """Error of the volume [m3] or surface area [m2]; another size at rest leaves it open."""
+
+    def measure(pair: OwnPair) -> Measured:
+        rest, own = (float(getattr(mesh, name)) for mesh in (pair.problem.mesh, pair.mesh))
+        found, expected = (getattr(state, name) for state in (pair.candidate, pair.reference))
+        return abs(found - expected), abs(own / rest - 1.0) * abs(found - rest)
+
+    return measure
 
 
-def _surface_area(pair: OwnPair, candidate: State, reference: State) -> Measured:
-    rest = pair.problem.mesh.surface_area
-    change = abs(candidate.surface_area - rest)
-    other = abs(pair.mesh.surface_area / rest - 1.0)
-    return abs(candidate.surface_area - reference.surface_area), other * change
-
-
-def _surface_hausdorff(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    doubt = pair.reference.doubt[np.unique(pair.mesh.boundary_facets)]
+def surface_hausdorff(pair: OwnPair) -> Measured:
+    """Hausdorff distance of the own boundary as answered and as the reference moves it [m]."""
+    doubt = pair.read.doubt[np.unique(pair.mesh.boundary_facets)]
     return _surfaces(pair)[0], float(doubt.max())
 
 
-def _surface_mean_distance(pair: OwnPair, _candidate: State, _reference: State) -> Measured:
-    facets = pair.mesh.boundary_facets
-    areas = pair.mesh.surface().area_vectors
-    share = np.linalg.norm(areas, axis=1)
-    doubt = pair.reference.doubt[facets].mean(axis=1)
-    return _surfaces(pair)[1], float(share @ doubt / share.sum())
+def surface_mean_distance(pair: OwnPair) -> Measured:
+    """Mean distance of the same two [m]."""
+    areas = np.linalg.norm(pair.mesh.surface().area_vectors, axis=1)
+    doubt = pair.read.doubt[pair.mesh.boundary_facets].mean(axis=1)
+    return _surfaces(pair)[1], float(np.average(doubt, weights=areas))
 
 
 @lru_cache(maxsize=2)
 def _surfaces(pair: OwnPair) -> Measured:
-    """Hausdorff and mean distance of the own boundary as answered and as the reference moves it.
+    """Hausdorff and mean distance.
 
     The same facets on both sides: chords of a curved body at rest do not count.
     """
     facets = pair.mesh.boundary_facets
-    moved = [pair.mesh.points + u for u in (pair.displacement, pair.reference.value)]
+    moved = [pair.mesh.points + u for u in (pair.displacement, pair.read.value)]
     return surface_distances(moved[0], facets, moved[1], facets)
 
 
-def _strain_energy(pair: OwnPair, _candidate: State, reference: State) -> Measured:
-    found = strain_energy(pair.own_problem, pair.displacement, pair.strain)
-    expected = strain_energy(pair.problem, reference.displacement, reference.strain)
+def energy(pair: OwnPair) -> Measured:
+    """Error of the strain energy [J]."""
+    found = body_of(pair.own_problem, pair.candidate.strain).energy(pair.displacement)
+    expected = body_of(pair.problem, pair.reference.strain).energy(pair.reference.displacement)
     other = abs(pair.mesh.volume / pair.problem.mesh.volume - 1.0)
     return abs(found - expected), other * found
 
 
-def _reaction_force(pair: OwnPair, candidate: State, reference: State) -> Measured:
-    return own_reactions(pair.problem, pair.own_problem, pair.displacement, candidate, reference)
+def reaction_force(pair: OwnPair) -> Measured:
+    """Largest error of a support's total force [N]."""
+    return own_reactions(
+        pair.problem, pair.own_problem, pair.displacement, pair.candidate, pair.reference
+    )
 
 
-def _trajectory_l2(pair: OwnPair, candidate: State, reference: State) -> Measured:
+def trajectory_l2(pair: OwnPair) -> Measured:
     """The worst of the reference's times, with what reading the answer there may be off by."""
-    own, sent, theirs = candidate.own, candidate.sent, reference.trajectory
+    own, sent, theirs = pair.candidate.own, pair.candidate.sent, pair.reference.trajectory
     assert own is not None
     assert sent is not None
     assert theirs is not None
@@ -204,64 +204,44 @@ def _trajectory_l2(pair: OwnPair, candidate: State, reference: State) -> Measure
     for displacement, state, other in zip(
         theirs.displacements, ours.states, ours.others, strict=True
     ):
-        read = read_between(pair.problem.mesh, displacement, reference.degree, own.mesh)
-        error, doubt = own_l2(OwnPair(pair.problem, own.mesh, state, read, pair.strain))
+        read = read_between(pair.problem.mesh, displacement, pair.reference.degree, own.mesh)
+        there = dataclasses.replace(pair, displacement=state, read=read)
+        error, doubt = displacement_l2(there)
         doubt += l2_norm(own.mesh, state - other)
         found.append((max(error - doubt, 0.0), error + doubt))
     low, high = np.max(found, axis=0).tolist()
     return _middle(low, high)
 
 
-# Metrics whose value is the worst of both meshes.
-_ON_BOTH: dict[str, Measure] = {
-    "displacement_l2": _displacement_l2,
-    "displacement_h1": _displacement_h1,
-    "energy_norm": _energy_norm,
-    "displacement_max": _displacement_max,
-    "max_displacement": _max_displacement,
-    "local_volume": _local_volume,
-    "surface_hausdorff": _surface_hausdorff,
-    "surface_mean_distance": _surface_mean_distance,
-    "trajectory_l2": _trajectory_l2,
-}
-# Metrics that the own mesh alone answers.
-_ON_OWN: dict[str, Measure] = {
-    "volume": _volume,
-    "surface_area": _surface_area,
-    "strain_energy": _strain_energy,
-    "reaction_force": _reaction_force,
-}
-MEASURED_ON_OWN_MESH = frozenset({*_ON_BOTH, *_ON_OWN})
-
-
 def measure_on_own_mesh(
-    name: str, at_points: Difference, problem: Problem, candidate: State, reference: State
+    measure: Measure,
+    at_points: Difference,
+    problem: Problem,
+    candidate: State,
+    own: OwnMesh,
+    reference: State,
+    *,
+    is_alone: bool,
 ) -> Difference:
     """A metric of an answer with a mesh of its own.
 
     Args:
-        name: Of the metric.
+        measure: Of the metric.
         at_points: What it is at the case's points.
         problem: The case's.
-        candidate: With `own`.
+        candidate: At the case's points.
+        own: Its mesh, and what it answered there.
         reference: At the case's points.
-
-    Returns:
-        As it was where the metric does not depend on a mesh: a tool's force, a point's swing.
+        is_alone: The own mesh alone answers; else the value is the worst of both meshes.
     """
-    own = candidate.own
-    measure = _ON_BOTH.get(name) or _ON_OWN.get(name)
-    if own is None or measure is None:
-        return at_points
-    pair = _pair(problem, candidate, own, reference)
-    error, doubt = measure(pair, candidate, reference)
+    error, doubt = measure(_pair(problem, candidate, own, reference))
     scale = at_points.scale
     if scale == 0.0:
         # A reference that does not move is read as it is, and any error is too much.
         value = max(at_points.value, 0.0 if error == 0.0 else math.inf)
         return dataclasses.replace(at_points, value=value)
     low, high = max(error - doubt, 0.0) / scale, (error + doubt) / scale
-    if name in _ON_BOTH:
+    if not is_alone:
         low, high = max(low, at_points.value), max(high, at_points.value)
     value, uncertainty = _middle(low, high)
     return dataclasses.replace(at_points, value=value, uncertainty=uncertainty)

@@ -18,16 +18,11 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_loads import held_components, nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
-from palpate.validation.metrics.elasticity import (
-    factor_at_end,
-    internal_force,
-    load_force,
-    support_reactions,
-)
+from palpate.validation.mechanics.body import body_of, factor_at_end, load_force
 from palpate.validation.states import State
 
-# Shares of held points below this are rounding.
-_SHARE = 1e-6
+# Fractions of held points below this are rounding.
+_ROUNDING = 1e-6
 
 
 def own_reactions(
@@ -44,7 +39,7 @@ def own_reactions(
     """
     mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)
-    force = internal_force(own, displacement, strain)
+    force = body_of(own, strain).internal(displacement)
     is_held = held_components(problem)[0] > 0
     # Loads near a support, and pressure, may be put in the wrong place.
     loose = np.zeros(mesh.num_points)
@@ -66,25 +61,25 @@ def own_reactions(
         force -= spread(at_points)
     size = np.linalg.norm(force, axis=1)
     moving = np.zeros_like(size) if problem.time is None else size
-    shares = np.array([_held_share(problem, s.points, mesh) for s in problem.supports])
-    expected = support_reactions(problem, reference.displacement, reference.strain)
+    fractions = np.array([_held_fraction(problem, s.points, mesh) for s in problem.supports])
+    expected = body_of(problem, reference.strain).support_reactions(reference.displacement)
     errors, doubts = [0.0], [0.0]
     for number, support in enumerate(problem.supports):
-        touched = _with_neighbours(mesh, shares[number] > _SHARE)
-        between = touched & (shares[number] < 1.0 - _SHARE)
+        touched = _with_neighbours(mesh, fractions[number] > _ROUNDING)
+        between = touched & (fractions[number] < 1.0 - _ROUNDING)
         found = force[touched].sum(axis=0) * np.array(support.components)
         shifted = min(weight[touched].sum(), size[between].sum())
         doubts.append(float(loose[touched].sum() + moving[between].sum() + shifted))
         # Between two supports a point's force may belong to either.
         for other, rival in enumerate(problem.supports):
             if other != number and np.any(np.array(support.components) & rival.components):
-                theirs = _with_neighbours(mesh, shares[other] > _SHARE)
+                theirs = _with_neighbours(mesh, fractions[other] > _ROUNDING)
                 doubts[-1] += float(size[between & theirs].sum())
         errors.append(float(np.linalg.norm(found - expected[number])))
     return float(np.max(errors)), float(np.max(doubts))
 
 
-def _held_share(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
+def _held_fraction(problem: Problem, points: NDArray[np.int32], own: TetMesh) -> Points:
     """How far each own point is a held one: 1 at held places, 0 where no corner is held."""
     is_held = np.zeros((problem.mesh.num_points, 1))
     is_held[points] = 1.0

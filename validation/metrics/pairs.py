@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.exchange.facets import facet_areas
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.states import State, Trajectory
 
@@ -117,6 +118,44 @@ def ratio(error: float, scale: float, name: str) -> Difference:
     return Difference(error / scale, scale, name)
 
 
+class Measures(TypedDict):
+    """What geometry alone says of a displacement; see `State`."""
+
+    displacement: Points
+    volume: float
+    surface_area: float
+    smallest_det_f: float
+    max_displacement: float
+
+
+def measures_of(mesh: TetMesh, displacement: Points) -> Measures:
+    """Measure a linear displacement field.
+
+    What cannot be measured (NaN, or numbers too large for it) is infinite, det F minus infinity:
+    no comparison with it passes.
+    """
+    inf = math.inf
+    if not are_measurable(displacement):
+        return Measures(
+            displacement=displacement,
+            volume=inf,
+            surface_area=inf,
+            smallest_det_f=-inf,
+            max_displacement=inf,
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = mesh.points + displacement
+        volumes = signed_volumes(moved, mesh.cells)
+        rest = signed_volumes(mesh.points, mesh.cells)
+        return Measures(
+            displacement=displacement,
+            volume=float(volumes.sum()),
+            surface_area=float(facet_areas(moved, mesh.boundary_facets).sum()),
+            smallest_det_f=float((volumes / rest).min()),
+            max_displacement=float(np.linalg.norm(displacement, axis=1).max()),
+        )
+
+
 def make_state(
     mesh: TetMesh,
     displacement: Points,
@@ -124,44 +163,18 @@ def make_state(
     label: str,
     simulator: str,
     strain: Strain,
-    degree: int = 1,
-    seconds: float = 0.0,
-    details: Mapping[str, object] | None = None,
     trajectory: Trajectory | None = None,
     tool_forces: NDArray[np.float64] | None = None,
-    versions: Mapping[str, str] | None = None,
-    remarks: tuple[str, ...] = (),
-    element: Element = Element.LINEAR,
+    **more: Any,
 ) -> State:
-    """Measure a linear displacement field: volume, area, smallest det F by geometry alone.
-
-    What cannot be measured (NaN, or numbers too large for it) is infinite, det F minus infinity:
-    no comparison with it passes.
-    """
-    is_good = are_measurable(displacement)
-    with np.errstate(over="ignore", invalid="ignore"):
-        moved = mesh.points + displacement
-        volumes = signed_volumes(moved, mesh.cells)
-        rest = signed_volumes(mesh.points, mesh.cells)
-        corners = moved[mesh.boundary_facets]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        area = 0.5 * np.linalg.norm(normals, axis=1).sum()
-        lengths = np.linalg.norm(displacement, axis=1)
+    """A state with `measures_of` its displacement; the rest as in `State`."""
     return State(
         label=label,
         simulator=simulator,
         strain=strain,
-        degree=degree,
-        displacement=displacement,
-        volume=float(volumes.sum()) if is_good else math.inf,
-        surface_area=float(area) if is_good else math.inf,
-        smallest_det_f=float((volumes / rest).min()) if is_good else -math.inf,
-        max_displacement=float(lengths.max()) if is_good else math.inf,
-        seconds=seconds,
-        details=details or {},
+        degree=more.pop("degree", 1),
         trajectory=trajectory,
         tool_forces=tool_forces,
-        versions=versions or {},
-        remarks=remarks,
-        element=element,
+        **measures_of(mesh, displacement),
+        **more,
     )

@@ -14,6 +14,7 @@ close enough to resolve the motion.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -23,11 +24,8 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.nodal_loads import (
-    held_components,
-    lumped_mass,
-)
-from palpate.validation.metrics.elasticity import internal_force, load_force
+from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
+from palpate.validation.mechanics.body import body_of, load_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency
 from palpate.validation.states import State, Trajectory
@@ -47,7 +45,7 @@ _ROUNDING_OF_PLACES = 1e-6
 
 def unmeasurable_state(state: State) -> str:
     """Which state that was given holds numbers that cannot be measured; "" where none does."""
-    motion = state.sent or state.trajectory
+    motion = state.given
     own = [] if state.own is None else [state.own.displacements]
     if motion is None:
         is_good = are_measurable(state.displacement, *own)
@@ -67,7 +65,7 @@ def state_out_of_reach(problem: Problem, state: State) -> str:
     Every state is held against those before and after it, next to it and half an output away.
     An answer that was interpolated between steps as long as an output is within reach too.
     """
-    motion, outputs = state.sent or state.trajectory, state.trajectory
+    motion, outputs = state.given, state.trajectory
     if problem.time is None or motion is None or outputs is None:
         return ""
     mass = lumped_mass(problem)
@@ -136,7 +134,7 @@ def largest_acceleration(problem: Problem, strain: Strain, outputs: Trajectory) 
     for item in (*problem.loads, *problem.supports):
         first, varied = _variation(item, end)
         if isinstance(item, Support):
-            force = -internal_force(problem, _moved_by(problem, item), strain)
+            force = -body_of(problem, strain).internal(_moved_by(problem, item))
             by_supports += varied * _over_mass(force, mass, is_free)
         else:
             force = load_force(problem.mesh, item, np.zeros_like(problem.mesh.points), strain)
@@ -165,10 +163,7 @@ def _seen(problem: Problem, strain: Strain, outputs: Trajectory, mass: Points) -
 
 def _moved_by(problem: Problem, support: Support) -> Points:
     """Displacement of the held points at the amplitude's factor 1 [m], (num_points, 3)."""
-    moved = np.zeros_like(problem.mesh.points)
-    for axis in np.flatnonzero(support.components):
-        moved[support.points, axis] = support.displacement[axis]
-    return moved
+    return held_components(dataclasses.replace(problem, supports=(support,)))[1]
 
 
 def _variation(item: Load | Support, end: float) -> tuple[float, float]:

@@ -36,14 +36,9 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.nodal_loads import held_components
+from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
-from palpate.validation.metrics.elasticity import (
-    ElasticForces,
-    diagonal_of_stiffness,
-    force_of_strain,
-    out_of_balance,
-)
-from palpate.validation.metrics.pairs import make_state
+from palpate.validation.metrics.pairs import measures_of
 from palpate.validation.states import State
 
 UNIT_ROUNDING = 2.0**-24
@@ -81,7 +76,7 @@ class SinglePrecision:
             relative = rounding_of_motion(self._problem, reference)
         if CATALOGUE[metric].needs_time:
             found = SAFETY * relative
-        elif metric == "tool_force":
+        elif CATALOGUE[metric].needs_tools:
             found = SAFETY * (relative or self._of_tools(reference))
         else:
             answers = self._answers(reference, relative)
@@ -106,7 +101,9 @@ class SinglePrecision:
         for _ in range(_SAMPLES):
             strain = random.uniform(-1.0, 1.0, (problem.mesh.num_cells, 3, 3))
             strain = 0.5 * (strain + strain.transpose(0, 2, 1))
-            force = force_of_strain(problem, _ROUNDINGS_OF_A_STRAIN * UNIT_ROUNDING * strain)
+            force = body_of(problem, Strain.LINEAR).force_of_strain(
+                _ROUNDINGS_OF_A_STRAIN * UNIT_ROUNDING * strain
+            )
             found.append((_answer(problem, force * free, free), force))
         return tuple(found)
 
@@ -119,28 +116,22 @@ class SinglePrecision:
                 largest = float(np.abs(reference.trajectory.displacements).max())
                 size *= relative * largest / max(float(np.abs(field).max()), math.ulp(0.0))
             places = (mesh.points + reference.displacement + size * field).astype(np.float32)
-            own = make_state(
-                mesh,
-                places - mesh.points,
-                label="",
-                simulator="",
-                strain=reference.strain,
-                tool_forces=reference.tool_forces,
-                element=reference.element,
-            )
-            states.append(dataclasses.replace(own, trajectory=reference.trajectory))
+            measures = measures_of(mesh, places - mesh.points)
+            states.append(dataclasses.replace(reference, simulator="", **measures))
         return states
 
     def _of_tools(self, reference: State) -> float:
         """Rounded forces at the points that a tool pushes, over the force on the tool."""
-        residual, scale = out_of_balance(self._problem, reference.displacement, reference.strain)
+        residual, scale = body_of(self._problem, reference.strain).out_of_balance(
+            reference.displacement
+        )
         is_pushed = (np.abs(residual) > 1e-6 * scale).any(axis=1)
         rounded = max(
             float(np.linalg.norm(force[is_pushed], axis=1).sum()) for _, force in self._fields
         )
         forces = reference.tool_forces
-        felt = 0.0 if forces is None else float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
-        return rounded / felt if felt else math.inf
+        pushed = 0.0 if forces is None else float(np.linalg.norm(forces, axis=-1).max(initial=0.0))
+        return rounded / pushed if pushed else math.inf
 
 
 def rounding_of_motion(problem: Problem, reference: State) -> float:
@@ -165,8 +156,8 @@ def rounding_of_motion(problem: Problem, reference: State) -> float:
 
 def _answer(problem: Problem, force: Points, free: Points) -> Points:
     """The displacement [m] of a force [N] by the stiffness at rest, by conjugate gradients."""
-    stiffness = ElasticForces(problem, Strain.LINEAR)
-    diagonal = diagonal_of_stiffness(problem)
+    body = body_of(problem, Strain.LINEAR)
+    diagonal = body.stiffness_diagonal
     found, rest = np.zeros_like(force), force.copy()
     scaled = rest / diagonal
     along, size = scaled.copy(), float((rest * scaled).sum())
@@ -174,7 +165,7 @@ def _answer(problem: Problem, force: Points, free: Points) -> Points:
     for _ in range(_MOST_ITERATIONS):
         if size <= enough:
             break
-        pushed = stiffness(along) * free
+        pushed = body.internal(along) * free
         step = size / float((along * pushed).sum())
         found += step * along
         rest -= step * pushed

@@ -13,8 +13,8 @@ from functools import lru_cache
 import numpy as np
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
-from palpate.validation.metrics.elasticity import internal_force, load_force
+from palpate.validation.exchange.nodal_loads import lumped_mass
+from palpate.validation.mechanics.body import body_of
 from palpate.validation.states import Trajectory
 
 # Two are the limit, where phase and amplitude cannot be told apart.
@@ -69,23 +69,15 @@ def content_frequency(problem: Problem, strain: Strain, motion: Trajectory) -> f
     over what is free and out of the tools' reach; its root over 2 pi. A mean over all modes in
     the motion by how much they move. Linear tetrahedra make it too high rather than too low.
     """
-    mesh = problem.mesh
-    free = held_components(problem)[0] == 0
-    for tool in problem.tools:
-        reach = tool.contact_facets if len(tool.contact_facets) else mesh.boundary_facets
-        free[np.unique(reach)] = False
-    mass = lumped_mass(problem)[:, None]
+    body, mass = body_of(problem, strain), lumped_mass(problem)[:, None]
     about = motion.displacements - motion.displacements.mean(axis=0)
     stiff, inert = 0.0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(0, len(about), math.ceil(len(about) / _MOST_STATES)):
             displacement, time = motion.displacements[k], float(motion.times[k])
-            force = internal_force(problem, displacement, strain)
-            for load in problem.loads:
-                factor = 1.0 if load.amplitude is None else load.amplitude(time)
-                force = force - factor * load_force(mesh, load, displacement, strain)
-            stiff += float((force * about[k])[free].sum())
-            inert += float((mass * about[k] ** 2)[free].sum())
+            force = body.internal(displacement) - body.external(displacement, time)
+            stiff += float((force * about[k])[body.free].sum())
+            inert += float((mass * about[k] ** 2)[body.free].sum())
     if not (math.isfinite(stiff) and math.isfinite(inert)):
         return math.inf
     return math.sqrt(max(stiff / inert, 0.0)) / (2.0 * math.pi) if inert > 0.0 else 0.0

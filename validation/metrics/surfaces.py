@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
+from palpate.validation.exchange.facets import facet_areas
 from palpate.validation.exchange.surface_search import nearest_on_surface
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.pairs import Difference, ratio
@@ -49,9 +50,7 @@ def surface_distances(
         distances = distances_to_surface(places, to_points, to_facets)
         farthest.append(largest(distances))
         by_facet = distances[index.reshape(samples.shape[:2])]
-        areas = np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
+        areas = facet_areas(from_points, from_facets[:: _stride(pair)])
         # Corners 1/20 each, midpoints 2/15, centroid 9/20: exact for cubics on a triangle.
         weights = np.array([0.05] * 3 + [2.0 / 15.0] * 3 + [0.45])
         means.append(float(areas @ (by_facet @ weights) / areas.sum()))

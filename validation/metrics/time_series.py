@@ -178,16 +178,16 @@ def _refine(t: Array, x: Array, w: float, g: float, spread: float) -> Oscillatio
             ]
         )
         move = np.linalg.lstsq(J, -best, rcond=None)[0]
-        share = 1.0
-        while share > 1e-4:
-            tried = _misfit(t, x, w + share * move[0], g + share * move[1])
+        fraction = 1.0
+        while fraction > 1e-4:
+            tried = _misfit(t, x, w + fraction * move[0], g + fraction * move[1])
             if float(tried @ tried) < float(best @ best):
                 break
-            share /= 2.0
+            fraction /= 2.0
         else:
             break
-        w, g, best = w + share * move[0], g + share * move[1], tried
-        if float(np.abs(share * move).max()) <= 1e-13 * w:
+        w, g, best = w + fraction * move[0], g + fraction * move[1], tried
+        if float(np.abs(fraction * move).max()) <= 1e-13 * w:
             break
     c, a, b = _coefficients(t, x, w, g)
     return Oscillation(

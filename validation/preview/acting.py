@@ -9,6 +9,7 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Problem
+from palpate.validation.exchange.facets import area_vectors
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +29,6 @@ class Acting:
     area: float
     force: Points
     center: Points
-
-
-def area_vectors(points: Points, facets: Indices) -> Points:
-    """Outward, as long as the area [m2], shape (n, 3)."""
-    a, b, c = (points[facets[:, k]] for k in range(3))
-    vectors: Points = 0.5 * np.cross(b - a, c - a)
-    return vectors
 
 
 def acting(problem: Problem, load: Load) -> Acting:

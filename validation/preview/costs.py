@@ -12,9 +12,8 @@ import numpy as np
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import SAFETY
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.solving import solve
-from palpate.validation.states import State
+from palpate.validation.states import CandidateFailedError, State
 
 # A Newton solve in linear ones: 3 to 12 on the built-in kidney, beam and block.
 _NEWTON = 8.0

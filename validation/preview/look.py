@@ -13,14 +13,15 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units
-from palpate.validation.preview.acting import acting, area_vectors
+from palpate.validation.exchange.facets import are_among, facet_areas
+from palpate.validation.preview.acting import acting
 from palpate.validation.preview.costs import Costs, expected_costs
 from palpate.validation.preview.thickness import measure_thickness
 
 _SMALL_ANGLE = 5.0
 _FEW_EDGES = 3.0
 _NEAR_INCOMPRESSIBLE = 0.45
-_LARGE_SHARE = 0.05
+_LARGE_PART = 0.05
 # Longest sides of what is simulated here [m]; beyond, the unit is mostly another.
 _USUAL_SIZES = (5e-3, 2.0)
 
@@ -106,10 +107,9 @@ def _material(look: Look, problem: Problem, units: Units) -> None:
 
 def _what_acts(look: Look, problem: Problem, units: Units) -> None:
     mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
-    boundary = float(np.linalg.norm(area_vectors(mesh.points, mesh.boundary_facets), axis=1).sum())
-    held: set[tuple[int, ...]] = set()
+    held = np.vstack([np.zeros((0, 3), dtype=np.int32), *(s.facets for s in problem.supports)])
     for number, support in enumerate(problem.supports, 1):
-        area = float(np.linalg.norm(area_vectors(mesh.points, support.facets), axis=1).sum())
+        area = float(facet_areas(mesh.points, support.facets).sum())
         names = "".join(
             name for name, is_held in zip("xyz", support.components, strict=True) if is_held
         )
@@ -117,10 +117,9 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
         where = f"{len(support.facets)} facets, {area / scale**2:.4g} {unit}2"
         if not len(support.facets):
             where = f"{len(support.points)} point(s)"
-        where += f" ({100 * area / boundary:.0f} % of the boundary)" if area else ""
-        told = f", moved by {_vector(moved)} {unit}" if moved.any() else ""
-        look.say(f"support {number}", f"{where}, {names} held{told}")
-        held |= {tuple(sorted(row)) for row in support.facets.tolist()}
+        where += f" ({100 * area / mesh.surface_area:.0f} % of the boundary)" if area else ""
+        moving = f", moved by {_vector(moved)} {unit}" if moved.any() else ""
+        look.say(f"support {number}", f"{where}, {names} held{moving}")
     total = np.zeros(3)
     for number, load in enumerate(problem.loads, 1):
         found = acting(problem, load)
@@ -132,10 +131,10 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
             else ""
         )
         look.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
-        shared = held & {tuple(sorted(row)) for row in found.facets.tolist()}
-        if shared and isinstance(load, Traction):
+        num_held = int(are_among(found.facets, held).sum())
+        if num_held and isinstance(load, Traction):
             look.warnings.append(
-                f"load {number} pushes {len(shared)} facet(s) that are held; that part is lost"
+                f"load {number} pushes {num_held} facet(s) that are held; that part is lost"
             )
     if problem.loads:
         look.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
@@ -161,8 +160,7 @@ def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:
             )
     seconds = "" if costs.fast_seconds is None else f", about {_seconds(costs.fast_seconds)}"
     look.say(
-        "fastsim",
-        f"{costs.num_unknowns} unknowns{seconds}, about {costs.fast_bytes / 1e9:.1g} GB",
+        "fastsim", f"{costs.num_unknowns} unknowns{seconds}, about {costs.fast_bytes / 1e9:.1g} GB"
     )
     truth = "" if costs.truth_seconds is None else f", about {_seconds(costs.truth_seconds)}"
     look.say(
@@ -187,7 +185,7 @@ def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:
             "linear strain turns a cell inside out under this load: Green strain may have no "
             "equilibrium; try a smaller one"
         )
-    elif moved > _LARGE_SHARE * size:
+    elif moved > _LARGE_PART * size:
         look.warnings.append(
             f"linear strain moves it by {100 * moved / size:.0f} % of its size: expect Green "
             "strain to differ, and to need several Newton iterations"

@@ -2,26 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    PlaneShape,
+    RigidTool,
+    SphereShape,
+    SurfaceShape,
+)
+from palpate.meshes.shapes import shape_sphere
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.preview.acting import Acting, acting, area_vectors
-from palpate.validation.preview.tool_surfaces import tool_surface
-from palpate.validation.report.pictures import draw_in_child
+from palpate.validation.drawing.scene import (
+    BLUE,
+    DRAWN_BY,
+    OCHRE,
+    RED,
+    Marks,
+    Panel,
+    Surface,
+    boundary,
+    draw,
+    joined,
+)
+from palpate.validation.exchange.facets import area_vectors
+from palpate.validation.preview.acting import Acting, acting
 
-_BY = ("pyvista", "matplotlib")
 # Lines of a path that is drawn.
 _POSES = 60
+_SIDES = ((1.0, -1.3, 0.7), (-1.0, 1.3, -0.7))
 
 
-def draw_case(case: Case, path: Path, *, by: tuple[str, ...] = _BY) -> None:
+def draw_case(case: Case, path: Path, *, by: Sequence[str] = DRAWN_BY) -> None:
     """Write a .png; pyvista draws it where it can, matplotlib elsewhere.
 
     Args:
@@ -32,65 +53,82 @@ def draw_case(case: Case, path: Path, *, by: tuple[str, ...] = _BY) -> None:
     Raises:
         InputError: Neither can.
     """
-    modules = [f"palpate.validation.preview.draw_{one}" for one in by]
-    made = draw_in_child(_arrays(case), modules)
+    made = draw({"case": _panels(case)}, by=by)
     if "case" not in made:
         raise InputError(f"{path}: no picture could be drawn; install pyvista or matplotlib")
     with atomic_path(path) as temporary:
         temporary.write_bytes(made["case"])
 
 
-def _arrays(case: Case) -> dict[str, NDArray[Any]]:
-    """What is drawn, in the case's length unit."""
+def _panels(case: Case) -> list[Panel]:
+    """The case from two sides, in its length unit."""
     problem, unit = case.problem, case.spec.units.length
-    mesh, scale = problem.mesh, LENGTH[unit]
-    points = mesh.points / scale
-    reach = float(np.ptp(points, axis=0).max())
+    points = problem.mesh.points / LENGTH[unit]
     loads = [acting(problem, load) for load in problem.loads]
-    forces = np.array([load.force for load in loads]).reshape(-1, 3)
-    largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
-    # Longer for more force, but the smallest is seen too.
+    held = joined([support.facets for support in problem.supports])
+    pushed = joined([load.facets for load in loads])
+    surfaces = boundary(points, problem.mesh.boundary_facets, held, pushed)
+    marks, legend = [], []
+    single = [support.points for support in problem.supports if not len(support.facets)]
+    if single:
+        marks.append(Marks(points[np.concatenate(single)], BLUE))
+    if problem.supports:
+        legend.append(("held", BLUE))
+    if loads:
+        marks.append(_arrows(points, loads, LENGTH[unit]))
+        legend.append(("pushed or pulled; an arrow is the whole force of a load", RED))
+    if problem.tools:
+        legend.append(("tool, pale where it starts", OCHRE))
+        for placed, path in _tools(problem, LENGTH[unit]):
+            surfaces += placed
+            marks.append(path)
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
+    return [
+        Panel(f"{case.name}: {case.title}", surfaces, _SIDES[0], marks, unit, legend),
+        Panel(f"{size} {unit}, from the other side and below", surfaces, _SIDES[1], marks),
+    ]
+
+
+def _tools(problem: Problem, scale: float) -> list[tuple[list[Surface], Marks]]:
+    """Each tool where it starts and where it ends, and its path."""
+    reach = float(np.ptp(problem.mesh.points, axis=0).max())
+    found = []
+    for tool in problem.tools:
+        own, facets = tool_surface(tool, reach)
+        times = np.linspace(tool.path.times[0], tool.path.times[-1], _POSES)
+        poses = [tool.path.pose_at(float(time)) for time in times]
+        placed = [
+            Surface((own @ turn.T + place) / scale, facets, OCHRE, opacity=opacity)
+            for (place, turn), opacity in ((poses[0], 0.35), (poses[-1], 1.0))
+        ]
+        path = np.array([place for place, _ in poses]) / scale
+        found.append((placed, Marks(path, "black", is_path=True)))
+    return found
+
+
+def _arrows(points: Points, loads: Sequence[Acting], scale: float) -> Marks:
+    """An arrow for each load, longer for more force, but the smallest is seen too."""
+    reach = float(np.ptp(points, axis=0).max())
+    forces = np.array([load.force for load in loads])
     lengths = np.linalg.norm(forces, axis=1, keepdims=True)
+    largest = lengths.max(initial=0.0) or 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        shown = np.nan_to_num(forces / lengths) * (0.12 + 0.18 * lengths / (largest or 1.0))
-    arrows = shown * reach
+        arrows = reach * np.nan_to_num(forces / lengths) * (0.12 + 0.18 * lengths / largest)
     starts = [
         _start(points, found, found.center / scale, arrow)
         for found, arrow in zip(loads, arrows, strict=True)
     ]
-    arrays: dict[str, NDArray[Any]] = {
-        "points": points,
-        "facets": mesh.boundary_facets,
-        "held": _facets([support.facets for support in problem.supports]),
-        "held_points": points[_points(problem.supports)],
-        "pushed": _facets([load.facets for load in loads]),
-        "starts": np.array(starts).reshape(-1, 3),
-        "arrows": arrows,
-        "title": np.array(f"{case.name}: {case.title}"),
-        "unit": np.array(unit),
-        "num_tools": np.array(len(problem.tools)),
-    }
-    for number, tool in enumerate(problem.tools):
-        own, facets = tool_surface(tool, reach * scale)
-        times = np.linspace(tool.path.times[0], tool.path.times[-1], _POSES)
-        poses = [tool.path.pose_at(float(time)) for time in times]
-        arrays[f"tool_{number}_facets"] = facets
-        arrays[f"tool_{number}_path"] = np.array([place for place, _ in poses]) / scale
-        for name, (place, turn) in (("start", poses[0]), ("end", poses[-1])):
-            arrays[f"tool_{number}_{name}"] = (own @ turn.T + place) / scale
-    return arrays
+    return Marks(np.array(starts), RED, vectors=arrows)
 
 
-def _start(
-    points: NDArray[Any], load: Acting, center: NDArray[Any], arrow: NDArray[Any]
-) -> NDArray[Any]:
+def _start(points: Points, load: Acting, center: Points, arrow: Points) -> Points:
     """Where an arrow begins that is clear of the body: a push ends on it, a pull begins there."""
     length = float(np.linalg.norm(arrow))
     if length == 0.0:
         return center
     direction = arrow / length
     if load.kind == "point force":
-        return np.asarray(center - arrow)
+        return center - arrow
     outward = area_vectors(points, load.facets).sum(axis=0)
     is_pull = bool(outward @ arrow > 0.0)
     # Where the line of the force meets the loaded part, about: what is nearest to the line.
@@ -99,15 +137,33 @@ def _start(
     beside = np.linalg.norm(places - center - along[:, None] * direction, axis=1)
     beside[along < -1e-9 * length if is_pull else along > 1e-9 * length] = np.inf
     met = center + direction * float(along[beside.argmin()])
-    return np.asarray(met if is_pull else met - arrow)
+    return met if is_pull else met - arrow
 
 
-def _facets(parts: list[NDArray[Any]]) -> NDArray[Any]:
-    known = [part for part in parts if len(part)]
-    return np.unique(np.vstack(known), axis=0) if known else np.zeros((0, 3), dtype=np.int32)
+_BOX_FACETS = np.array(
+    [
+        [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+        [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+    ]
+)  # fmt: skip
 
 
-def _points(supports: tuple[Any, ...]) -> NDArray[Any]:
-    """Of supports without facets."""
-    single = [support.points for support in supports if not len(support.facets)]
-    return np.concatenate(single) if single else np.zeros(0, dtype=np.int32)
+def tool_surface(tool: RigidTool, reach: float) -> tuple[Points, Indices]:
+    """Points in the tool's frame [m] and triangles; of a plane a square of this size [m]."""
+    match tool.shape:
+        case SphereShape(radius):
+            ball = shape_sphere(radius, edge_length=0.3 * radius)
+            return ball.points, ball.facets
+        case CapsuleShape(radius, half_length):
+            ball = shape_sphere(radius, edge_length=0.3 * radius)
+            drawn_out = np.zeros_like(ball.points)
+            drawn_out[:, 2] = np.sign(np.round(ball.points[:, 2] / radius, 6)) * half_length
+            return ball.points + drawn_out, ball.facets
+        case BoxShape(half_widths):
+            corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+            return corners * np.array(half_widths), _BOX_FACETS
+        case SurfaceShape(surface):
+            return surface.points, surface.facets
+        case PlaneShape():
+            square = np.array([[-1, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]])
+            return 0.5 * reach * square, np.array([[0, 1, 2], [1, 3, 2]])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.quality import edge_lengths
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 
 _MOST_RAYS = 400
@@ -41,13 +42,13 @@ def measure_thickness(mesh: TetMesh, *, seed: int = 0) -> Thickness:
     origin, direction = corners[drawn].mean(axis=1), -areas[drawn] / size[drawn, None]
     cell, entered = owners[drawn, 0].copy(), owners[drawn, 1].copy()
     length, edges, count = np.zeros(len(drawn)), np.zeros(len(drawn)), np.zeros(len(drawn))
-    edge_lengths = _mean_edges(mesh)
+    means = edge_lengths(mesh.points, mesh.cells).mean(axis=1)
     inside = np.arange(len(drawn))
     for _ in range(mesh.num_cells):
         if not inside.size:
             break
         here = cell[inside]
-        edges[inside] += edge_lengths[here]
+        edges[inside] += means[here]
         count[inside] += 1
         face, length[inside] = _leave(
             mesh, here, entered[inside], origin[inside], direction[inside]
@@ -89,11 +90,3 @@ def _neighbours(mesh: TetMesh) -> NDArray[Any]:
     one, other = order[first], order[first + 1]
     beyond[one], beyond[other] = other // 4, one // 4
     return beyond.reshape(-1, 4)
-
-
-def _mean_edges(mesh: TetMesh) -> NDArray[Any]:
-    corners = mesh.points[mesh.cells]
-    ends = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
-    lengths = [np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in ends]
-    means: NDArray[Any] = np.mean(lengths, axis=0)
-    return means

@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.references.changes import is_same_state
-from palpate.validation.references.one_solve import solve_reference
+from palpate.validation.references.motion_runs import solve_reference
 from palpate.validation.references.sets import OF_ELEMENT, ReferenceSet
 from palpate.validation.states import Progress
 

@@ -1,4 +1,4 @@
-"""One run of the reference through a motion, as a state: explicit, or implicit."""
+"""One run of the reference, as a state: through a motion, or whatever the case asks for."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.result import Formulation
 from palpate.validation.metrics.pairs import make_state
-from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH
+from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH, solve_state
 from palpate.validation.states import REFERENCE, Progress, State, Trajectory
 
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
@@ -52,10 +53,7 @@ def solve_explicit(
         simulator=REFERENCE,
         strain=strain,
         seconds=time.perf_counter() - start,
-        details={
-            "time_step": found.time_step,
-            "num_steps": found.num_steps,
-        },
+        details={"time_step": found.time_step, "num_steps": found.num_steps},
         tool_forces=found.tool_forces if problem.tools else None,
         trajectory=Trajectory(found.times, found.displacements),
     )
@@ -119,3 +117,53 @@ def solve_implicit(
         versions=dict(found.versions),
         trajectory=Trajectory(found.times, kept),
     )
+
+
+def solve_reference(
+    problem: Problem,
+    strain: Strain,
+    degree: int,
+    progress: Progress,
+    *,
+    formulation: Formulation = Formulation.DISPLACEMENT,
+    element: Element = Element.LINEAR,
+) -> State:
+    """The reference's answer to a problem.
+
+    A motion of degree 1 takes the problem's own steps, explicitly, where it states one; every
+    other is implicit, with four steps from output to output.
+
+    Args:
+        problem: In statics with the tools at the end of their paths.
+        strain: Strain measure.
+        degree: Of the elements, 1 or 2.
+        progress: Called with one line now and then.
+        formulation: Of statics: with pressure among the unknowns where MIXED.
+        element: Linear tetrahedra, plain or smoothed.
+
+    Raises:
+        InputError: A motion with tools or of smoothed tetrahedra that is not of degree 1 with a
+            stated step, a mixed motion, or an element, load or tool that cannot be used.
+        ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
+    """
+    if problem.time is None:
+        return solve_state(
+            problem, strain, degree, progress, formulation=formulation, element=element
+        )
+    if formulation is Formulation.MIXED:
+        raise InputError(
+            "the mixed formulation finds equilibrium, and this problem is a motion; leave it out"
+        )
+    if degree == 1 and problem.time.time_step is not None:
+        return solve_explicit(problem, strain, progress, element=element)
+    if element is Element.SMOOTHED:
+        raise InputError(
+            "the reference moves smoothed tetrahedra by explicit steps only: take degree 1, and "
+            "give time_step in [time]"
+        )
+    if problem.tools:
+        raise InputError(
+            "the reference moves tools by explicit steps only: take degree 1, and give time_step "
+            "in [time]"
+        )
+    return solve_implicit(problem, strain, STEPS_PER_OUTPUT, progress, degree=degree)

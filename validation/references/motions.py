@@ -19,6 +19,7 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import (
@@ -92,7 +93,7 @@ def solve_motion_set(
             name = label.removeprefix(f"{REFERENCE} ")
             origin.append(f"{name} in motion by central differences on the case's mesh")
             for strain in Strain:
-                with _told(failures, (label, strain), is_for_storing):
+                with _failure_kept(failures, (label, strain), is_for_storing):
                     states[label, strain] = solve_explicit(
                         problem, strain, progress, element=element
                     )
@@ -104,7 +105,7 @@ def solve_motion_set(
     elif "truth" in wanted:
         solve = _truth_for_storing if is_for_storing else _truth_here
         for strain in Strain:
-            with _told(failures, (QUADRATIC, strain), is_for_storing):
+            with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
                 truth, found, details = solve(problem, strain, progress)
                 states[truth.label, strain] = truth
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
@@ -121,12 +122,10 @@ def solve_motion_set(
 
 
 @contextmanager
-def _told(
+def _failure_kept(
     failures: dict[tuple[str, Strain], str], place: tuple[str, Strain], is_for_storing: bool
 ) -> Iterator[None]:
     """A run that fails is reported, unless its answer is for storing, or none can succeed here."""
-    from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-
     try:
         yield
     except ReferenceFailedError as error:

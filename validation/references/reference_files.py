@@ -124,6 +124,7 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
     for index, entry in enumerate(header["states"]):
         strain, details = Strain(entry["strain"]), dict(entry["details"])
         forces, versions = details.pop("tool_forces", None), dict(details.pop("versions", {}))
+        scalars: Any = {scalar: float(entry[scalar]) for scalar in SCALARS}
         motion = None
         if f"times_{index}" in arrays:
             motion = Trajectory(
@@ -140,10 +141,7 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
             tool_forces=None if forces is None else _numbers(forces),
             versions=versions,
             trajectory=motion,
-            volume=float(entry["volume"]),
-            surface_area=float(entry["surface_area"]),
-            smallest_det_f=float(entry["smallest_det_f"]),
-            max_displacement=float(entry["max_displacement"]),
+            **scalars,
         )
     bars = {}
     for place, bar in dict(header["bars"]).items():

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 from numpy.linalg import norm
 
@@ -125,18 +126,6 @@ def widen(bar: float, truth: float, other: GridConvergence, metric: str) -> floa
     return largest((bar, abs(truth - other.extrapolated) - other.error_bar))
 
 
-def as_data(found: Mapping[str, GridConvergence]) -> dict[str, dict[str, float | str | None]]:
+def as_data(found: Mapping[str, GridConvergence]) -> dict[str, dict[str, Any]]:
     """For the file and the report."""
-    return {
-        metric: {
-            "behaviour": c.behaviour.value,
-            "order": c.order,
-            "value": c.value,
-            "extrapolated": c.extrapolated,
-            "error_bar": c.error_bar,
-            "index_fine": c.index_fine,
-            "index_coarse": c.index_coarse,
-            "asymptotic_ratio": c.asymptotic_ratio,
-        }
-        for metric, c in found.items()
-    }
+    return {metric: asdict(convergence) for metric, convergence in found.items()}

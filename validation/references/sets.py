@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,6 +13,11 @@ from numpy.linalg import norm
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.reference.errors import (
+    ReferenceFailedError,
+    ReferenceNotConvergedError,
+    ReferenceUnavailableError,
+)
 from palpate.reference.result import Formulation
 from palpate.validation.metrics import COMPARISONS
 from palpate.validation.references.sequences import (
@@ -22,7 +27,7 @@ from palpate.validation.references.sequences import (
     bar_of,
     bar_of_two,
 )
-from palpate.validation.states import REFERENCE, State
+from palpate.validation.states import REFERENCE, Progress, State
 
 SAME_MESH = "reference P1"
 SMOOTHED = "reference smoothed"
@@ -86,7 +91,7 @@ def solve_state(
     problem: Problem,
     strain: Strain,
     degree: int,
-    progress: Callable[[str], None],
+    progress: Progress,
     *,
     formulation: Formulation = Formulation.DISPLACEMENT,
     element: Element = Element.LINEAR,
@@ -94,7 +99,7 @@ def solve_state(
     """One static reference solve in a child process, as a state.
 
     Raises:
-        InputError: The problem has a time span: see `one_solve`.
+        InputError: The problem has a time span: see `solve_reference`.
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
     from palpate.reference.child import solve_static_in_child
@@ -136,7 +141,7 @@ def solve_state(
 
 def solve_live(
     problem: Problem,
-    progress: Callable[[str], None],
+    progress: Progress,
     *,
     stored: ReferenceSet | None = None,
     wanted: Collection[str] = BOTH,
@@ -151,12 +156,6 @@ def solve_live(
     P2, the softer of the two, is not tried where P1 has lost equilibrium: its search for the same
     limit would take minutes and end at a smaller load.
     """
-    from palpate.reference.errors import (
-        ReferenceFailedError,
-        ReferenceNotConvergedError,
-        ReferenceUnavailableError,
-    )
-
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
@@ -214,7 +213,7 @@ def solve_live(
     )
 
 
-def solve_tool_set(problem: Problem, progress: Callable[[str], None]) -> ReferenceSet:
+def solve_tool_set(problem: Problem, progress: Progress) -> ReferenceSet:
     """The case's mesh with its tools, by element and strain measure; no truth is stored.
 
     Where the edge of contact falls between nodes changes from mesh to mesh, so that sequences of
@@ -247,7 +246,7 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
 
 
 def solve_for_storing(
-    problem: Problem, progress: Callable[[str], None], *, wanted: Collection[str] = BOTH
+    problem: Problem, progress: Progress, *, wanted: Collection[str] = BOTH
 ) -> ReferenceSet:
     """Both elements on the case's mesh, P2 on finer ones for the truth, and what sequences tell.
 

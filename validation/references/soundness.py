@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_loads import held_components
+from palpate.validation.exchange.nodal_loads import held_components, touchable_points
+from palpate.validation.mechanics.body import body_of
+from palpate.validation.mechanics.stepping import Slip, Stepper, steps_per_output
 from palpate.validation.metrics import COMPARISONS, make_state
-from palpate.validation.metrics.elasticity import out_of_balance
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
-from palpate.validation.references.replay import held_places, replay_motion, steps_per_output
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import (
     OF_ELEMENT,
@@ -193,7 +193,7 @@ def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
         motion = state.trajectory
         scale = largest((scale, float(np.abs(motion.displacements).max())))
         gap = largest(
-            float(np.abs((placed - held_places(problem, float(time))) * fixed).max())
+            float(np.abs((placed - held_components(problem, float(time))[1]) * fixed).max())
             for time, placed in zip(motion.times, motion.displacements, strict=True)
         )
         start = float(np.abs(motion.displacements[0] * (1 - fixed)).max())
@@ -240,9 +240,14 @@ def _wrong_motion(problem: Problem, state: State, thoroughly: bool) -> Iterator[
     outputs = min(outputs, len(state.trajectory.times) - 1)
     if outputs < 1:
         return
-    own = replay_motion(problem, state.strain, outputs, state.element)
-    error = float(np.abs(own - state.trajectory.displacements[: outputs + 1]).max())
-    scale = float(np.abs(own).max())
+    assert problem.time is not None
+    assert problem.time.time_step is not None
+    body = body_of(problem, state.strain, state.element)
+    stepper = Stepper(body, problem.time.time_step, steps, outputs)
+    own = np.array(list(stepper.outputs(Slip())))
+    stored = state.trajectory.displacements[1 : outputs + 1]
+    scale = float(np.abs(stored).max())
+    error = float(np.abs(own - stored).max()) if len(own) == outputs else math.inf
     if not error <= _REPLAY * scale:
         end = state.trajectory.times[outputs]
         yield (
@@ -255,12 +260,10 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
     """Equilibrium of a static state of degree 1; with tools of what does not touch them."""
     if state.degree != 1 or state.trajectory is not None:
         return
-    residual, scale = out_of_balance(problem, state.displacement, state.strain, state.element)
+    body = body_of(problem, state.strain, state.element)
+    residual, scale = body.out_of_balance(state.displacement)
     limit = _SLACK * _SOLVED_TO * math.sqrt(residual.size) * scale
-    may_touch = np.zeros(problem.mesh.num_points, dtype=bool)
-    for tool in problem.tools:
-        facets = tool.contact_facets if len(tool.contact_facets) else problem.mesh.boundary_facets
-        may_touch[facets] = True
+    may_touch = touchable_points(problem)
     largest = float(np.abs(residual[~may_touch]).max(initial=0.0))
     if not largest <= limit:
         yield (

@@ -27,7 +27,6 @@ class Factor:
     name: str
     evidence: str
     state: str
-    starts_group: bool = False
 
     @property
     def css(self) -> str:
@@ -64,7 +63,7 @@ def credibility(result: CaseResult) -> Credibility:
         or "Not stated: the case has no context_of_use in [evidence].",
         risk=risk,
         comparator=_comparator(result.provenance.get("reference", {})),
-        factors=_with_group_starts(_factors(result)),
+        factors=tuple(_factors(result)),
     )
 
 
@@ -186,13 +185,3 @@ def _state(checks: list[CheckResult]) -> str:
     if not checks:
         return "yours"
     return "given" if all(c.verdict is Verdict.PASSED for c in checks) else "in part"
-
-
-def _with_group_starts(factors: list[Factor]) -> tuple[Factor, ...]:
-    starts, before = [], ""
-    for factor in factors:
-        starts.append(
-            Factor(factor.group, factor.name, factor.evidence, factor.state, factor.group != before)
-        )
-        before = factor.group
-    return tuple(starts)

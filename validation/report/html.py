@@ -13,6 +13,7 @@ from typing import Any
 from jinja2 import Environment
 from markupsafe import Markup
 
+from palpate.fastsim.errors import FastsimError
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
@@ -25,12 +26,11 @@ from palpate.validation.evidence.error_budget import (
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import OF_ELEMENT
-from palpate.validation.report.budget_plot import budget_svg
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.environment import page_environment
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
-from palpate.validation.report.plots import checks_svg
+from palpate.validation.report.plots import budget_svg, checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
 from palpate.validation.report.viewer_data import compared_pairs, viewer_json
 from palpate.validation.states import Verdict, gravest
@@ -89,8 +89,6 @@ def _write_case(environment: Environment, result: CaseResult, path: Path, index:
 
 def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
     pictures = draw_pictures(result, folder)
-    for name, path in list(pictures.items()):
-        pictures[name] = path.rename(folder / f"{result.name}-{name}.png")
     (folder / f"{result.name}-states.csv").write_text(state_table_csv(result), encoding="utf-8")
     problem = result.problem
     budgets, no_budget = _budgets(result)
@@ -109,7 +107,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "plot": _drawn(checks_svg, result),
         "time": problem.time,
         "is_motion": problem.time is not None,
-        "slider": "share of the displacement" if problem.time is None else "time",
+        "slider": "fraction of the displacement" if problem.time is None else "time",
         "quality": measure_quality(problem.mesh),
         "material": problem.material,
         "green": result.state(result.candidates[0].name, Strain.GREEN),
@@ -135,8 +133,6 @@ def _budgets(result: CaseResult) -> tuple[list[Budget], str]:
 
     Of a motion by running fastsim with one thing changed at a time, where that is cheap.
     """
-    from palpate.fastsim.errors import FastsimError
-
     problem, span = result.problem, result.problem.time
     try:
         if span is None:
@@ -168,15 +164,15 @@ def _closest(result: CaseResult) -> str:
     for check in result.checks:
         if check.verdict is not Verdict.PASSED:
             return f"{check_name(check)}: {check.message}"
-    shares = [
+    parts = [
         ((check.value + check.reference_error) / check.limit, check)
         for check in result.checks
         if check.value is not None and check.limit > 0.0 and check.against != "candidate"
     ]
-    if not shares:
+    if not parts:
         return "–"
-    share, check = max(shares, key=lambda pair: pair[0])
-    return f"{check_name(check)}: {100 * share:.2g} % of its limit"
+    part, check = max(parts, key=lambda pair: pair[0])
+    return f"{check_name(check)}: {100 * part:.2g} % of its limit"
 
 
 def _data_url(path: Path) -> str:

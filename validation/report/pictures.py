@@ -1,100 +1,82 @@
-"""Pictures of the deformed body, drawn in a process of their own.
-
-VTK ends the process where graphics libraries are missing, so the parent only looks at what
-files are there afterwards, and draws with matplotlib instead when there are none.
-"""
+"""Pictures of a judged case: its states side by side, and where they are wrong."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
-from palpate.meshes.supervised import run_supervised
-from palpate.meshes.temporaries import scratch_folder
+from palpate.validation.drawing.scene import GREEN, Panel, Surface, boundary, draw, joined
 from palpate.validation.judging.results import CaseResult
 
-PANEL = (620, 720)
-GREEN, RED, GREY = "#2f8f4e", "#b5332e", "#d9d9d9"
+_MILLI = 1e3
 
 
-def draw_pictures(result: CaseResult, folder: Path, time_limit: float = 180.0) -> dict[str, Path]:
+def draw_pictures(result: CaseResult, folder: Path) -> dict[str, Path]:
     """Draw the states and the errors of a case.
 
     Returns:
         Path of each picture that came about, by name ("states", "errors"); none is required.
     """
-    modules = [f"palpate.validation.report.draw_{by}" for by in ("pyvista", "matplotlib")]
     made = {}
-    for stem, picture in draw_in_child(_arrays(result), modules, time_limit).items():
-        made[stem] = folder / f"{stem}.png"
-        made[stem].write_bytes(picture)
+    for name, picture in draw(_pictures(result)).items():
+        made[name] = folder / f"{result.name}-{name}.png"
+        made[name].write_bytes(picture)
     return made
 
 
-def draw_in_child(
-    arrays: Mapping[str, NDArray[Any]], modules: Sequence[str], time_limit: float = 180.0
-) -> dict[str, bytes]:
-    """Let the first module that can draw pictures.
-
-    Args:
-        arrays: What a module reads, from the file that is its first argument; its second is the
-            folder for what it draws.
-        modules: In the order in which they are tried.
-        time_limit: Of each [s].
-
-    Returns:
-        Every .png by its name without the end; none where no module managed.
-    """
-    with scratch_folder("pictures") as scratch:
-        source = scratch / "fields.npz"
-        np.savez(source, **arrays)
-        for module in modules:
-            try:
-                done = run_supervised(
-                    [sys.executable, "-m", module, source, scratch],
-                    time_limit=time_limit,
-                    env={**os.environ, "PYVISTA_OFF_SCREEN": "true"},
-                )
-            except (subprocess.SubprocessError, OSError):
-                continue
-            made = {path.stem: path.read_bytes() for path in sorted(scratch.glob("*.png"))}
-            if done.returncode == 0 and made:
-                return made
-    return {}
-
-
-def _arrays(result: CaseResult) -> dict[str, NDArray[Any]]:
-    """What a picture needs, in millimetres: the boundary, its states, the errors."""
-    mesh = result.problem.mesh
-    arrays: dict[str, NDArray[Any]] = {
-        "points": mesh.points * 1e3,
-        "facets": mesh.boundary_facets,
-        "held": _facets([s.facets for s in result.problem.supports]),
-        "pushed": _facets([getattr(load, "facets", None) for load in result.problem.loads]),
-    }
-    for strain in Strain:
-        state = result.state(result.candidates[0].name, strain)
-        if state is not None:
-            arrays[f"u_{strain}"] = state.displacement * 1e3
-    for name, field in result.error_fields.items():
-        arrays[f"error_{name}"] = field * 1e3
-    return arrays
+def _pictures(result: CaseResult) -> dict[str, list[Panel]]:
+    """The boundary, its states and their errors, in millimetres."""
+    mesh, problem = result.problem.mesh, result.problem
+    points, facets = mesh.points * _MILLI, mesh.boundary_facets
+    answers = {s: result.state(result.candidates[0].name, s) for s in Strain}
+    moved = {s: state.displacement * _MILLI for s, state in answers.items() if state is not None}
+    side = _side(np.vstack([points, *(points + u for u in moved.values())]))
+    largest = max((float(np.linalg.norm(u, axis=1).max()) for u in moved.values()), default=1.0)
+    held = joined([support.facets for support in problem.supports])
+    pushed = joined([getattr(load, "facets", None) for load in problem.loads])
+    original = Surface(points, facets, GREEN, opacity=0.55, is_wireframe=True)
+    words = "original (blue: held, red: pushed)"
+    states = [Panel(words, boundary(points, facets, held, pushed), side)]
+    for strain, u in moved.items():
+        lengths = np.linalg.norm(u, axis=1)
+        shown = Surface(
+            points + u, facets, values=lengths, values_name="displacement [mm]", largest=largest
+        )
+        states.append(Panel(f"{strain} strain (green: original)", [shown, original], side))
+    pictures = {"states": states}
+    if Strain.GREEN in moved:
+        places = points + moved[Strain.GREEN]
+        errors = [
+            Panel(
+                name.removesuffix(", green"),
+                [
+                    Surface(
+                        places,
+                        facets,
+                        values=_MILLI * error,
+                        values_name=f"error [mm]{' ' * column}",
+                        largest=_MILLI * float(error.max()),
+                        colours="magma_r",
+                    )
+                ],
+                side,
+            )
+            for column, (name, error) in enumerate(
+                pair for pair in result.error_fields.items() if pair[0].endswith("green")
+            )
+        ]
+        pictures |= {"errors": errors} if errors else {}
+    return pictures
 
 
-def _facets(parts: list[Any]) -> NDArray[Any]:
-    known = [part for part in parts if part is not None and len(part)]
-    return np.vstack(known) if known else np.zeros((0, 3), dtype=np.int32)
-
-
-def view_axis(points: NDArray[Any], moved: list[NDArray[Any]]) -> int:
-    """The axis to look along: the one in which body and motion reach least."""
-    everything = np.vstack([points, *moved])
-    return int(np.argmin(np.ptp(everything, axis=0)))
+def _side(everything: Points) -> tuple[float, float, float]:
+    """Along the axis in which body and motion reach least, a little from beside."""
+    axis = int(np.argmin(np.ptp(everything, axis=0)))
+    side = [0.0, 0.0, 0.0]
+    side[axis] = -1.0 if axis == 1 else 1.0
+    side[1 if axis == 0 else 0] = 0.18
+    x, y, z = side
+    return (x, y, z)

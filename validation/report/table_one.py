@@ -40,10 +40,11 @@ def state_table(result: CaseResult) -> StateTable:
         for state in ("original", *Strain)
         for key in ("volume", "area")
     )
+    mesh = result.problem.mesh
     rows = []
     for quantity, key, rest, scale in (
-        ("volume", "volume", result.rest_volume, MM3),
-        ("surface area", "area", result.rest_surface_area, MM2),
+        ("volume", "volume", mesh.volume, MM3),
+        ("surface area", "area", mesh.surface_area, MM2),
     ):
         for state, strain in (
             ("original", None),

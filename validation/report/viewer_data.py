@@ -10,10 +10,10 @@ import base64
 import json
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.judging.results import CaseResult
@@ -47,7 +47,7 @@ def viewer_json(result: CaseResult) -> str:
 
 def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
     """One motion: whole numbers times `step` millimetres, time after time."""
-    displacement = _all_times(state)[:, used] * _MILLI
+    displacement = state.displacements[:, used] * _MILLI
     largest = float(np.abs(displacement).max())
     step = largest / 32767.0 if largest > 0.0 else 1.0
     return {
@@ -79,7 +79,7 @@ def _pairs(result: CaseResult) -> list[tuple[int, int]]:
         and reference.is_reference
         and candidate.strain is reference.strain
         and (reference.degree > 1 or candidate.element is reference.element)
-        and _all_times(candidate).shape == _all_times(reference).shape
+        and candidate.displacements.shape == reference.displacements.shape
     ]
     return sorted(pairs, key=lambda pair: result.states[pair[0]].strain is not Strain.GREEN)
 
@@ -89,7 +89,7 @@ def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
     errors = []
     for number, other in _pairs(result):
         candidate, reference = result.states[number], result.states[other]
-        apart = (_all_times(candidate) - _all_times(reference))[:, used]
+        apart = (candidate.displacements - reference.displacements)[:, used]
         length = np.linalg.norm(apart, axis=2) * _MILLI
         errors.append(
             {
@@ -106,11 +106,6 @@ def _times(result: CaseResult) -> list[float] | None:
     """Stored times of a motion [s]."""
     motions = [s.trajectory for s in result.states if s.trajectory is not None]
     return [float(t) for t in motions[0].times] if motions else None
-
-
-def _all_times(state: State) -> Points:
-    """Displacements [m], shape (num_times, num_points, 3); once for a state at rest."""
-    return state.displacement[None] if state.trajectory is None else state.trajectory.displacements
 
 
 def _name(state: State) -> str:
@@ -139,8 +134,6 @@ def _reach(mesh: TetMesh, states: tuple[State, ...]) -> NDArray[Any]:
 
 
 def _colours() -> list[list[float]]:
-    import matplotlib as mpl
-
     table = mpl.colormaps["viridis"](np.linspace(0.0, 1.0, _COLOURS))[:, :3]
     return [[round(float(c), 4) for c in row] for row in table]
 

@@ -1,27 +1,42 @@
-"""A candidate as the judge sees it: a name, and a way to its states."""
+"""A candidate as the judge sees it: a name, and a way to its states; and each kind of them."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.result_files import (
+    ResultFile,
+    ResultFileError,
     read_result,
     room_for_answer,
 )
-from palpate.validation.metrics import make_state
 from palpate.validation.quoting import visible
-from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.fastsim import name_of, run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.simulators.result_states import state_of_result
-from palpate.validation.states import REFERENCE, Elements, Method, State
+from palpate.validation.states import (
+    REFERENCE,
+    CandidateFailedError,
+    Elements,
+    Method,
+    Progress,
+    State,
+)
 
 Solve = Callable[[Problem, Strain, Progress], State]
+# Displacement [m] at the points of the problem's mesh: (num_points, 3), of a motion
+# (num_outputs + 1, num_points, 3), from rest to the end at even distances.
+Function: TypeAlias = Callable[[Problem], ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,24 +69,8 @@ def fastsim_candidate(
         method: How it looks for equilibrium.
         element: Linear tetrahedra, plain or smoothed.
     """
-    name = name_of(element)
-
-    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        answer = run_fastsim(problem, strain, progress, method=method, element=element)
-        return make_state(
-            problem.mesh,
-            answer.displacement,
-            label=name,
-            simulator="fastsim",
-            element=element,
-            strain=strain,
-            seconds=answer.seconds,
-            details=answer.details,
-            trajectory=answer.trajectory,
-            tool_forces=answer.tool_forces,
-        )
-
-    return Candidate(name, solve, has_both_strains=True, element=element)
+    solve = partial(run_fastsim, method=method, element=element)
+    return Candidate(name_of(element), solve, has_both_strains=True, element=element)
 
 
 def candidates_for(
@@ -109,15 +108,9 @@ def outside_candidate(simulator: OutsideSimulator) -> Candidate:
     name = candidate_name(simulator.name)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        answer = simulator.run(problem, strain, progress)
-        return state_of_result(
-            answer.result,
-            problem,
-            name,
-            strain,
-            seconds=answer.seconds,
-            details={"command": simulator.command},
-        )
+        result, seconds = simulator.run(problem, strain, progress)
+        details = {"command": simulator.command}
+        return state_of_result(result, problem, name, strain, seconds=seconds, details=details)
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
     return Candidate(name, solve, False, (note,))
@@ -140,6 +133,66 @@ def result_candidate(path: str | Path, element: Element | None = None) -> Candid
         return state_of_result(result, problem, name, strain)
 
     notes = (f"Result: {Path(path).name}.",)
-    return Candidate(
-        name, solve, False, notes, can_be_asked=False, element=element or Element.LINEAR
-    )
+    used = element or Element.LINEAR
+    return Candidate(name, solve, False, notes, can_be_asked=False, element=used)
+
+
+def function_candidate(function: Function) -> Candidate:
+    """A function as a candidate; what it raises is its failure."""
+    name = candidate_name(getattr(function, "__name__", type(function).__name__))
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
+        try:
+            answer = function(problem)
+        except Exception as error:
+            raise CandidateFailedError(f"{name}: {type(error).__name__}: {error}") from error
+        return _state(answer, problem, name, strain)
+
+    return Candidate(name, solve)
+
+
+def answer_candidate(answer: str | Path | State | ArrayLike) -> Candidate:
+    """An answer as a candidate: a result file, a state, or displacements in memory."""
+    if isinstance(answer, str | Path):
+        return result_candidate(answer)
+    if isinstance(answer, State):
+        # Its own label would be taken for the reference's.
+        name = candidate_name(answer.label)
+        given: ArrayLike = (
+            answer.displacement if answer.trajectory is None else answer.displacements
+        )
+    else:
+        name, given = "answer", answer
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        progress(f"{name} is looked at")
+        return _state(given, problem, name, strain, like=answer)
+
+    return Candidate(name, solve, can_be_asked=False)
+
+
+def _state(
+    answer: ArrayLike, problem: Problem, name: str, strain: Strain, like: object = None
+) -> State:
+    """Displacements as a state, checked as those of a result file are."""
+    num_points = problem.mesh.num_points
+    span = problem.time
+    shape = (num_points, 3) if span is None else (span.num_outputs + 1, num_points, 3)
+    try:
+        values = np.array(answer, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ResultFileError(name, f"no array of numbers ({error})") from error
+    if values.shape != shape:
+        raise ResultFileError(
+            name, f"displacement has shape {values.shape}; this case needs {shape} [m]"
+        )
+    times = None if span is None else np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    about: dict[str, object] = {}
+    if isinstance(like, State):
+        about["element"] = like.element.value
+        if like.tool_forces is not None:
+            about["tool_forces"] = like.tool_forces
+    values = values.reshape(-1, num_points, 3)
+    result = ResultFile(Path(name), values, are_positions=False, times=times, about=about)
+    return state_of_result(result, problem, name, strain)

@@ -5,15 +5,23 @@ A candidate that diverges, crashes or answers NaN has failed; that is a verdict,
 
 from __future__ import annotations
 
-import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
+from palpate.fastsim.contact.static_contact import solve_contact
+from palpate.fastsim.dynamic_relaxation import relax
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.errors import FastsimError
+from palpate.fastsim.statics import solve_static
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.simulators.answer import Answer, CandidateFailedError, Progress
-from palpate.validation.states import Method, Trajectory
+from palpate.validation.metrics import make_state
+from palpate.validation.states import CandidateFailedError, Method, Progress, State, Trajectory
+
+_STATIC = {"newton_iterations": "iterations", "linear_iterations": "linear_iterations"}
+_MOVING = ("time_step", "critical_time_step", "num_steps")
 
 
 def name_of(element: Element) -> str:
@@ -28,7 +36,7 @@ def run_fastsim(
     *,
     method: Method = Method.NEWTON,
     element: Element = Element.LINEAR,
-) -> Answer:
+) -> State:
     """Solve by fastsim: statics, or from rest where there is time.
 
     Args:
@@ -42,8 +50,6 @@ def run_fastsim(
         CandidateFailedError: It diverged, or answered NaN.
         InputError: An element that it cannot step.
     """
-    from palpate.fastsim.errors import FastsimError
-
     is_stepped = problem.time is not None or method is Method.RELAXATION
     if is_stepped and element is not Element.LINEAR:
         raise InputError(
@@ -53,74 +59,57 @@ def run_fastsim(
     progress(f"{name_of(element)}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        if problem.time is not None:
-            answer = _run_motion(problem, strain, element, progress)
-        elif method is Method.RELAXATION:
-            answer = _run_relaxation(problem, strain, element, progress)
-        else:
-            answer = _run_statics(problem, strain, element, progress)
+        displacement, more = _solve(problem, strain, progress, method, element)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
-    bad = np.flatnonzero(~np.isfinite(answer.displacement).all(axis=1))
+    seconds = time.perf_counter() - start
+    bad = np.flatnonzero(~np.isfinite(displacement).all(axis=1))
     if bad.size:
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
-    return dataclasses.replace(answer, seconds=time.perf_counter() - start)
+    return make_state(
+        problem.mesh,
+        displacement,
+        label=name_of(element),
+        element=element,
+        simulator="fastsim",
+        strain=strain,
+        seconds=seconds,
+        **more,
+    )
 
 
-def _run_statics(problem: Problem, strain: Strain, element: Element, progress: Progress) -> Answer:
-    from palpate.fastsim.statics import solve_static
-
+def _solve(
+    problem: Problem, strain: Strain, progress: Progress, method: Method, element: Element
+) -> tuple[Any, dict[str, Any]]:
+    """The last displacement [m], (num_points, 3), and what else a state holds."""
+    if problem.time is not None:
+        motion = simulate(problem, strain=strain, progress=progress)
+        forces = [track.mean_forces for track in motion.tools]
+        return motion.displacements[-1], {
+            "details": {name: getattr(motion, name) for name in _MOVING},
+            "trajectory": Trajectory(motion.times, motion.displacements),
+            "tool_forces": np.array(forces) if forces else None,
+        }
+    if method is Method.RELAXATION:
+        rested = relax(problem, strain=strain, progress=progress)
+        return rested.displacement, {
+            "details": {
+                "method": method.value,
+                "steps": rested.steps,
+                "relative_residual": rested.relative_residual,
+            },
+            "tool_forces": rested.tool_forces if problem.tools else None,
+        }
     if problem.tools:
-        return _run_tools(problem, strain, element, progress)
-    result = solve_static(problem, strain=strain, element=element, progress=progress)
-    details: dict[str, object] = {
-        "newton_iterations": result.iterations,
-        "linear_iterations": result.linear_iterations,
-        "relative_residual": result.residual_history[-1],
-    }
-    return Answer(result.displacement, 0.0, details)
+        pressed = solve_contact(problem, strain=strain, element=element, progress=progress)
+        details = _static_details(pressed)
+        return pressed.displacements[-1], {"details": details, "tool_forces": pressed.forces[-1]}
+    found = solve_static(problem, strain=strain, element=element, progress=progress)
+    return found.displacement, {"details": _static_details(found)}
 
 
-def _run_tools(problem: Problem, strain: Strain, element: Element, progress: Progress) -> Answer:
-    from palpate.fastsim.contact.static_contact import solve_contact
-
-    result = solve_contact(problem, strain=strain, element=element, progress=progress)
-    details: dict[str, object] = {
-        "newton_iterations": result.iterations,
-        "linear_iterations": result.linear_iterations,
-        "relative_residual": result.residual_history[-1],
-    }
-    return Answer(result.displacements[-1], 0.0, details, tool_forces=result.forces[-1])
-
-
-def _run_relaxation(
-    problem: Problem, strain: Strain, element: Element, progress: Progress
-) -> Answer:
-    from palpate.fastsim.dynamic_relaxation import relax
-
-    del element
-    result = relax(problem, strain=strain, progress=progress)
-    details: dict[str, object] = {
-        "method": Method.RELAXATION.value,
-        "steps": result.steps,
-        "relative_residual": result.relative_residual,
-    }
-    forces = result.tool_forces if problem.tools else None
-    return Answer(result.displacement, 0.0, details, tool_forces=forces)
-
-
-def _run_motion(problem: Problem, strain: Strain, element: Element, progress: Progress) -> Answer:
-    from palpate.fastsim.dynamics import simulate
-
-    del element
-    result = simulate(problem, strain=strain, progress=progress)
-    details: dict[str, object] = {
-        "time_step": result.time_step,
-        "critical_time_step": result.critical_time_step,
-        "num_steps": result.num_steps,
-    }
-    forces = np.array([track.mean_forces for track in result.tools]) if problem.tools else None
-    motion = Trajectory(result.times, result.displacements)
-    return Answer(result.displacements[-1], 0.0, details, motion, forces)
+def _static_details(found: Any) -> dict[str, object]:
+    own = {name: getattr(found, attribute) for name, attribute in _STATIC.items()}
+    return {**own, "relative_residual": found.residual_history[-1]}

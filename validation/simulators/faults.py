@@ -11,13 +11,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.boundary_conditions import (
-    BodyForce,
-    Load,
-    PointForce,
-    Pressure,
-    Traction,
-)
+from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -66,6 +60,7 @@ OF_MOTION = (
     Fault.WRONG_MASS, Fault.NO_DAMPING, Fault.LAST_STATE_REPEATED, Fault.EVERY_SECOND_STATE,
     Fault.LATE,
 )  # fmt: skip
+OF_LOADS = (Fault.DROPPED_LOAD, Fault.REVERSED_LOAD)
 OF_TOOLS = (Fault.DROPPED_TOOL, Fault.REVERSED_TOOL_FORCE)
 
 
@@ -76,16 +71,15 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
         CannotShowError: A fault of motion in a static problem, or of loads or tools where there
             are none: nothing would be spoiled.
     """
-    if fault in OF_MOTION and problem.time is None:
-        raise CannotShowError(
-            f"fault {fault}: a case without [time] cannot show it; try block-motion or wave"
-        )
-    if fault in (Fault.DROPPED_LOAD, Fault.REVERSED_LOAD) and not problem.loads:
-        raise CannotShowError(f"fault {fault}: a case without [[load]] cannot show it; try beam")
-    if fault in OF_TOOLS and not problem.tools:
-        raise CannotShowError(
-            f"fault {fault}: a case without [tool] cannot show it; try press or slide"
-        )
+    for faults, is_there, key, others in (
+        (OF_MOTION, problem.time, "[time]", "block-motion or wave"),
+        (OF_LOADS, problem.loads, "[[load]]", "beam"),
+        (OF_TOOLS, problem.tools, "[tool]", "press or slide"),
+    ):
+        if fault in faults and not is_there:
+            raise CannotShowError(
+                f"fault {fault}: a case without {key} cannot show it; try {others}"
+            )
     material = problem.material
     E, nu, rho = material.youngs_modulus, material.poissons_ratio, material.density
     match fault:

@@ -15,6 +15,7 @@ import subprocess
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
@@ -28,7 +29,7 @@ from palpate.validation.exchange.result_files import (
     room_for_answer,
 )
 from palpate.validation.quoting import in_quotes
-from palpate.validation.simulators.answer import CandidateFailedError, Progress
+from palpate.validation.states import CandidateFailedError, Progress
 
 DEFAULT_TIME_LIMIT = 600.0
 _PLACE = re.compile(r"\{(case|result)(?::(npz|vtu|csv))?\}")
@@ -37,19 +38,6 @@ _STDERR_CHARACTERS = 2000
 
 class CommandError(InputError):
     """A simulator's command line that cannot be used."""
-
-
-@dataclass(frozen=True, eq=False)
-class OutsideAnswer:
-    """What a program answered.
-
-    Attributes:
-        result: As it was read.
-        seconds: Wall time of the program.
-    """
-
-    result: ResultFile
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -93,8 +81,11 @@ class OutsideSimulator:
 
     def run(
         self, problem: Problem, strain: Strain, progress: Progress, *, case_name: str = "case"
-    ) -> OutsideAnswer:
+    ) -> tuple[ResultFile, float]:
         """Run it on a problem.
+
+        Returns:
+            Its result as it was read, and how long the program took [s].
 
         Raises:
             CommandError: There is no such program.
@@ -111,8 +102,7 @@ class OutsideSimulator:
             seconds = time.perf_counter() - start
             if not file.is_file():
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
-            result = read_result(file, most_bytes=room_for_answer(problem))
-            return OutsideAnswer(result, seconds)
+            return read_result(file, most_bytes=room_for_answer(problem)), seconds
 
     def _filled(self, case: Path, scratch: Path) -> tuple[list[str], Path]:
         suffix = next(m[2] or "npz" for m in _PLACE.finditer(self.command) if m[1] == "result")
@@ -153,19 +143,14 @@ def _run(words: list[str], folder: Path, time_limit: float) -> None:
             raise CommandError(
                 f"simulator: {program} cannot be started ({error.strerror or error})"
             ) from error
-        if process.returncode < 0:
-            raise CandidateFailedError(
-                f"it crashed (signal {-process.returncode}){_last_line(output)}"
-            )
-        if process.returncode > 0:
-            raise CandidateFailedError(f"it ended with {process.returncode}{_last_line(output)}")
+        code = process.returncode
+        if code:
+            how = f"it ended with {code}" if code > 0 else f"it crashed (signal {-code})"
+            raise CandidateFailedError(how + _last_line(output))
 
 
-def _last_line(output: object) -> str:
+def _last_line(stream: IO[bytes]) -> str:
     """The last thing it said, as its words."""
-    stream = output
-    assert hasattr(stream, "seek")
-    assert hasattr(stream, "read")
     size = stream.seek(0, os.SEEK_END)
     stream.seek(max(0, size - _STDERR_CHARACTERS))
     lines = stream.read().decode("utf-8", errors="replace").strip().splitlines()

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.time_reading import TimeReading, read_at
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.pairs import measures_of
 from palpate.validation.simulators.outside import require_answers
 from palpate.validation.states import OwnMesh, State, Trajectory
 
@@ -29,7 +30,7 @@ def state_of_result(
     seconds: float = 0.0,
     details: Mapping[str, object] | None = None,
 ) -> State:
-    """What a simulator sent, as a state of the problem.
+    """What a simulator sent, as a state of the problem: its last one where it has times.
 
     Raises:
         ResultFileError: It answers another case, cannot be placed, or its times do not fit.
@@ -37,24 +38,36 @@ def state_of_result(
     """
     require_answers(result, problem, strain)
     placed = place(result, problem)
-    state = _placed_state(problem, placed, name, strain, seconds, details or {})
-    return _with_motion(state, problem, result, placed)
+    said = dict(result.about)
+    is_smoothed = said.get("element") == Element.SMOOTHED
+    state = make_state(
+        problem.mesh,
+        placed.displacement[-1],
+        label=name,
+        simulator=name,
+        strain=strain,
+        seconds=seconds,
+        details=details or {},
+        remarks=placed.notes,
+        tool_forces=_tool_forces(result, said.pop("tool_forces", None)),
+        element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
+        says=said,
+    )
+    if problem.time is not None:
+        return _with_motion(state, problem.mesh, problem.time, result, placed)
+    if placed.own_mesh is None or placed.own_displacement is None:
+        return state
+    return with_own_mesh(state, problem.mesh, OwnMesh(placed.own_mesh, placed.own_displacement))
 
 
-def _with_motion(state: State, problem: Problem, result: ResultFile, placed: Placed) -> State:
+def _with_motion(
+    state: State, mesh: TetMesh, span: TimeSpan, result: ResultFile, placed: Placed
+) -> State:
     """A dynamic case's trajectory at its output times: the states sent, or read between them.
 
     Raises:
         ResultFileError: No times, or they do not cover the case's.
     """
-    said = dict(result.about)
-    forces = _tool_forces(result, said.pop("tool_forces", None))
-    is_smoothed = said.get("element") == Element.SMOOTHED
-    element = Element.SMOOTHED if is_smoothed else Element.LINEAR
-    state = dataclasses.replace(state, says=said, tool_forces=forces, element=element)
-    span = problem.time
-    if span is None:
-        return state
     wanted = np.linspace(0.0, span.end_time, span.num_outputs + 1)
     given = result.times
     slack = 1e-9 * span.end_time
@@ -64,47 +77,28 @@ def _with_motion(state: State, problem: Problem, result: ResultFile, placed: Pla
             f"needs `times` from 0 to {span.end_time:g} s, (num_times,), with their displacement",
         )
     read = read_at(given, placed.displacement, wanted, slack=slack)
-    states = [_moved(state, problem, wanted, motion) for motion in (read.states, read.others)]
-    if state.own is not None:
-        sent_there = state.own.displacements
-        end = read_at(given, sent_there, wanted[-1:], slack=slack)
+    states = [
+        dataclasses.replace(
+            state, trajectory=Trajectory(wanted, motion), **measures_of(mesh, motion[-1])
+        )
+        for motion in (read.states, read.others)
+    ]
+    if placed.own_mesh is not None and placed.own_displacement is not None:
+        end = read_at(given, placed.own_displacement, wanted[-1:], slack=slack)
         for k, last in enumerate((end.states, end.others)):
-            there = _to_the_end(given, sent_there, last, wanted[-1], slack)
-            own = OwnMesh(state.own.mesh, there.displacements)
-            states[k] = with_own_mesh(states[k], problem.mesh, own)
+            there = _to_the_end(given, placed.own_displacement, last, wanted[-1], slack)
+            own = OwnMesh(placed.own_mesh, there.displacements)
+            states[k] = with_own_mesh(states[k], mesh, own)
     return dataclasses.replace(
         states[0],
-        says=said,
         sent=_to_the_end(given, placed.displacement, read.states[-1:], wanted[-1], slack),
         other_reading=None if read.were_sent.all() else states[1],
         remarks=(*state.remarks, *_remarks_on_times(given, read, span.end_time + slack)),
     )
 
 
-def _moved(
-    state: State, problem: Problem, times: Points, displacements: NDArray[np.float64]
-) -> State:
-    """The same answer with this motion at the points of the case's mesh."""
-    return make_state(
-        problem.mesh,
-        displacements[-1],
-        label=state.label,
-        simulator=state.simulator,
-        strain=state.strain,
-        seconds=state.seconds,
-        details=state.details,
-        tool_forces=state.tool_forces,
-        trajectory=Trajectory(times, displacements),
-        element=state.element,
-    )
-
-
 def _to_the_end(
-    times: Points,
-    states: NDArray[np.float64],
-    last: NDArray[np.float64],
-    end: float,
-    slack: float,
+    times: Points, states: NDArray[np.float64], last: NDArray[np.float64], end: float, slack: float
 ) -> Trajectory:
     """The states sent from the start to the end, and the last one where none was sent there."""
     is_inside = (times >= -slack) & (times <= end + slack)
@@ -157,30 +151,6 @@ def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | Non
     return forces.astype(np.float64)
 
 
-def _placed_state(
-    problem: Problem,
-    placed: Placed,
-    name: str,
-    strain: Strain,
-    seconds: float,
-    details: Mapping[str, object],
-) -> State:
-    """The state of a result, its last one where it has times."""
-    state = make_state(
-        problem.mesh,
-        placed.displacement[-1],
-        label=name,
-        simulator=name,
-        strain=strain,
-        seconds=seconds,
-        details=details,
-        remarks=placed.notes,
-    )
-    if placed.own_mesh is None or placed.own_displacement is None:
-        return state
-    return with_own_mesh(state, problem.mesh, OwnMesh(placed.own_mesh, placed.own_displacement))
-
-
 def with_own_mesh(state: State, mesh: TetMesh, own: OwnMesh) -> State:
     """A state at the points of the case's mesh, with what its own mesh says at its end.
 
@@ -188,18 +158,12 @@ def with_own_mesh(state: State, mesh: TetMesh, own: OwnMesh) -> State:
     different body at rest is no error; det F is that of its own cells; the largest displacement
     is looked for at the points of both.
     """
-    there = make_state(
-        own.mesh,
-        own.displacements[-1],
-        label=state.label,
-        simulator=state.simulator,
-        strain=state.strain,
-    )
+    there = measures_of(own.mesh, own.displacements[-1])
     return dataclasses.replace(
         state,
         own=own,
-        volume=mesh.volume + (there.volume - own.mesh.volume),
-        surface_area=mesh.surface_area + (there.surface_area - own.mesh.surface_area),
-        smallest_det_f=there.smallest_det_f,
-        max_displacement=largest((state.max_displacement, there.max_displacement)),
+        volume=mesh.volume + (there["volume"] - own.mesh.volume),
+        surface_area=mesh.surface_area + (there["surface_area"] - own.mesh.surface_area),
+        smallest_det_f=there["smallest_det_f"],
+        max_displacement=largest((state.max_displacement, there["max_displacement"])),
     )

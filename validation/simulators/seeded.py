@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.result_files import ResultFile
-from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.simulators.faults import (
     CannotShowError,
@@ -27,7 +25,7 @@ from palpate.validation.simulators.faults import (
     spoil_tool_forces,
 )
 from palpate.validation.simulators.result_states import state_of_result
-from palpate.validation.states import State
+from palpate.validation.states import Progress, State
 
 
 def with_fault(candidate: Candidate, fault: Fault) -> Candidate:
@@ -102,20 +100,15 @@ def on_own_mesh(candidate: Candidate) -> Candidate:
 
 def as_result(state: State) -> ResultFile:
     """A state as a simulator would send it."""
-    motion = state.sent or state.trajectory
-    values: NDArray[np.float64] = state.displacement[None]
-    if state.own is not None:
-        values = state.own.displacements
-    elif motion is not None:
-        values = motion.displacements
-    own: TetMesh | None = None if state.own is None else state.own.mesh
+    motion, own = state.given, state.own
+    values = state.displacement[None] if motion is None else motion.displacements
     return ResultFile(
         Path("answer"),
-        values,
+        values if own is None else own.displacements,
         are_positions=False,
         times=None if motion is None else motion.times,
-        points=None if own is None else own.points,
-        cells=None if own is None else own.cells.astype(np.int64),
+        points=None if own is None else own.mesh.points,
+        cells=None if own is None else own.mesh.cells.astype(np.int64),
         about=_about(state),
     )
 

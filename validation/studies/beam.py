@@ -22,7 +22,7 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import solve_state
 from palpate.validation.report.line_plot import OCHRE, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Page, Table
-from palpate.validation.simulators import run_fastsim
+from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.states import Progress, in_silence
 from palpate.validation.studies.of_case import findings_of, judge_live, page_of
 from palpate.validation.studies.study import Study

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
@@ -11,9 +11,8 @@ import numpy as np
 
 from palpate.meshes.problem import Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-from palpate.validation.simulators.answer import CandidateFailedError
 from palpate.validation.solving import Simulator, solve
-from palpate.validation.states import State, in_silence
+from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.sweeps.cluster import cluster
 from palpate.validation.sweeps.variants import Axis, Variant
 
@@ -46,7 +45,7 @@ def run_all(
     *,
     jobs: int = 1,
     scheduler: str | None = None,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> list[Run]:
     """Solve all of them, several at a time where asked.
 
@@ -120,7 +119,7 @@ class _Chain:
         self._simulator = simulator
         self._strain = strain
 
-    def run(self, progress: Callable[[str], None] = in_silence) -> list[Run]:
+    def run(self, progress: Progress = in_silence) -> list[Run]:
         """Solve them, up to where equilibrium ends."""
         runs: list[Run] = []
         end = ""

@@ -44,7 +44,7 @@ def sweep(
     runs = run_all(
         axes, variants(case, axes), simulators, jobs=jobs, scheduler=scheduler, progress=progress
     )
-    ends = told_ends(axes, runs)
+    ends = ends_of(axes, runs)
     for line in ends:
         console.print(line, markup=False, soft_wrap=True)
     unit = case.spec.units.length
@@ -69,7 +69,7 @@ def sweep(
     )
 
 
-def told_ends(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
+def ends_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
     """Where there is no answer, a line each, with the last value that has one."""
     lines = []
     for run in runs:

@@ -20,10 +20,10 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.shapes import shape_sphere
 from palpate.validation.case import builtin_cases, builtin_folder, load_case
-from palpate.validation.case.annotated import _tables_of
 from palpate.validation.case.editor_schema import editor_schema
 from palpate.validation.case.first_case import first_case
 from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.tables import tables_of
 
 
 def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -36,7 +36,7 @@ def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:
 def all_models(model: type[BaseModel], seen: set[type[BaseModel]]) -> set[type[BaseModel]]:
     seen.add(model)
     for field in model.model_fields.values():
-        for kind in _tables_of(field):
+        for kind in tables_of(field):
             if kind not in seen:
                 all_models(kind, seen)
     return seen
@@ -50,7 +50,7 @@ def keys_in(model: type[BaseModel], found: dict[str, Any]) -> set[tuple[str, str
         if key not in found:
             continue
         keys.add((model.__name__, key))
-        kinds = _tables_of(field)
+        kinds = tables_of(field)
         rows = found[key] if isinstance(found[key], list) else [found[key]]
         for row in rows if kinds else []:
             kind = next((k for k in kinds if f'"{row.get("kind")}"' in words_of(k)), kinds[0])

@@ -16,7 +16,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import read_point_data
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
-from palpate.validation.references.one_solve import solve_reference
+from palpate.validation.references.motion_runs import solve_reference
 from palpate.validation.references.sets import solve_state
 
 

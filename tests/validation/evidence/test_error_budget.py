@@ -37,7 +37,7 @@ from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.report.budget_plot import budget_svg
+from palpate.validation.report.plots import budget_svg
 from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault

@@ -14,11 +14,10 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import Case, load_case
 from palpate.validation.evidence.metamorphic import LEAST_BROKEN, judge_relations
 from palpate.validation.metrics import make_state
-from palpate.validation.simulators.answer import Progress
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault
-from palpate.validation.states import State
+from palpate.validation.states import Progress, State
 
 
 def broken(fault: Fault, name: str = "block") -> set[str]:

@@ -19,7 +19,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.exchange.conventions import ARRAYS, KEYS
+from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.references.stored import load_stored
 
@@ -124,14 +124,15 @@ def test_every_key_and_every_array_is_explained(tmp_path: Path, name: str) -> No
     case = load_case(name)
     write_case_folder(tmp_path, case.problem, case.strain, name=name)
     document = json.loads((tmp_path / "case.json").read_text("utf-8"))
-    assert paths_of(document) <= set(KEYS)
-    assert document["keys"] == dict(KEYS)
+    words = describe_conventions(case.strain)
+    assert paths_of(document) <= set(words["keys"])
+    assert document["keys"] == words["keys"]
     assert document["conventions"]["integrator"]
     num_points, num_cells = document["num_points"], document["num_cells"]
     with np.load(tmp_path / "rest.npz") as stored:
         for array_name in stored.files:
             general = "external_force_K" if array_name[-1].isdigit() else array_name
-            told = ARRAYS[general]
+            told = words["arrays"][general]
             shape = stored[array_name].shape
             pressed = len(stored["pressure"])
             sizes = {"num_points": num_points, "num_cells": num_cells, "num_pressed": pressed}

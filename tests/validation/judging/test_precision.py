@@ -26,13 +26,13 @@ from palpate.validation.exchange.nodal_loads import (
 )
 from palpate.validation.judging import judge, outputs
 from palpate.validation.judging.judge import judge_case
+from palpate.validation.mechanics.body import body_of, shape_gradients
+from palpate.validation.mechanics.stepping import steps_per_output
 from palpate.validation.metrics import make_state
-from palpate.validation.metrics.elasticity import ElasticForces, shape_gradients
-from palpate.validation.references.replay import steps_per_output
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet
 from palpate.validation.references.stored import load_stored
-from palpate.validation.simulators import Fault
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate, result_candidate
+from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Precision, Trajectory, Verdict
 
@@ -105,7 +105,7 @@ class SingleForces:
 
 def newton_in_single(problem, strain):
     """Newton whose forces and displacement are in single precision; its directions may be any."""
-    forces, exact = SingleForces(problem, strain), ElasticForces(problem, strain)
+    forces, exact = SingleForces(problem, strain), body_of(problem, strain).internal
     free = np.flatnonzero(held_components(problem)[0].ravel() == 0)
     u, shape = np.zeros(problem.mesh.points.size, dtype=np.float32), problem.mesh.points.shape
     for _ in range(12):

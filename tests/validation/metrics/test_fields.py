@@ -16,8 +16,8 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.metrics import CATALOGUE, elasticity, fields, make_state, measure
-from palpate.validation.metrics.elasticity import load_force, out_of_balance
+from palpate.validation.mechanics.body import body_of, load_force
+from palpate.validation.metrics import CATALOGUE, fields, make_state, measure
 from palpate.validation.states import State, Verdict
 
 E, NU = 1000.0, 0.25
@@ -41,9 +41,9 @@ def test_energy_of_a_confined_stretch() -> None:
     # psi = (lmbda + 2 mu)/2 E11^2 with E11 = (a^2 - 1)/2.
     a = 1.2
     expected = VOLUME * (LMBDA + 2 * MU) / 2 * ((a * a - 1) / 2) ** 2
-    found = elasticity.strain_energy(PROBLEM, stretched(a).displacement, Strain.GREEN)
+    found = body_of(PROBLEM, Strain.GREEN).energy(stretched(a).displacement)
     assert found == pytest.approx(expected, rel=ROUNDING)
-    linear = elasticity.strain_energy(PROBLEM, stretched(a).displacement, Strain.LINEAR)
+    linear = body_of(PROBLEM, Strain.LINEAR).energy(stretched(a).displacement)
     assert linear == pytest.approx(VOLUME * (LMBDA + 2 * MU) / 2 * (a - 1) ** 2, rel=ROUNDING)
 
 
@@ -51,7 +51,7 @@ def test_support_forces_of_a_confined_stretch() -> None:
     # P11 = a (lmbda + 2 mu)(a^2 - 1)/2 on the section, pulled apart; free sides push nothing along.
     a = 0.9
     force = SECTION * a * (LMBDA + 2 * MU) * (a * a - 1) / 2
-    found = elasticity.support_reactions(PROBLEM, stretched(a).displacement, Strain.GREEN)
+    found = body_of(PROBLEM, Strain.GREEN).support_reactions(stretched(a).displacement)
     assert found[1, 0] == pytest.approx(force, rel=ROUNDING)
     assert found[0, 0] == pytest.approx(-force, rel=ROUNDING)
 
@@ -60,18 +60,16 @@ def test_the_judges_force_is_the_derivative_of_its_energy_and_fastsims_own() -> 
     rng = np.random.default_rng(5)
     u = 0.03 * rng.standard_normal(MESH.points.shape)
     for strain in Strain:
-        force = elasticity.internal_force(PROBLEM, u, strain)
+        force = body_of(PROBLEM, strain).internal(u)
         assert np.linalg.norm(force) > 1.0
         direction = rng.standard_normal(u.shape)
         step = 1e-5
-        energies = [
-            elasticity.strain_energy(PROBLEM, u + s * step * direction, strain) for s in (1, -1)
-        ]
+        energies = [body_of(PROBLEM, strain).energy(u + s * step * direction) for s in (1, -1)]
         slope = (energies[0] - energies[1]) / (2 * step)
         assert slope == pytest.approx(float((force * direction).sum()), rel=1e-6)
         theirs = Body(MESH, PROBLEM.material, strain).internal_force(u)
         np.testing.assert_allclose(force, theirs, rtol=0.0, atol=ROUNDING * np.abs(theirs).max())
-        ours = elasticity.strain_energy(PROBLEM, u, strain)
+        ours = body_of(PROBLEM, strain).energy(u)
         assert ours == pytest.approx(
             Body(MESH, PROBLEM.material, strain).strain_energy(u), rel=ROUNDING
         )
@@ -81,9 +79,7 @@ def test_an_inclusion_counts_with_its_own_stiffness() -> None:
     cells = np.arange(10, dtype=np.int32)
     mixed = dataclasses.replace(PROBLEM, inclusions=(Inclusion(cells, Material(3 * E, NU)),))
     u = stretched(1.1).displacement
-    part = elasticity.strain_energy(mixed, u, Strain.GREEN) - elasticity.strain_energy(
-        PROBLEM, u, Strain.GREEN
-    )
+    part = body_of(mixed, Strain.GREEN).energy(u) - body_of(PROBLEM, Strain.GREEN).energy(u)
     corners = MESH.points[MESH.cells[:10]]
     inside = np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6.0
     expected = 2.0 * inside * (LMBDA + 2 * MU) / 2 * ((1.1**2 - 1) / 2) ** 2
@@ -168,7 +164,7 @@ def test_a_pressure_all_around_works_on_the_change_of_volume(problem: Problem) -
 def test_an_answer_of_fastsim_is_in_balance_and_half_of_it_is_not(
     problem: Problem, answer: NDArray[np.float64]
 ) -> None:
-    residual, scale = out_of_balance(problem, answer, Strain.GREEN)
+    residual, scale = body_of(problem, Strain.GREEN).out_of_balance(answer)
     assert np.abs(residual).max() < 1e-9 * scale
-    residual, scale = out_of_balance(problem, 0.5 * answer, Strain.GREEN)
+    residual, scale = body_of(problem, Strain.GREEN).out_of_balance(0.5 * answer)
     assert np.abs(residual).max() > 0.01 * scale

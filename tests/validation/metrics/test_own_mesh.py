@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.boundary_conditions import (
-    BodyForce,
-    PointForce,
-    Pressure,
-    Support,
-    Traction,
-)
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_uniformly
@@ -27,9 +21,8 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.judging.checks import judge_check
+from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics import CATALOGUE, make_state, measure, own_mesh
-from palpate.validation.metrics.elasticity import strain_energy, support_reactions
-from palpate.validation.metrics.own_mesh import MEASURED_ON_OWN_MESH
 from palpate.validation.metrics.own_reactions import own_reactions
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.simulators.result_states import with_own_mesh
@@ -38,7 +31,9 @@ from palpate.validation.states import OwnMesh, State, Trajectory, Verdict
 Field = NDArray[np.float64]
 # What does not depend on a mesh: the force on a tool, and how one point of the case swings.
 AT_POINTS = {"tool_force", *(name for name in CATALOGUE if name.startswith("oscillation_"))}
-IN_SPACE = sorted(MEASURED_ON_OWN_MESH - {"trajectory_l2"})
+IN_SPACE = sorted(
+    metric.name for metric in CATALOGUE.values() if metric.on_own_mesh and not metric.needs_time
+)
 # What garbage within the body cannot change: the surface and what it encloses.
 OF_SURFACE = {"volume", "surface_area", "surface_hausdorff", "surface_mean_distance"}
 # Sizes of whole bodies hardly feel one point.
@@ -97,8 +92,9 @@ def judged(metric: str, candidate: State, limit: float, reference: State = REFER
 
 
 def test_every_comparison_is_made_on_the_own_mesh_or_depends_on_none() -> None:
-    compared = {metric.name for metric in CATALOGUE.values() if metric.compare}
-    assert compared == MEASURED_ON_OWN_MESH | AT_POINTS
+    for metric in CATALOGUE.values():
+        is_there = metric.on_own_mesh is not None
+        assert is_there == (metric.compare is not None and metric.name not in AT_POINTS)
 
 
 # Not of a support's force: on the finer mesh the reference is no longer in balance.
@@ -202,7 +198,7 @@ def test_support_forces_are_summed_on_the_own_mesh() -> None:
         problem, u = solved(divisions)
         found = measure("reaction_force", CASE, answer(problem.mesh, u), REFERENCE)
         assert found.value < 1e-6
-        carried = support_reactions(problem, u, Strain.GREEN)[0]
+        carried = body_of(problem, Strain.GREEN).support_reactions(u)[0]
         np.testing.assert_allclose(carried, [-60.0, -20.0, 50.0], rtol=1e-6, atol=3.4)
         halved = measure("reaction_force", CASE, answer(problem.mesh, 0.5 * u), REFERENCE)
         assert halved.value - halved.uncertainty > 0.1
@@ -253,8 +249,8 @@ def test_loads_count_in_support_forces_with_their_factor_at_the_end() -> None:
         loads=(BodyForce((0.0, 0.0, -40.0), halved), dataclasses.replace(CASE.loads[0])),
     )
     # Half of 40 N/m3 at the end are the 20 N/m3 that CASE has: the same balance.
-    found = support_reactions(moving, u, Strain.GREEN)
-    np.testing.assert_allclose(found, support_reactions(CASE, u, Strain.GREEN), rtol=1e-12)
+    found = body_of(moving, Strain.GREEN).support_reactions(u)
+    np.testing.assert_allclose(found, body_of(CASE, Strain.GREEN).support_reactions(u), rtol=1e-12)
     at_rest = state_of(moving, u)
     error, _doubt = own_reactions(moving, moving, u, at_rest, at_rest)
     assert error < 1e-6
@@ -267,8 +263,8 @@ def test_an_own_cell_has_the_material_of_the_cases_cell_that_holds_its_middle() 
     own, u = same_on_finer()
     assert measure("strain_energy", mixed, answer(own, u), REFERENCE).value < 1e-9
     # The energy of one material would be another: the inclusion counts.
-    whole = strain_energy(mixed, REFERENCE.displacement, Strain.GREEN)
-    assert abs(whole / strain_energy(CASE, REFERENCE.displacement, Strain.GREEN) - 1.0) > 0.1
+    whole = body_of(mixed, Strain.GREEN).energy(REFERENCE.displacement)
+    assert abs(whole / body_of(CASE, Strain.GREEN).energy(REFERENCE.displacement) - 1.0) > 0.1
 
 
 def test_a_body_whose_rest_volume_differs_leaves_its_change_of_volume_open() -> None:
@@ -325,11 +321,12 @@ def test_the_largest_displacement_of_the_reference_is_known_within_the_doubt_of_
     # Read as 3 +- 0.5 between the case's points, 2 at most at them: 2.5 to 3.5.
     three = np.array([[3.0, 0.0, 0.0]])
     pair: Any = SimpleNamespace(
-        reference=SimpleNamespace(value=three, doubt=np.array([0.5])), displacement=three
+        read=SimpleNamespace(value=three, doubt=np.array([0.5])),
+        displacement=three,
+        candidate=SimpleNamespace(displacement=three),
+        reference=SimpleNamespace(max_displacement=2.0),
     )
-    candidate: Any = SimpleNamespace(displacement=three)
-    reference: Any = SimpleNamespace(max_displacement=2.0)
-    assert own_mesh._max_displacement(pair, candidate, reference) == (0.0, 0.5)
-    larger: Any = SimpleNamespace(max_displacement=3.2)
-    error, doubt = own_mesh._max_displacement(pair, candidate, larger)
+    assert own_mesh.max_displacement(pair) == (0.0, 0.5)
+    pair.reference = SimpleNamespace(max_displacement=3.2)
+    error, doubt = own_mesh.max_displacement(pair)
     assert (error, doubt) == (pytest.approx(0.35), pytest.approx(0.15))

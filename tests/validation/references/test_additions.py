@@ -130,7 +130,7 @@ def test_a_state_whose_name_stands_for_another_element_is_refused():
 def test_it_is_solved_by_the_reference(before, monkeypatch):
     del before
     monkeypatch.undo()  # the reference itself, and the file as it is
-    from palpate.validation.references.one_solve import solve_reference
+    from palpate.validation.references.motion_runs import solve_reference
 
     problem = load_case("block").problem
     kept = load_stored("block", problem).states[SMOOTHED, Strain.GREEN]

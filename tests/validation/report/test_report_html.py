@@ -200,3 +200,17 @@ def test_what_was_fitted_is_read_from_the_author_not_from_the_words_of_the_file(
     assert inputs(kidney).endswith(f"Fitted, as [evidence] says: {names}.")
     loud = dataclasses.replace(kidney, evidence={}, case_text="# nothing here was fitted")
     assert inputs(loud).endswith("[evidence] of the case names none that was fitted.")
+
+
+def test_only_a_case_that_says_so_is_said_to_be_fitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kidney: CaseResult
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    page = html.write_report([kidney], tmp_path).read_text("utf-8")
+    assert "material.poissons_ratio, load[0].force" in page.partition("The states")[0]
+    assert "208 017" in page
+    mine = {**kidney.published, "how_to_read": "A table of mine."}
+    other = dataclasses.replace(kidney, evidence={}, published=mine)
+    page = html.write_report([other], tmp_path).read_text("utf-8").partition("The states")[0]
+    assert "A table of mine." in page
+    assert "itted" not in page

@@ -17,10 +17,7 @@ from palpate.validation.evidence.metric_table import KINDS, metric_table, table_
 from palpate.validation.evidence.self_test import REFERENCE_FAULTS, TRIALS, run_self_test
 from palpate.validation.metrics import CATALOGUE, inverted_cells
 from palpate.validation.simulators import faults
-from palpate.validation.simulators.candidate import (
-    Candidate,
-    fastsim_candidate,
-)
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import on_own_mesh, with_fault
 from palpate.validation.states import State

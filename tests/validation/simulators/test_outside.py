@@ -16,9 +16,10 @@ import pytest
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.result_files import ResultFileError
-from palpate.validation.simulators import CandidateFailedError, adapters
+from palpate.validation.simulators import adapters
 from palpate.validation.simulators.candidate import outside_candidate
 from palpate.validation.simulators.outside import CommandError, OutsideSimulator
+from palpate.validation.states import CandidateFailedError
 
 NUMPY_DENSE = Path(adapters.__file__).parent / "numpy_dense.py"
 HEAD = "import sys, json, os, time, numpy as np\ncase, result = sys.argv[1:3]\n"

@@ -18,7 +18,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.sweeps.runs import linear_error, run_all
-from palpate.validation.sweeps.sweep import told_ends
+from palpate.validation.sweeps.sweep import ends_of
 from palpate.validation.sweeps.variants import VaryError, read_axis, variants
 
 
@@ -154,7 +154,7 @@ def test_it_stops_where_equilibrium_ends_and_says_at_which_value(
     assert not green[20.0].was_tried
     assert green[20.0].trouble == "not tried: no answer at load[0].factor = 10"
     assert all(r.state is not None for r in runs if r.strain is Strain.LINEAR)
-    (told,) = told_ends(axes, runs)
+    (told,) = ends_of(axes, runs)
     assert "no answer at load[0].factor = 10" in told
     assert told.endswith("the last that has one is load[0].factor = 1")
 

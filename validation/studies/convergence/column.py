@@ -15,7 +15,7 @@ from palpate.meshes.boundary_conditions import BodyForce
 from palpate.meshes.bricks import brick_box, rollers
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.validation.metrics.elasticity import strain_energy
+from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.studies.bodies import Solve, volume_change
 from palpate.validation.studies.closed_forms import confined_modulus, stretch_under
@@ -85,7 +85,7 @@ def follow_column(*, first: int = 1, solve: Solve = solve_static) -> list[Column
     for problem in map(column, (first + 2, first + 1, first)):
         u = solve(problem).displacement
         change = volume_change(problem.mesh, u) * problem.mesh.volume
-        answers.append(ColumnAnswer(strain_energy(problem, u, Strain.GREEN), change))
+        answers.append(ColumnAnswer(body_of(problem, Strain.GREEN).energy(u), change))
     names = ("strain energy [J]", "change of volume [m3]")
     return [
         ColumnGrid(

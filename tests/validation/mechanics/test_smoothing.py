@@ -8,8 +8,8 @@ import pytest
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.metrics.elasticity import ElasticForces
-from palpate.validation.metrics.smoothing import Smoothing
+from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.smoothing import Smoothing
 
 RANDOM = np.random.default_rng(5)
 ONE_CELL = TetMesh(
@@ -106,10 +106,10 @@ def test_its_forces_are_the_references(ragged, strain):
 
     problem = Problem(ragged, Material(5.0, 0.4), (), ())
     u = RANDOM.uniform(-1e-3, 1e-3, ragged.points.shape)
-    mine = ElasticForces(problem, strain, Element.SMOOTHED)(u)
+    mine = Body(problem, strain, Element.SMOOTHED).internal(u)
     theirs = internal_force(
         ragged, u, material=problem.material, strain=strain, element=Element.SMOOTHED
     )
     assert mine == pytest.approx(theirs, abs=1e-12 * np.abs(theirs).max())
-    plain = ElasticForces(problem, strain)(u)
+    plain = Body(problem, strain).internal(u)
     assert np.abs(mine - plain).max() > 0.01 * np.abs(plain).max()

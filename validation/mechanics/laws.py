@@ -36,8 +36,9 @@ def strain_of(H: Array, strain: Strain) -> Array:
 
 def hooke(E: Array, lmbda: Array, mu: Array) -> Array:
     """S = lmbda tr(E) I + 2 mu E."""
-    trace = np.einsum("cii->c", E)
-    S: Array = 2.0 * mu[:, None, None] * E + (lmbda * trace)[:, None, None] * _ONE
+    S: Array = 2.0 * mu[:, None, None] * E
+    diagonal = np.arange(3)
+    S[:, diagonal, diagonal] += (lmbda * np.trace(E, axis1=1, axis2=2))[:, None]
     return S
 
 

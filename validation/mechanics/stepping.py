@@ -1,9 +1,9 @@
-"""The judge's own explicit motion, with one slip in it: central differences in NumPy.
+"""The judge's own explicit motion, as stated or with one slip in it: central differences in NumPy.
 
     (1/dt^2 + d/(2 dt)) a(t + dt) = (F - R(a(t))) / m + 2/dt^2 a(t) - (1/dt^2 - d/(2 dt)) a(t - dt)
 
 from rest, a(-dt) = a(0) + dt^2/2 a''(0); lumped m, D = d M. Only the first part of a motion is
-stepped, as far as NumPy goes in a blink.
+stepped, as far as NumPy goes in a blink; a stored trajectory is held beside it.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.validation.diagnosis.body import Body, Mask
-from palpate.validation.diagnosis.laws import Array, Law
-from palpate.validation.exchange.nodal_loads import lumped_mass
+from palpate.meshes.problem import Problem
+from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
+from palpate.validation.mechanics.body import Body, Mask
+from palpate.validation.mechanics.laws import Array, Law
 
 # Displacements beyond so many body sizes are a blow-up.
 _FAR = 10.0
@@ -106,9 +106,8 @@ class Stepper:
         held = body.held if slip.released is None else body.held & ~slip.released
         damping = span.mass_damping if slip.damping is None else slip.damping
         size = float(np.ptp(body.mesh.points, axis=0).max())
-        force, moved = _Forces(self.body, slip), _Supports(body, slip.with_amplitudes)
-        now = np.where(held, moved(0.0), 0.0)
-        acceleration = self._per_mass(force(now, 0.0), slip)
+        now = np.where(held, self._places(0.0, slip), 0.0)
+        acceleration = self._acceleration(now, 0.0, slip)
         match slip.start:
             case Start.RIGHT:
                 before = now + 0.5 * dt**2 * acceleration
@@ -120,13 +119,13 @@ class Stepper:
         velocity = np.zeros_like(now)
         every = self.per_output * slip.pieces
         for step in range(1, every * self.num_outputs + 1 + max(-slip.late, 0)):
-            acceleration = self._per_mass(force(now, (step - 1) * dt), slip)
+            acceleration = self._acceleration(now, (step - 1) * dt, slip)
             if slip.update is Update.CENTRAL:
                 after = (acceleration + 2.0 / dt**2 * now - right * before) / left
             else:
                 velocity = velocity + dt * (acceleration - damping * velocity)
                 after = now + dt * velocity
-            after = np.where(held, moved(step * dt), after)
+            after = np.where(held, self._places(step * dt, slip), after)
             if not np.abs(after).max() < _FAR * size:
                 return
             before, now = now, after
@@ -134,48 +133,31 @@ class Stepper:
             if stored > 0 and stored % every == 0:
                 yield now
 
-    def _per_mass(self, force: Points, slip: Slip) -> Points:
+    def _acceleration(self, displacement: Points, time: float, slip: Slip) -> Points:
+        """External less internal force over the mass [m/s2]."""
+        force = self.body.external(
+            displacement,
+            time if slip.with_amplitudes else None,
+            factors=slip.load_factors,
+            is_other=slip.is_other_pressure,
+        )
+        force -= slip.stiffness_factor * self.body.internal(displacement, slip.law, slip.lame)
         if slip.inverse_mass is not None:
             solved: Points = slip.inverse_mass @ force
             return solved
         mass = self._mass if slip.mass is None else slip.mass
         return force / (slip.mass_factor * mass[:, None])
 
-
-class _Forces:
-    """External less internal force [N] over time."""
-
-    def __init__(self, body: Body, slip: Slip) -> None:
-        self._body, self._slip = body, slip
-        self._loads = body.problem.loads
-        self._factors = slip.load_factors or (1.0,) * len(self._loads)
-
-    def __call__(self, displacement: Points, time: float) -> Points:
-        slip, body = self._slip, self._body
-        total = -slip.stiffness_factor * body.internal(displacement, slip.law, slip.lame)
-        for index, (load, factor) in enumerate(zip(self._loads, self._factors, strict=True)):
-            if slip.with_amplitudes and load.amplitude is not None:
-                factor *= load.amplitude(time)
-            if factor:
-                total += factor * body.load(index, displacement, is_other=slip.is_other_pressure)
-        return total
+    def _places(self, time: float, slip: Slip) -> Points:
+        """Where held components are [m]."""
+        problem = self.body.problem
+        is_moving = slip.with_amplitudes and any(s.amplitude for s in problem.supports)
+        return held_components(problem, time)[1] if is_moving else self.body.prescribed
 
 
-class _Supports:
-    """Where held components are over time [m]."""
-
-    def __init__(self, body: Body, with_amplitudes: bool) -> None:
-        self._body = body
-        supports = body.problem.supports
-        self._moving = [s for s in supports if s.amplitude is not None and with_amplitudes]
-
-    def __call__(self, time: float) -> Points:
-        if not self._moving:
-            return self._body.prescribed
-        moved: NDArray[np.float64] = self._body.prescribed.copy()
-        for support in self._moving:
-            assert support.amplitude is not None
-            axes = np.flatnonzero(support.components)
-            values = support.amplitude(time) * np.array(support.displacement)[axes]
-            moved[np.ix_(support.points, axes)] = values
-        return moved
+def steps_per_output(problem: Problem) -> int:
+    """Whole steps from one output to the next; 0 where the case states no step."""
+    span = problem.time
+    if span is None or span.time_step is None:
+        return 0
+    return round(span.end_time / span.num_outputs / span.time_step)

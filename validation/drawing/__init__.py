@@ -1,0 +1,1 @@
+"""Pictures of bodies, by whichever library can draw here."""

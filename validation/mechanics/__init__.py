@@ -1,0 +1,1 @@
+"""The judge's own mechanics in NumPy, apart from fastsim and from the reference."""
