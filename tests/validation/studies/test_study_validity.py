@@ -22,16 +22,7 @@ from palpate.validation.studies.closed_forms import (
     stretch_under,
 )
 from palpate.validation.studies.validity import judge, judge_bending, judge_checks, judge_modes
-from palpate.validation.studies.validity.bending import (
-    BendingLimit,
-    BendingPoint,
-    DegreeCheck,
-    border,
-    check_by_quadratic,
-    find_limit,
-    follow_bar,
-)
-from palpate.validation.studies.validity.modes import (
+from palpate.validation.studies.validity.block import (
     HOMOGENEOUS,
     MOST,
     Mode,
@@ -47,6 +38,15 @@ from palpate.validation.studies.validity.present import (
     draw_rotation,
     mode_table,
     present,
+)
+from palpate.validation.studies.validity.rising import (
+    BendingLimit,
+    BendingPoint,
+    DegreeCheck,
+    border,
+    check_by_quadratic,
+    find_limit,
+    follow_bar,
 )
 
 SLENDERNESSES, POISSONS_RATIOS = (4.0, 8.0), (0.0, 0.3)

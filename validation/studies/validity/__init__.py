@@ -26,7 +26,16 @@ from palpate.validation.report.study_page import Finding, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.closed_forms import COMPRESSION_LIMIT, elastica_error
 from palpate.validation.studies.study import Study
-from palpate.validation.studies.validity.bending import (
+from palpate.validation.studies.validity.block import (
+    HOMOGENEOUS,
+    MOST,
+    Mode,
+    ModePoint,
+    find_mode_limit,
+    follow_mode,
+)
+from palpate.validation.studies.validity.present import Found, ModeLimits, bars_of, present
+from palpate.validation.studies.validity.rising import (
     CELLS_ACROSS,
     DEFLECTIONS,
     LIMITS,
@@ -40,15 +49,6 @@ from palpate.validation.studies.validity.bending import (
     find_limit,
     follow_bar,
 )
-from palpate.validation.studies.validity.modes import (
-    HOMOGENEOUS,
-    MOST,
-    Mode,
-    ModePoint,
-    find_mode_limit,
-    follow_mode,
-)
-from palpate.validation.studies.validity.present import Found, ModeLimits, bars_of, present
 
 MODE_RATIOS = (0.0, 0.3, 0.45)
 # Points solved again with quadratic tetrahedra, (L/h, nu, nearest deflection), and bricks across.
@@ -73,7 +73,7 @@ def compute(progress: Progress) -> Found:
     checks = []
     for slenderness, nu, deflection in CHECKED if is_available() else ():
         bar = bars_of(points)[slenderness, nu]
-        point = min(bar, key=lambda p: abs(p.deflection - deflection))
+        point = min(bar, key=lambda p: abs(p.nominal - deflection))
         checks.append(check_by_quadratic(point, QUADRATIC_ACROSS, progress))
     return Found(
         points,
@@ -128,18 +128,16 @@ def judge_bending(points: Sequence[BendingPoint], limits: Sequence[BendingLimit]
     longest = max(length for length, _ in bars)
     slender = [p for p in points if p.slenderness == longest]
     # Beyond, the shooting for the elastica has more than one root.
-    thin = [p for p in slender if p.deflection <= 1.0]
-    exact = {d: elastica_error(3.0 * d) for d in {p.deflection for p in thin}}
-    ratios = [p.displacement_error / exact[p.deflection] for p in thin]
+    thin = [p for p in slender if p.nominal <= 1.0]
+    exact = {d: elastica_error(3.0 * d) for d in {p.nominal for p in thin}}
+    ratios = [p.displacement_error / exact[p.nominal] for p in thin]
     # The mean of theta^2 along the bar: 2 alpha^2 / 15 with alpha = 3 delta.
-    volumes = [
-        p.linear_volume_change / (1.2 * p.deflection**2) for p in slender if p.deflection >= 0.05
-    ]
+    volumes = [p.linear_volume_change / (1.2 * p.nominal**2) for p in slender if p.nominal >= 0.05]
     rotations, strains, beyond = [], [], []
     ends = {(m.slenderness, m.poissons_ratio): m.deflection or math.inf for m in limits}
     for place, bar in bars.items():
         errors = [p.displacement_error for p in bar]
-        tenth = border(errors, [p.deflection for p in bar], LIMITS[-1])
+        tenth = border(errors, [p.nominal for p in bar], LIMITS[-1])
         beyond.append(ends[place] / (math.inf if tenth is None else tenth))
         if place[0] >= 4.0:
             rotation = border(errors, [p.tip_rotation for p in bar], 0.05)

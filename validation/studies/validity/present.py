@@ -12,14 +12,14 @@ import numpy as np
 
 from palpate.validation.report.line_plot import BLUE, COLOURS, GREY, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Page, Table
-from palpate.validation.studies.validity.bending import (
+from palpate.validation.studies.validity.block import Mode, ModePoint
+from palpate.validation.studies.validity.rising import (
     LIMITS,
     BendingLimit,
     BendingPoint,
     DegreeCheck,
     border,
 )
-from palpate.validation.studies.validity.modes import Mode, ModePoint
 
 # What is lost at which load, in what linear strain predicts, and the smallest stretch there.
 ModeLimits = dict[tuple[Mode, float], tuple[float, float] | None]
@@ -69,7 +69,7 @@ def bars_of(points: Sequence[BendingPoint]) -> dict[tuple[float, float], list[Be
 
 
 def _loads(bar: Sequence[BendingPoint]) -> list[float]:
-    return [p.deflection for p in bar]
+    return [p.nominal for p in bar]
 
 
 def _corner_words(here: BendingLimit, finer: BendingLimit) -> str:
@@ -131,7 +131,7 @@ def check_table(checks: Sequence[DegreeCheck]) -> Table:
         "Linear tetrahedra (fastsim) beside quadratic ones (reference)",
         {**columns, "load P1 / P2": ".3f"},
         [
-            (p.slenderness, p.poissons_ratio, p.deflection, 100 * p.displacement_error,
+            (p.slenderness, p.poissons_ratio, p.nominal, 100 * p.displacement_error,
              100 * c.displacement_error, 100 * p.volume_error, 100 * c.volume_error, c.load_ratio)
             for c in checks
             for p in (c.by_linear,)
@@ -147,7 +147,7 @@ def point_table(points: Sequence[BendingPoint]) -> Table:
         "Every point of the bending map",
         {**columns, "volume, linear [%]": "+.4f", "volume, Green [%]": "+.4f"},
         [
-            (p.slenderness, p.poissons_ratio, p.deflection, p.load, math.degrees(p.tip_rotation),
+            (p.slenderness, p.poissons_ratio, p.nominal, p.load, math.degrees(p.tip_rotation),
              100 * p.displacement_error, 100 * p.linear_volume_change, 100 * p.green_volume_change)
             for p in points
         ],

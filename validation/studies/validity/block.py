@@ -1,10 +1,8 @@
 """A block stretched, crushed, sheared and twisted: linear strain beside Green strain.
 
-The load is measured by the nominal strain that linear strain itself predicts. Three modes are
-homogeneous, with closed forms (P is the nominal stress, l the stretch along the load):
-
-free uniaxial: P / E = l (l^2 - 1) / 2, lateral stretch sqrt(1 - nu (l^2 - 1));
-confined: P / (lmbda + 2 mu) = l (l^2 - 1) / 2; linear strain: l = 1 + P / stiffness in both.
+Three modes are homogeneous, with closed forms (P is the nominal stress, l the stretch along the
+load). Free uniaxial: P / E = l (l^2 - 1) / 2, lateral stretch sqrt(1 - nu (l^2 - 1)); confined:
+P / (lmbda + 2 mu) = l (l^2 - 1) / 2; linear strain: l = 1 + P / stiffness in both.
 """
 
 from __future__ import annotations
@@ -15,16 +13,21 @@ from enum import StrEnum
 
 import numpy as np
 
-from palpate.fastsim.errors import EquilibriumLostError
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Traction
 from palpate.meshes.bricks import brick_box, held, rollers, side
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics.pairs import l2_norm
-from palpate.validation.studies.bodies import Solve, volume_change
+from palpate.validation.studies.bodies import Solve
 from palpate.validation.studies.closed_forms import confined_modulus, stretch_under
+from palpate.validation.studies.validity.rising import (
+    LoadedPoint,
+    Measure,
+    compliance_of,
+    lose_equilibrium,
+    raise_load,
+)
 
 
 class Mode(StrEnum):
@@ -46,26 +49,12 @@ _POINTS = 13
 
 
 @dataclass(frozen=True)
-class ModePoint:
-    """Linear beside Green strain in one mode, under one load.
-
-    `nominal` is the strain, shear angle or twist that linear strain predicts [- or rad], > 0;
-    `displacement_error` the L2 norm of the difference over that of Green strain; changes of volume
-    are over the rest volume. `closed_form` is what these three are, where there is one.
-    """
+class ModePoint(LoadedPoint):
+    """Of the block: the errors in closed form, where there is one, are beside those found."""
 
     mode: Mode
     poissons_ratio: float
-    nominal: float
-    displacement_error: float
-    linear_volume_change: float
-    green_volume_change: float
-    closed_form: tuple[float, float, float] | None = None
-
-    @property
-    def volume_error(self) -> float:
-        """Difference of volume over the rest volume."""
-        return abs(self.linear_volume_change - self.green_volume_change)
+    closed_form: tuple[float, float, float] | None
 
     @property
     def distance(self) -> float:
@@ -82,44 +71,31 @@ def follow_mode(
     Where the state is homogeneous, two bricks along an edge are enough.
     """
     n = 2 if mode in HOMOGENEOUS else cells_across
-    unit = block(mode, poissons_ratio, 1.0, n)
-    linear = solve(unit, strain=Strain.LINEAR).displacement
-    measured = _twist(unit.mesh, linear) if mode is Mode.TWIST else 1.0
-    green: Points | None = None
-    points = []
-    for nominal in np.geomspace(0.01 * LARGEST[mode], LARGEST[mode], _POINTS).tolist():
-        load = nominal / measured
-        problem = block(mode, poissons_ratio, load, n)
-        try:
-            green = solve(problem, start=green).displacement
-        except EquilibriumLostError:
-            break
-        error = l2_norm(unit.mesh, load * linear - green) / l2_norm(unit.mesh, green)
-        volumes = (volume_change(unit.mesh, load * linear), volume_change(unit.mesh, green))
-        known = closed_form(mode, poissons_ratio, nominal)
-        points.append(ModePoint(mode, poissons_ratio, nominal, error, *volumes, known))
-    return points
+    nominals = np.geomspace(0.01 * LARGEST[mode], LARGEST[mode], _POINTS).tolist()
+
+    def make(load: float) -> Problem:
+        return block(mode, poissons_ratio, load, n)
+
+    return [
+        ModePoint(*numbers, mode, poissons_ratio, closed_form(mode, poissons_ratio, numbers[0]))
+        for numbers, _, _ in raise_load(make, _measure(mode), nominals, solve)
+    ]
 
 
-def find_mode_limit(
-    mode: Mode, poissons_ratio: float, *, cells_across: int = 2
-) -> tuple[float, float] | None:
+def find_mode_limit(mode: Mode, poissons_ratio: float) -> tuple[float, float] | None:
     """Where equilibrium is lost, on a mesh too coarse to buckle before the material gives way.
 
     Returns:
         The largest load borne, in what linear strain predicts, and the smallest stretch there;
         None where it is not lost up to MOST.
     """
-    most = MOST[mode]
-    load = most
-    if mode is Mode.TWIST:
-        unit = block(mode, poissons_ratio, 1.0, cells_across)
-        load = most / _twist(unit.mesh, solve_static(unit, strain=Strain.LINEAR).displacement)
-    try:
-        solve_static(block(mode, poissons_ratio, load, cells_across))
-    except EquilibriumLostError as error:
-        return most * error.load_factor, error.smallest_stretch
-    return None
+
+    def make(load: float) -> Problem:
+        return block(mode, poissons_ratio, load, 2)
+
+    compliance = compliance_of(make, _measure(mode))
+    end = lose_equilibrium(make, MOST[mode] / compliance)
+    return None if end is None else (end[0] * compliance, end[1])
 
 
 def closed_form(
@@ -180,6 +156,11 @@ def _twisting(mesh: TetMesh, top: Indices, load: float) -> tuple[Load, ...]:
         Traction(top[k : k + 1], (-load * (y - 0.5), load * (x - 0.5), 0.0))
         for k, (x, y, _) in enumerate(centres)
     )
+
+
+def _measure(mode: Mode) -> Measure:
+    """The nominal strain and the shear angle are their own loads; the twist is measured."""
+    return _twist if mode is Mode.TWIST else lambda _mesh, _displacement: 1.0
 
 
 def _twist(mesh: TetMesh, displacement: Points) -> float:
