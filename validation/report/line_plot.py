@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -116,9 +117,10 @@ def line_figure(rows: Sequence[Sequence[Panel]], caption: str, *, shares_legend:
             labels = {
                 lb: h for handles, words in found for h, lb in zip(handles, words, strict=True)
             }
-            columns = max(1, int(width / (0.45 + 0.075 * max(map(len, labels)))))
+            inches = sum(0.55 + 0.075 * len(label) for label in labels)
+            columns = math.ceil(len(labels) / math.ceil(inches / width))
             figure.legend(
-                labels.values(), labels.keys(), loc="lower center", ncols=min(columns, len(labels)),
+                labels.values(), labels.keys(), loc="lower center", ncols=columns,
                 frameon=False, fontsize=9,
             )  # fmt: skip
             below = 0.26 * -(-len(labels) // columns) / height

@@ -117,21 +117,21 @@ def compute(progress: Progress) -> Runs:
     bar = l2_norm(half.mesh, coarser - at_coarser) / l2_norm(half.mesh, at_coarser)
     rows: list[Row] = []
     left_out: list[str] = []
+
+    def leave_out(line: str) -> None:
+        left_out.append(line)
+        progress(line)
+
     answers: dict[int, Points] = {}
+    us = ("fastsim", version_of("palpate"), STVK, "Newton, conjugate gradients")
     for n, problem in problems.items():
         seconds, answers[n] = _time_fastsim(problem)
-        error, num_cells = truth.error_of(problem, answers[n]), problem.mesh.num_cells
-        method = "Newton, conjugate gradients"
-        rows.append(
-            Row("fastsim", version_of("palpate"), STVK, method, num_cells, seconds, error, 0.0)
-        )
+        error = truth.error_of(problem, answers[n])
+        rows.append(Row(*us, problem.mesh.num_cells, seconds, error, 0.0))
     for name, module, most in _ADAPTERS:
         interpreter = interpreter_with(module)
         if interpreter is None:
-            left_out.append(
-                f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)"
-            )
-            progress(left_out[-1])
+            leave_out(f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)")
             continue
         file = Path(adapters.__file__).parent / f"{name}.py"
         simulator = OutsideSimulator(f"{interpreter} {file} {{case}} {{result}}", TIME_LIMIT)
@@ -139,8 +139,7 @@ def compute(progress: Progress) -> Runs:
             try:
                 rows.append(_run_adapter(simulator, problems[n], answers[n], truth, progress))
             except CandidateFailedError as failure:
-                left_out.append(f"{name}, {problems[n].mesh.num_cells} cells: {failure}")
-                progress(left_out[-1])
+                leave_out(f"{name}, {problems[n].mesh.num_cells} cells: {failure}")
                 break
     return Runs(rows, left_out, bar)
 

@@ -127,12 +127,8 @@ def hard_loads() -> Iterator[tuple[str, str, float, Problem]]:
             yield body, "bend", part, loaded(BodyForce(_triple(part * bending)))
         for degrees in (30.0, 60.0, 90.0, 120.0, 150.0):
             turned = arms @ rotation(_triple(up), degrees).T - arms
-            yield (
-                body,
-                "twist",
-                degrees,
-                moved(*prescribe(mesh, case.material, head, turned).supports),
-            )
+            heads = prescribe(mesh, case.material, head, turned).supports
+            yield body, "twist", degrees, moved(*heads)
         for part in (0.05, 0.1, 0.2, 0.3, 0.5):
             yield body, "squeeze", part, moved(_hold(mesh, head, -part * length * up))
         for part in (0.05, 0.15, 0.3, 0.6, 1.2):

@@ -25,22 +25,22 @@ from palpate.validation.studies.convergence import (
     judge_families,
     judge_kidney,
     kidney_table,
-    manufactured,
     present,
+    problems,
 )
 from palpate.validation.studies.convergence import families as runs
-from palpate.validation.studies.convergence.column import (
-    MATERIAL,
-    column,
-    exact_column,
-    follow_column,
-)
 from palpate.validation.studies.convergence.families import (
     ErrorFamily,
     follow_block,
     follow_manufactured,
     follow_wave,
     wave_frequency,
+)
+from palpate.validation.studies.convergence.problems import (
+    MATERIAL,
+    column,
+    exact_column,
+    follow_column,
 )
 from palpate.validation.studies.kidney.meshes import (
     QUANTITIES,
@@ -61,9 +61,9 @@ def stiffer(problem: Problem, **given: Any) -> StaticResult:
 
 def first_piola_kirchhoff_stress(places: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """P = F S of the manufactured solution, written out on its own."""
-    E, nu = manufactured.MATERIAL.youngs_modulus, manufactured.MATERIAL.poissons_ratio
+    E, nu = problems.MATERIAL.youngs_modulus, problems.MATERIAL.poissons_ratio
     lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    F = np.eye(3) + manufactured.exact_gradient(places)
+    F = np.eye(3) + problems.exact_gradient(places)
     strain = 0.5 * (F.transpose(0, 2, 1) @ F - np.eye(3))
     trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
     return F @ (lmbda * trace * np.eye(3) + 2 * mu * strain)
@@ -81,11 +81,11 @@ def test_the_body_force_balances_the_stress() -> None:
     scale = np.abs(divergence).max()
     assert scale > 0.5
     # Central differences: (pi step)^2 / 6 and rounding of 1e-16 / step.
-    assert np.abs(divergence + manufactured.body_force(places)).max() < 1e-8 * scale
+    assert np.abs(divergence + problems.body_force(places)).max() < 1e-8 * scale
 
 
 def test_the_rules_integrate_what_they_should() -> None:
-    x, w = manufactured.gauss_rule(3)
+    x, w = problems.gauss_rule(3)
     # Exact to degree 5: the integral of x^5 over 0 to 1 is 1/6.
     assert w @ x**5 == pytest.approx(1 / 6, rel=1e-13)
     assert w.sum() == pytest.approx(1.0, rel=1e-13)

@@ -36,7 +36,6 @@ from palpate.validation.report.line_plot import (
 )
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress
-from palpate.validation.studies.convergence.column import ColumnGrid, follow_column
 from palpate.validation.studies.convergence.families import (
     ErrorFamily,
     follow_block,
@@ -44,6 +43,7 @@ from palpate.validation.studies.convergence.families import (
     follow_manufactured,
     follow_wave,
 )
+from palpate.validation.studies.convergence.problems import ColumnGrid, follow_column
 from palpate.validation.studies.kidney.meshes import (
     QUANTITIES,
     MeshFamily,

@@ -24,8 +24,12 @@ from palpate.validation.metrics.pairs import l2_norm
 from palpate.validation.states import Progress
 from palpate.validation.studies.bodies import Solve
 from palpate.validation.studies.closed_forms import confined_modulus
-from palpate.validation.studies.convergence.column import column, exact_column
-from palpate.validation.studies.convergence.manufactured import errors, manufactured_problem
+from palpate.validation.studies.convergence.problems import (
+    column,
+    errors,
+    exact_column,
+    manufactured_problem,
+)
 
 # Refinements of the column for each degree: more would take minutes, and drown in rounding.
 LEVELS = {1: 3, 2: 3, 3: 2}

@@ -1,5 +1,6 @@
-"""A manufactured solution for Saint-Venant-Kirchhoff: choose u, work out the body force it needs.
+"""Two smooth nonlinear problems whose answers are known.
 
+A manufactured solution for Saint-Venant-Kirchhoff: choose u, work out the body force it needs.
 u_i = A c_i sin(pi x) sin(pi y) sin(pi z) on the unit cube, held at 0 all around. With H = grad u,
 F = I + H and G_iJK = d2 u_i / dX_J dX_K,
 
@@ -7,18 +8,29 @@ F = I + H and G_iJK = d2 u_i / dX_J dX_K,
 tr(E),J = G_iiJ + H_iK G_iKJ,   E_JK,K = (G_JKK + G_KJK + G_iJK H_iK + H_iJ G_iKK) / 2.
 
 Method: P. J. Roache, J. Fluids Eng. 124 (2002) 4-10.
+
+A confined column pulled by its own weight: rollers on the sides leave one unknown, the stretch a(x)
+along the column of length L, with (lmbda + 2 mu) a (a^2 - 1) / 2 = f (L - x). Supports and load are
+what every simulator can be given.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.boundary_conditions import PointForce
-from palpate.meshes.bricks import brick_box, held
-from palpate.meshes.problem import Material, Problem
+from palpate.meshes.boundary_conditions import BodyForce, PointForce
+from palpate.meshes.bricks import brick_box, held, rollers
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.studies.closed_forms import confined_modulus
+from palpate.validation.mechanics.body import body_of
+from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
+from palpate.validation.studies.bodies import Solve, volume_change
+from palpate.validation.studies.closed_forms import confined_modulus, stretch_under
 
 MATERIAL = Material(1.0, 0.3)
 # Strains up to about a third: the quadratic part of Green strain counts.
@@ -120,3 +132,76 @@ def _rule() -> tuple[Points, Points]:
     x, y, z = a, b * (1.0 - a), c * (1.0 - a) * (1.0 - b)
     barycentric = np.column_stack([1.0 - x - y - z, x, y, z])
     return barycentric, 6.0 * wa * wb * wc * (1.0 - a) ** 2 * (1.0 - b)
+
+
+LENGTH, WIDTH = 1.0, 0.5
+# f L / (lmbda + 2 mu): stretched by 1.276 where it is held.
+LOAD = 0.4
+
+
+class ColumnAnswer(NamedTuple):
+    """Strain energy [J] and change of volume [m3]; both converge with order 2 p."""
+
+    strain_energy: float
+    volume_change: float
+
+
+def column(refinements: int) -> Problem:
+    """The column on a mesh whose inner points are moved, so that no symmetry helps.
+
+    Args:
+        refinements: How often its 96 cells are cut in eight.
+    """
+    mesh = brick_box((4, 2, 2), (LENGTH, WIDTH, WIDTH), ragged=0.1)
+    sides = ((0, 0.0), (1, 0.0), (1, WIDTH), (2, 0.0), (2, WIDTH))
+    force = LOAD * confined_modulus(MATERIAL) / LENGTH
+    problem = Problem(mesh, MATERIAL, rollers(mesh, sides), (BodyForce((force, 0.0, 0.0)),))
+    for _ in range(refinements):
+        problem = refine_problem(problem)
+    return problem
+
+
+def exact_column() -> ColumnAnswer:
+    """By Gauss quadrature of the closed form, to rounding."""
+    x, w = (LENGTH * part for part in gauss_rule(40))
+    a = np.array([stretch_under(LOAD * (1.0 - place / LENGTH)) for place in x])
+    area = WIDTH**2
+    energy = area * confined_modulus(MATERIAL) / 8.0 * float(w @ (a**2 - 1.0) ** 2)
+    return ColumnAnswer(energy, area * float(w @ (a - 1.0)))
+
+
+class ColumnGrid(NamedTuple):
+    """A number of the column in closed form, and what fastsim's three meshes tell about it."""
+
+    quantity: str
+    exact: float
+    assessed: GridConvergence
+
+    @property
+    def is_as_expected(self) -> bool:
+        """Is the order 2 within 0.2, and does the error bar hold the exact value?"""
+        bar, order = self.assessed.error_bar, self.assessed.order
+        if bar is None or order is None:
+            return False
+        return abs(self.assessed.value - self.exact) <= bar and abs(order - 2.0) <= 0.2
+
+
+def follow_column(*, first: int = 1, solve: Solve = solve_static) -> list[ColumnGrid]:
+    """Energy and change of volume of the column by fastsim on three meshes, with their GCI.
+
+    Args:
+        first: Refinements of the coarsest mesh.
+        solve: fastsim's statics, or what is put to the test in its place.
+    """
+    answers = []
+    for problem in map(column, (first + 2, first + 1, first)):
+        u = solve(problem).displacement
+        change = volume_change(problem.mesh, u) * problem.mesh.volume
+        answers.append(ColumnAnswer(body_of(problem, Strain.GREEN).energy(u), change))
+    names = ("strain energy [J]", "change of volume [m3]")
+    return [
+        ColumnGrid(
+            name, exact, assess_grid_convergence(values, [1.0, 2.0, 4.0], expected_order=2.0)
+        )
+        for name, exact, *values in zip(names, exact_column(), *answers, strict=True)
+    ]
