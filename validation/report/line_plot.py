@@ -4,32 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import matplotlib as mpl
+from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
 from palpate.meshes.arrays import Points
-from palpate.validation.report.plots import figure_svg
+from palpate.validation.report.plots import figure_svg, plot_style, tidy
 from palpate.validation.report.study_page import Figure
 
 BLUE, RED, OCHRE, GREEN, PURPLE, GREY = COLOURS = (
     "#2f6f8f", "#b5332e", "#c98a12", "#2f8f4e", "#6b4c9a", "#4d4d4d",
 )  # fmt: skip
-
-
-def paper_style() -> AbstractContextManager[None]:
-    """Figures whose text stays text and which fit a paper."""
-    return mpl.rc_context(
-        {
-            "font.size": 10,
-            "svg.fonttype": "none",
-            "font.family": "sans-serif",
-            "axes.prop_cycle": mpl.rcsetup.cycler(color=COLOURS),
-        }
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +55,7 @@ class Panel:
         title: Words above.
         log: Which axes are logarithmic: "", "x", "y" or "xy".
         levels: Values of y that are marked by dotted lines.
-        places: Values of x, likewise.
+        places: Values of x, likewise, each with what is written along its line.
         band: From where to where on y is grey.
         notes: Words at (x, y).
         ticks: Words at places along x.
@@ -81,7 +70,7 @@ class Panel:
     title: str = ""
     log: str = ""
     levels: Sequence[float] = ()
-    places: Sequence[float] = ()
+    places: Mapping[float, str] = field(default_factory=dict)
     band: tuple[float, float] | None = None
     notes: Sequence[tuple[float, float, str]] = ()
     ticks: Mapping[float, str] | None = None
@@ -90,19 +79,24 @@ class Panel:
     y_range: tuple[float | None, float | None] = (None, None)
 
 
-def line_figure(rows: Sequence[Sequence[Panel]], caption: str, *, shares_legend: bool) -> Figure:
+def line_figure(
+    rows: Sequence[Sequence[Panel]],
+    caption: str,
+    *,
+    shares_legend: bool,
+    pdf: Path | None = None,
+) -> Figure:
     """Panels beside and above each other.
 
     Args:
         rows: Panels, as many in each row.
         caption: What the figure shows.
         shares_legend: One legend below them all, or one in each that has labels.
+        pdf: Where the same figure goes as PDF.
     """
-    from matplotlib import pyplot
-
     width = {1: 6.4, 2: 9.6, 3: 11.0}.get(len(rows[0]), 12.0)
     height = min(4.2, 1.1 * width / len(rows[0])) * len(rows) + 0.3 * shares_legend
-    with paper_style():
+    with plot_style():
         figure, axes = pyplot.subplots(
             len(rows), len(rows[0]), figsize=(width, height), squeeze=False
         )
@@ -125,10 +119,14 @@ def line_figure(rows: Sequence[Sequence[Panel]], caption: str, *, shares_legend:
             )  # fmt: skip
             below = 0.26 * -(-len(labels) // columns) / height
         figure.tight_layout(rect=(0.0, below, 1.0, 1.0))
+        if pdf is not None:
+            with mpl.rc_context({"pdf.fonttype": 42}):  # its text stays text too
+                figure.savefig(pdf, metadata={"CreationDate": None})
         return Figure(figure_svg(figure), caption)
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
+    axes.set_prop_cycle(color=COLOURS)
     for line in panel.lines:
         axes.plot(
             line.x, line.y, line.style, label=line.label or None, color=line.colour,
@@ -138,8 +136,12 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_yscale("log" if "y" in panel.log else "linear")
     for level in panel.levels:
         axes.axhline(level, color="black", lw=0.8, ls=":")
-    for place in panel.places:
+    for place, words in panel.places.items():
         axes.axvline(place, color="black", lw=0.8, ls=":")
+        axes.text(
+            place, 0.98, words, transform=axes.get_xaxis_transform(), rotation=90,
+            ha="right", va="top", fontsize=7,
+        )  # fmt: skip
     if panel.band is not None:
         axes.axhspan(*panel.band, color="#999999", alpha=0.25, lw=0)
     axes.margins(x=0.08 if panel.notes else 0.05)
@@ -159,4 +161,4 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_xlabel(panel.x)
     axes.set_ylabel(panel.y)
     axes.set_title(panel.title, fontsize=10)
-    axes.grid(color="#e0e0e0", lw=0.6)
+    tidy(axes)

@@ -17,7 +17,9 @@ from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.mesher import Lattice, delaunay, mesh_surface
@@ -28,8 +30,8 @@ from palpate.meshes.quality import dihedral_angles, edge_length_deviation
 from palpate.meshes.shells import winding_numbers
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.report.line_plot import BLUE, paper_style
-from palpate.validation.report.plots import figure_svg
+from palpate.validation.report.line_plot import BLUE
+from palpate.validation.report.plots import figure_svg, plot_style
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.study import Study
@@ -191,9 +193,7 @@ _LARGEST_COLOURED_DEG = 60.0
 
 def _draw(meshes: Mapping[str, TetMesh]) -> str:
     """One column for each mesh: cut by the middle plane of its y axis, and its histogram."""
-    from matplotlib import pyplot
-
-    with paper_style():
+    with plot_style():
         size = (3.6 * len(meshes), 8.2)
         figure, axes = pyplot.subplots(
             2, len(meshes), figsize=size, height_ratios=(2.6, 1.0), squeeze=False
@@ -224,8 +224,6 @@ def _draw(meshes: Mapping[str, TetMesh]) -> str:
 
 def _draw_cut(axes: Axes, mesh: TetMesh, smallest: Floats) -> None:
     """Cells behind the middle plane, seen along +y; far facets first, back faces left out."""
-    from matplotlib.collections import PolyCollection
-
     middle = 0.5 * (mesh.points[:, 1].min() + mesh.points[:, 1].max())
     kept = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 1] > middle)
     facets = mesh.cells[kept][:, CELL_FACETS].reshape(-1, 3)

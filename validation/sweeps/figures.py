@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
-
-import matplotlib as mpl
-import numpy as np
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.report.line_plot import paper_style
-from palpate.validation.report.plots import figure_svg
+from palpate.validation.report.line_plot import COLOURS, Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure
 from palpate.validation.solving import Simulator
 from palpate.validation.sweeps.runs import Run, linear_error
 from palpate.validation.sweeps.variants import Axis
 
-_COLOURS = ("#30558f", "#b5332e", "#2f8f4e", "#c98a12", "#6b4c9a", "#4d4d4d")
+Measured = Callable[[Run], float | None]
 
 
 def sweep_figures(
@@ -26,7 +23,7 @@ def sweep_figures(
 ) -> dict[str, Figure]:
     """Displacement, volume, and linear against Green strain; each as NAME.pdf in a folder too."""
     unit = case.spec.units.length
-    made: dict[str, tuple[str, Callable[[Run], float | None], str]] = {
+    made: dict[str, tuple[str, Measured, str]] = {
         "displacement": (
             f"largest displacement [{unit}]",
             lambda run: run.state.max_displacement / LENGTH[unit] if run.state else None,
@@ -43,79 +40,48 @@ def sweep_figures(
             "What linear strain costs: its displacement less that of Green strain, in L2.",
         ),
     }
-    figures = {}
     if any(axis.key.startswith(("geometry.", "mesh.")) for axis in axes):
         del made["volume"]  # there is no one rest volume
-    for name, (label, measure, caption) in made.items():
-        figures[name] = Figure(_lines(axes, runs, label, measure, folder / name), caption)
+    figures = {}
+    for name, (words, measure, caption) in made.items():
+        lost = [run for run in runs if run.was_tried and run.state is None]
+        panel = Panel(
+            lines=_lines(axes, runs, measure),
+            # Where the first value without an answer is.
+            places={run.values[0]: f"no answer, {run.strain}" for run in lost},
+            x=axes[0].key,
+            y=words,
+        )
+        pdf = folder / f"{name}.pdf"
+        figures[name] = line_figure([[panel]], caption, shares_legend=False, pdf=pdf)
     return figures
 
 
-def _lines(
-    axes: Sequence[Axis],
-    runs: Sequence[Run],
-    label: str,
-    measure: Callable[[Run], float | None],
-    stem: Path,
-) -> str:
-    """One figure as SVG text, and as STEM.pdf."""
-    from matplotlib import pyplot
-
+def _lines(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list[Line]:
+    """A colour for each combination of the other axes; fastsim as lines, others as crosses."""
+    lines = []
     others = list(dict.fromkeys(run.values[1:] for run in runs))
-    with paper_style(), mpl.rc_context({"pdf.fonttype": 42}):
-        figure, plot = pyplot.subplots(figsize=(6.4, 4.2))
-        for number, other in enumerate(others):
-            colour = _COLOURS[number % len(_COLOURS)]
-            told = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes[1:], other, strict=True))
-            for simulator in dict.fromkeys(run.simulator for run in runs):
-                for strain in Strain:
-                    wanted = (other, simulator, strain)
-                    rows = sorted(
-                        (run.values[0], value)
-                        for run in runs
-                        if (run.values[1:], run.simulator, run.strain) == wanted
-                        and (value := measure(run)) is not None
-                    )
-                    if not rows:
-                        continue
-                    x, y = np.array(rows).T
-                    is_fast = simulator is Simulator.FASTSIM
-                    words = [f"{simulator}, {strain}", told]
-                    plot.plot(
-                        x,
-                        y,
-                        color=colour,
-                        ls=("-" if strain is Strain.GREEN else "--") if is_fast else "none",
-                        marker="o" if is_fast else "x",
-                        ms=3.5 if is_fast else 7,
-                        label="; ".join(word for word in words if word),
-                    )
-            _mark_ends(plot, runs, other, colour)
-        plot.set_xlabel(axes[0].key)
-        plot.set_ylabel(label)
-        plot.grid(color="#dddddd", lw=0.6)
-        for side in ("top", "right"):
-            plot.spines[side].set_visible(False)
-        plot.legend(frameon=False, fontsize=8)
-        figure.tight_layout()
-        figure.savefig(stem.with_suffix(".pdf"), metadata={"CreationDate": None})
-        return figure_svg(figure)
-
-
-def _mark_ends(
-    plot: mpl.axes.Axes, runs: Sequence[Run], other: tuple[float, ...], colour: str
-) -> None:
-    """A line where the first value without an answer is."""
-    for run in runs:
-        if run.values[1:] == other and run.was_tried and run.state is None:
-            plot.axvline(run.values[0], color=colour, lw=0.8, ls=":")
-            plot.annotate(
-                f"no answer, {run.strain}",
-                (run.values[0], 0.98),
-                xycoords=("data", "axes fraction"),
-                rotation=90,
-                va="top",
-                ha="right",
-                fontsize=7,
-                color=colour,
+    simulators = dict.fromkeys(run.simulator for run in runs)
+    for wanted in product(others, simulators, Strain):
+        rows = sorted(
+            (run.values[0], value)
+            for run in runs
+            if (run.values[1:], run.simulator, run.strain) == wanted
+            and (value := measure(run)) is not None
+        )
+        if not rows:
+            continue
+        other, simulator, strain = wanted
+        x, y = zip(*rows, strict=True)
+        told = [f"{a.key} = {v:g}" for a, v in zip(axes[1:], other, strict=True)]
+        style = "-o" if strain is Strain.GREEN else "--o"
+        lines.append(
+            Line(
+                x=x,
+                y=y,
+                label="; ".join([f"{simulator}, {strain}", *told]),
+                style=style if simulator is Simulator.FASTSIM else "x",
+                colour=COLOURS[others.index(other) % len(COLOURS)],
             )
+        )
+    return lines

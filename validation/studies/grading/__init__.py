@@ -182,7 +182,7 @@ def draw_curves(curves: Curves) -> Figure:
                     y=f"error of the {name} [%]",
                     log="xy",
                     band=(1e-9, 100 * bar),
-                    places=[p.cells for p in curves.pair] if what == "cells" else (),
+                    places={p.cells: "" for p in curves.pair} if what == "cells" else {},
                     y_range=(100 * min(lowest, bar) / 1.5, None),
                 )
                 for what, words in (
