@@ -15,7 +15,6 @@ from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import FastsimError
 from palpate.fastsim.statics import solve_static
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
 from palpate.validation.states import CandidateFailedError, Method, Progress, State, Trajectory
@@ -48,14 +47,7 @@ def run_fastsim(
 
     Raises:
         CandidateFailedError: It diverged, or answered NaN.
-        InputError: An element that it cannot step.
     """
-    is_stepped = problem.time is not None or method is Method.RELAXATION
-    if is_stepped and element is not Element.LINEAR:
-        raise InputError(
-            f"fastsim takes {element} tetrahedra to equilibrium by Newton's method only: not "
-            "through time, and not by relaxation; ask for linear ones"
-        )
     progress(f"{name_of(element)}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
@@ -85,7 +77,7 @@ def _solve(
 ) -> tuple[Any, dict[str, Any]]:
     """The last displacement [m], (num_points, 3), and what else a state holds."""
     if problem.time is not None:
-        motion = simulate(problem, strain=strain, progress=progress)
+        motion = simulate(problem, strain=strain, element=element, progress=progress)
         forces = [track.mean_forces for track in motion.tools]
         return motion.displacements[-1], {
             "details": {name: getattr(motion, name) for name in _MOVING},
@@ -93,7 +85,7 @@ def _solve(
             "tool_forces": np.array(forces) if forces else None,
         }
     if method is Method.RELAXATION:
-        rested = relax(problem, strain=strain, progress=progress)
+        rested = relax(problem, strain=strain, element=element, progress=progress)
         return rested.displacement, {
             "details": {
                 "method": method.value,
