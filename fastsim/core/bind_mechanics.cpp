@@ -1,6 +1,7 @@
 // Bindings of the mechanics: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
 #include "mechanics/elastic_body.hpp"
+#include "mechanics/smoothed_bound.hpp"
 
 #include <nanobind/stl/tuple.h>
 
@@ -66,6 +67,14 @@ void bind_mechanics(nb::module_ &module) {
                 return as_table(gradients);
             },
             nb::arg("displacement").noconvert())
+        .def(
+            "smoothed_bound",
+            [](const ElasticBody &body, GivenColumn<double> lumped_mass, int rounds) {
+                nb::gil_scoped_release release;
+                return bound_on_squared_frequency(body.elastic, body.patches.value(),
+                                                  as_span(lumped_mass), rounds);
+            },
+            nb::arg("lumped_mass").noconvert(), nb::arg("rounds"))
         .def(
             "stresses",
             [](const ElasticBody &body, GivenTable<double, 9> strains) {

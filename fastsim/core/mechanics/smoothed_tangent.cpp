@@ -158,10 +158,14 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
         const double factor =
             weight * 2.0 * patches.edge_volume[e] * body.materials[at(patches.edge_material[e])].mu;
         visit_blocks(matrix, edge.points, [&](Matrix3 &block, std::size_t a, std::size_t b) {
+            const StrainRate &left = edge.sums[a], &right = edge.sums[b];
+            Matrix3 product{};
             for (std::size_t m = 0; m < 6; ++m)
                 for (std::size_t i = 0; i < 3; ++i)
                     for (std::size_t j = 0; j < 3; ++j)
-                        block[3 * i + j] += factor * edge.sums[a][m][i] * edge.sums[b][m][j];
+                        product[3 * i + j] += left[m][i] * right[m][j];
+            for (std::size_t k = 0; k < 9; ++k)
+                block[k] += factor * product[k];
         });
     }
     const Groups of_nodes = rows_naming(patches.cell_nodes, 4, patches.num_nodes());
