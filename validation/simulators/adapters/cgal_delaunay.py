@@ -20,5 +20,9 @@ class Delaunay:
 
     def advance(self, _num_steps: int) -> None:
         """From points to cells."""
-        cells = Delaunay_triangulation_3(self._points)
-        self.answer = {"num_cells": np.array(cells.number_of_finite_cells())}
+        self._cells = Delaunay_triangulation_3(self._points)
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """How many cells; it goes through all of them for that."""
+        return {"num_cells": np.array(self._cells.number_of_finite_cells())}
