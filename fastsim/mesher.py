@@ -8,7 +8,7 @@ mesher, which puts them together. The surface is kept as it is given.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 
 import numpy as np
@@ -132,6 +132,10 @@ class MeshingReport:
     remesh: RemeshReport | None = None
 
 
+# Counted by the core, under the same names.
+_COUNTS = [f.name for f in fields(MeshingReport) if f.name not in ("attempts", "remesh")]
+
+
 def mesh_surface(
     surface: TriSurface,
     *,
@@ -247,17 +251,8 @@ def mesh_surface_with_report(
         except InvertedCellError as error:
             failure = FlatCellError(error.cells)
             continue
-        report = MeshingReport(
-            made.recovered_edges,
-            made.recovered_facets,
-            made.sliver_flips,
-            made.sliver_moves,
-            made.sliver_insertions,
-            made.steiner_points,
-            made.boundary_steiner_points,
-            attempt,
-            remesh,
-        )
+        counts = {name: getattr(made, name) for name in _COUNTS}
+        report = MeshingReport(**counts, attempts=attempt, remesh=remesh)
         if made.boundary_steiner_points == 0:
             _require_boundary(facets, mesh)
             return mesh, report

@@ -1,13 +1,11 @@
 """The reference in a process of its own.
 
-What the child does:
-
-python -m palpate.reference.child PROBLEM.npz RESULT.npz --strain green --degree 2
+The child is python -m palpate.reference.child PROBLEM.npz TASK.npz RESULT.npz.
 """
 
 from __future__ import annotations
 
-import argparse
+import inspect
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -47,6 +45,8 @@ from palpate.reference.result import (
 )
 from palpate.reference.tasks import StaticTask, Task, load_task
 
+# How a solve may end without an answer; they travel as files too.
+_FAILURES = (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError)
 Answer: TypeAlias = ReferenceResult | Audit | ImplicitResult | ExplicitResult
 
 
@@ -114,99 +114,65 @@ def run_task(
         given, answer, todo = (folder / f"{name}.npz" for name in ("problem", "result", "task"))
         save_problem(given, problem)
         save_result(todo, task)
-        exit_code, errors = run_child(_command(given, answer, todo), time_limit, progress)
+        exit_code, errors = run_child(_command(given, todo, answer), time_limit, progress)
         return _read_answer(answer, exit_code, errors, task)
 
 
-def _command(given: Path, answer: Path, task: Path) -> list[str]:
-    return [
-        # -P: a file called numpy.py in the current folder is not the child's numpy.
-        *(sys.executable, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
-        *("--task", str(task)),
-    ]
+def _command(*files: Path) -> list[str]:
+    # -P: a file called numpy.py in the current folder is not the child's numpy.
+    return [sys.executable, "-P", "-m", "palpate.reference.child", *map(str, files)]
 
 
 def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answer:
     raise_for(exit_code, errors)
     try:
         if exit_code == EXIT_FAILED:
-            with np.load(answer, allow_pickle=False) as stored:
-                if "step" in stored:
-                    raise ReferenceBlowUpError(
-                        int(stored["step"]), float(stored["time"]), stored["displacement"]
-                    )
-                if "time" in stored:
-                    raise ReferenceStepError(
-                        float(stored["time"]),
-                        float(stored["time_step"]),
-                        str(stored["reason"]),
-                        stored["displacement"],
-                    )
-                raise ReferenceNotConvergedError(
-                    float(stored["load_factor"]),
-                    str(stored["reason"]),
-                    float(stored["smallest_det_f"]),
-                    stored["displacement"],
-                    float(stored["smallest_stretch"]),
-                    stored["place"],
-                )
+            raise _load_failure(answer)
         answered: Answer = load_result(answer, task.answer)
         return answered
     except (FileFormatError, OSError, KeyError, ValueError) as error:
         raise ReferenceCrashedError(exit_code, f"{errors}\nno readable answer: {error}") from error
 
 
-def _save_failure(
-    path: Path, error: ReferenceNotConvergedError | ReferenceStepError | ReferenceBlowUpError
-) -> None:
-    names = (
-        *("load_factor", "reason", "smallest_det_f", "displacement", "smallest_stretch", "place"),
-        *("time", "time_step", "step"),
-    )
-    fields = {name: np.asarray(getattr(error, name)) for name in names if hasattr(error, name)}
+def _save_failure(path: Path, error: Exception) -> None:
+    """Write what an error was made of: its attributes are called as its arguments."""
+    fields = {name: np.asarray(getattr(error, name)) for name in _arguments(type(error))}
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **fields)
+        np.savez(stream, kind=type(error).__name__, **fields)
+
+
+def _load_failure(path: Path) -> Exception:
+    with np.load(path, allow_pickle=False) as stored:
+        kind = {kind.__name__: kind for kind in _FAILURES}[str(stored["kind"])]
+        given = {name: stored[name] for name in _arguments(kind)}
+    return kind(**{name: v if v.ndim else v.item() for name, v in given.items()})
+
+
+def _arguments(kind: type[Exception]) -> list[str]:
+    return list(inspect.signature(kind).parameters)
 
 
 def _say_nothing(_line: str) -> None:
     pass
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Solve the problem of a file and write the answer to another; return the exit status."""
-    parser = argparse.ArgumentParser(prog="palpate.reference.child", description=__doc__)
-    parser.add_argument("problem", type=Path)
-    parser.add_argument("result", type=Path)
-    parser.add_argument("--strain", type=Strain, choices=list(Strain), default=Strain.GREEN)
-    parser.add_argument("--degree", type=int, default=1)
-    parser.add_argument("--element", type=Element, choices=list(Element), default=Element.LINEAR)
-    parser.add_argument("--relative-tolerance", type=float, default=1e-10)
-    parser.add_argument("--task", type=Path, help="file of a task; then it says all of these")
-    options = parser.parse_args(arguments)
+def main(arguments: Sequence[str]) -> int:
+    """Do the task of a file with the problem of another; return the exit status."""
+    given, todo, answer = map(Path, arguments)
 
     def solve(say: Say) -> int:
-        problem = load_problem(options.problem)
-        if options.task is None:
-            task: Task = StaticTask(
-                options.strain,
-                options.degree,
-                options.relative_tolerance,
-                element=options.element,
-            )
-        else:
-            task = load_task(options.task)
+        problem, task = load_problem(given), load_task(todo)
         say("loading FEniCSx")
         try:
-            result = task(problem, say)
-        except (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError) as error:
-            _save_failure(options.result, error)
+            save_result(answer, task(problem, say))
+        except _FAILURES as error:
+            _save_failure(answer, error)
             print(one_line(error), file=sys.stderr)
             return EXIT_FAILED
-        save_result(options.result, result)
         return 0
 
     return serve(solve)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

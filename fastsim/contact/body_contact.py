@@ -104,5 +104,5 @@ def overlap_depths(mesh: TetMesh, displacement: Points) -> tuple[Indices, Points
         facets = mesh.boundary_facets[part[mesh.boundary_facets[:, 0]] == number]
         surface = _core.SurfaceDistance(np.array(mesh.points), np.ascontiguousarray(facets))
         here = part[cells[:, 0]] == number
-        depths[here] = surface.closest(np.ascontiguousarray(places[here]))[1]
+        depths[here] = surface.distances(np.ascontiguousarray(places[here]))
     return vertices.astype(np.int32), depths

@@ -49,8 +49,7 @@ void bind_grading(nb::module_ &module) {
              })
         .def("points", [](const BisectedMesh &self) { return as_table<double, 3>(self.points()); })
         .def("point_parents",
-             [](const BisectedMesh &self) { return as_table<Index, 2>(self.point_parents()); })
-        .def("move_point", &BisectedMesh::move_point, nb::arg("point"), nb::arg("place"));
+             [](const BisectedMesh &self) { return as_table<Index, 2>(self.point_parents()); });
 
     nb::class_<CellName>(module, "CellName")
         .def_ro("generation", &CellName::generation)

@@ -4,11 +4,10 @@
 #include "surface/remesh.hpp"
 
 #include <nanobind/stl/array.h>
-#include <nanobind/stl/tuple.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <tuple>
 
 using namespace fastsim;
 
@@ -29,23 +28,15 @@ void bind_surface(nb::module_ &module) {
             },
             nb::arg("points").noconvert(), nb::arg("facets").noconvert())
         .def(
-            "closest",
+            "distances",
             [](const SurfaceDistance &self, Points places) {
-                const auto rows = as_rows<Point>(places);
-                std::vector<Point> found(rows.size());
-                std::vector<double> distance(rows.size());
-                std::vector<std::int32_t> facet(rows.size());
-                {
-                    nb::gil_scoped_release release;
-                    for (std::size_t k = 0; k < rows.size(); ++k) {
-                        const ClosestPoint closest = self.closest(rows[k]);
-                        found[k] = closest.point;
-                        distance[k] = std::sqrt(closest.distance_squared);
-                        facet[k] = closest.facet;
-                    }
-                }
-                return std::make_tuple(as_table(found), as_column<double>(distance),
-                                       as_column<std::int32_t>(facet));
+                auto found = new_array<double>({places.shape(0)});
+                nb::gil_scoped_release release;
+                std::ranges::transform(as_rows<Point>(places), found.data(),
+                                       [&](const Point &place) {
+                                           return std::sqrt(self.closest(place).distance_squared);
+                                       });
+                return found;
             },
             nb::arg("places").noconvert());
 

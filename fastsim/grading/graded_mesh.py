@@ -6,16 +6,15 @@ descendants of a cell have at most 72 shapes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim import _core
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 
 
 class GradedMesh:
@@ -59,24 +58,14 @@ class GradedMesh:
             self._mesh = TetMesh(self.points, self.cells, facet_groups, point_groups)
         return self._mesh
 
-    def refine(
-        self, marked: ArrayLike, *, project: Callable[[Points], Points] | None = None
-    ) -> int:
+    def refine(self, marked: ArrayLike) -> None:
         """Bisect cells, and others until no point hangs.
 
         Args:
             marked: Which cells of `mesh`, shape (num_cells,) of bool.
-            project: Puts new boundary points on the true surface, (n, 3) [m] to (n, 3) [m]. Then
-                the bound on shapes no longer holds; a point that would invert a cell, or
-                halve its height, stays in the middle of its edge.
-
-        Returns:
-            New boundary points that could not be put on the true surface.
         """
-        old = len(self.points)
         self._core.refine(self._checked(marked))
         self._refresh()
-        return 0 if project is None else self._project(old, project)
 
     def carry_points(self, rows: ArrayLike) -> Indices:
         """Points of a set on the given mesh, with the new ones between them.
@@ -113,15 +102,6 @@ class GradedMesh:
                 "name it in a group of the given mesh"
             )
         return self._facets_within(numbers)
-
-    def carry_values(self, values: ArrayLike) -> Floats:
-        """Linear interpolation of values at the given points, shape (num_given_points, ...)."""
-        known = np.asarray(values, dtype=np.float64)
-        out = np.empty((len(self.points), *known.shape[1:]))
-        out[: len(known)] = known
-        for new, (a, b) in self._by_generation():
-            out[new] = 0.5 * (out[a] + out[b])
-        return out
 
     def _by_generation(self) -> list[tuple[NDArray[Any], NDArray[Any]]]:
         """New points in groups whose parents are all in earlier groups, with their parents."""
@@ -174,31 +154,3 @@ class GradedMesh:
         first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1]
         found: Indices = np.ascontiguousarray(rows[np.sort(first)])
         return found
-
-    def _project(self, old: int, project: Callable[[Points], Points]) -> int:
-        boundary = np.unique(self._facets_within(self._boundary_numbers))
-        new = boundary[boundary >= old]
-        if new.size == 0:
-            return 0
-        middle = self.points[new]
-        wanted = np.array(project(middle), dtype=np.float64)
-        if wanted.shape != middle.shape or not np.isfinite(wanted).all():
-            raise InputError("the projection must return one finite place for each point")
-        before = signed_volumes(self.points, self.cells)
-        trial = self.points.copy()
-        trial[new] = wanted
-        is_new = np.zeros(len(trial), dtype=bool)
-        is_new[new] = True
-        while True:
-            # Half the volume over the same base is half the height.
-            bad = signed_volumes(trial, self.cells) < 0.5 * before
-            back = np.unique(self.cells[bad])
-            back = back[is_new[back]]
-            if back.size == 0:
-                break
-            trial[back] = self.points[back]
-            is_new[back] = False
-        for point in np.flatnonzero(is_new):
-            self._core.move_point(int(point), trial[point].tolist())
-        self._refresh()
-        return int(new.size - is_new.sum())

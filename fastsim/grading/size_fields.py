@@ -55,8 +55,7 @@ def distance_to_facets(surface: TriSurface) -> Distance:
     searched = _core.SurfaceDistance(np.array(surface.points), np.array(surface.facets))
 
     def measure(points: Points) -> Floats:
-        found: Floats = searched.closest(np.ascontiguousarray(points))[1]
-        return found
+        return searched.distances(np.ascontiguousarray(points))
 
     return measure
 
@@ -85,31 +84,13 @@ def grow_with_distance(
     return lambda points: np.clip(growth * distance(points), smallest, largest)
 
 
-def closest_on(surface: TriSurface) -> Callable[[Points], Points]:
-    """Projection to a fine surface that stands for the true one; see `GradedMesh.refine`."""
-    searched = _core.SurfaceDistance(np.array(surface.points), np.array(surface.facets))
-
-    def project(points: Points) -> Points:
-        found: Points = searched.closest(np.ascontiguousarray(points))[0]
-        return found
-
-    return project
-
-
-def refine_to_size(
-    graded: GradedMesh,
-    size: SizeField,
-    *,
-    max_cells: int = 5_000_000,
-    project: Callable[[Points], Points] | None = None,
-) -> None:
+def refine_to_size(graded: GradedMesh, size: SizeField, *, max_cells: int = 5_000_000) -> None:
     """Bisect until no cell's edges are on average longer than the field asks for at its middle.
 
     Args:
         graded: Refined in place.
         size: Edge lengths [m].
         max_cells: Where to stop.
-        project: See `GradedMesh.refine`.
 
     Raises:
         TooManyCellsError: The mesh is left as it was when that was seen, finer than given.
@@ -121,7 +102,7 @@ def refine_to_size(
             return
         if len(graded.cells) + int(marked.sum()) > max_cells:
             raise TooManyCellsError(len(graded.cells), max_cells)
-        graded.refine(marked, project=project)
+        graded.refine(marked)
         # To conform, a round may bisect more cells than were marked.
         if len(graded.cells) > max_cells:
             raise TooManyCellsError(len(graded.cells), max_cells)

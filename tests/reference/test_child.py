@@ -18,8 +18,10 @@ from palpate.reference.availability import is_available
 from palpate.reference.child import solve_static_in_child
 from palpate.reference.child_process import child_environment
 from palpate.reference.errors import (
+    ReferenceBlowUpError,
     ReferenceCrashedError,
     ReferenceNotConvergedError,
+    ReferenceStepError,
     ReferenceTimeoutError,
     ReferenceUnavailableError,
 )
@@ -111,12 +113,28 @@ def test_a_crash_is_told_with_its_cause(monkeypatch, beam, program, how):
 
 
 def test_a_half_written_answer_is_a_crash(monkeypatch, beam):
-    def command(_given, answer, *_):
+    def command(_given, _task, answer):
         return [sys.executable, "-c", f"open({str(answer)!r}, 'wb').write(b'PK half')"]
 
     monkeypatch.setattr(child, "_command", command)
     with pytest.raises(ReferenceCrashedError, match="no readable answer"):
         solve_static_in_child(beam, time_limit=60)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ReferenceNotConvergedError(0.5, "lost", 0.3, np.ones((2, 3)), 0.6, np.arange(3.0)),
+        ReferenceStepError(0.2, 1e-6, "no convergence", np.ones((2, 3))),
+        ReferenceBlowUpError(7, 0.1, np.ones((2, 3))),
+    ],
+)
+def test_a_failure_arrives_with_all_that_it_carries(tmp_path, error):
+    child._save_failure(tmp_path / "failure.npz", error)
+    arrived = child._load_failure(tmp_path / "failure.npz")
+    assert type(arrived) is type(error)
+    assert str(arrived) == str(error)
+    np.testing.assert_equal(vars(arrived), vars(error))
 
 
 def test_no_fenicsx_is_said_with_the_remedy(monkeypatch, beam):

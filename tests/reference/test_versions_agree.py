@@ -17,7 +17,8 @@ from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Tra
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.problem_files import save_problem
 from palpate.reference.child import solve_static_in_child
-from palpate.reference.result import ReferenceResult, load_result
+from palpate.reference.result import ReferenceResult, load_result, save_result
+from palpate.reference.tasks import StaticTask
 from palpate.validation.case import builtin_cases, load_case
 
 OTHER = os.environ.get("PALPATE_OTHER_PYTHON", "")
@@ -29,20 +30,18 @@ pytestmark = [
 
 
 def largest_difference(problem, tmp_path, strain, degree, tolerance=1e-9, element=Element.LINEAR):
-    given, answer = tmp_path / "problem.npz", tmp_path / "result.npz"
-    save_problem(given, problem)
+    files = [tmp_path / f"{name}.npz" for name in ("problem", "task", "result")]
+    save_problem(files[0], problem)
+    save_result(files[1], StaticTask(strain, degree, element=element))
     subprocess.run(
-        [
-            *(OTHER, "-P", "-m", "palpate.reference.child", str(given), str(answer)),
-            *("--strain", strain.value, "--degree", str(degree), "--element", element.value),
-        ],
+        [OTHER, "-P", "-m", "palpate.reference.child", *map(str, files)],
         check=True,
         timeout=500,
         stdout=subprocess.DEVNULL,
         # Not the C environment, where this process's MPI has left its mark.
         env=dict(os.environ),
     )
-    there = load_result(answer, ReferenceResult)
+    there = load_result(files[2], ReferenceResult)
     here = solve_static_in_child(
         problem, strain=strain, degree=degree, element=element, time_limit=500
     )

@@ -38,8 +38,6 @@ class BisectedMesh {
     [[nodiscard]] std::span<const Point> points() const { return _points; }
     // Ends of the edge in whose middle each point was made; -1, -1 for given ones.
     [[nodiscard]] std::span<const std::array<Index, 2>> point_parents() const { return _parents; }
-    // Moves a point (to the true surface); later middles start from there.
-    void move_point(Index point, const Point &place) { _points[at(point)] = place; }
 
   private:
     // Corners 0 and 1 span the refinement edge. The facet of corner s in {0, 1} without the other

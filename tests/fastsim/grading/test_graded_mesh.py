@@ -137,41 +137,6 @@ def test_groups_are_carried() -> None:
     assert parts.sum() == pytest.approx(area, rel=1e-12)
 
 
-def test_values_are_interpolated_linearly() -> None:
-    graded = GradedMesh(BALL)
-    for _ in range(4):
-        graded.refine(graded.points[graded.cells].mean(axis=1)[:, 0] > 0.2)
-    slope = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0]])
-    carried = graded.carry_values(BALL.points @ slope.T + 1.0)
-    assert carried == pytest.approx(graded.points @ slope.T + 1.0, abs=1e-13)
-
-
-def test_new_boundary_points_go_to_the_true_sphere_unless_that_inverts_a_cell() -> None:
-    graded = GradedMesh(BALL)
-
-    def project(points):  # type: ignore[no-untyped-def]
-        return points / np.linalg.norm(points, axis=1)[:, None]
-
-    left = 0
-    for _ in range(9):
-        left += graded.refine(np.ones(len(graded.cells), dtype=bool), project=project)
-    assert left == 0
-    boundary = np.unique(graded.mesh.boundary_facets)
-    radius = np.linalg.norm(graded.points[boundary], axis=1)
-    assert radius == pytest.approx(1.0, abs=1e-13)
-    ball = 4.0 / 3.0 * np.pi
-    assert ball - graded.mesh.volume < (ball - BALL.volume) / 16.0
-    # A projection to the far side would turn cells inside out: such points stay, and are counted.
-    spoiled = GradedMesh(BALL)
-    stayed = 0
-    for _ in range(4):
-        stayed += spoiled.refine(
-            np.ones(len(spoiled.cells), dtype=bool), project=lambda points: -3.0 * points
-        )
-    assert stayed > 0
-    assert spoiled.mesh.volume > 0.0  # and TetMesh has refused inverted cells
-
-
 def test_refusals() -> None:
     graded = GradedMesh(BOX)
     for bad in (np.ones(3, dtype=bool), np.ones(len(graded.cells)), [0, 1]):
@@ -184,5 +149,3 @@ def test_refusals() -> None:
     )
     with pytest.raises(InputError, match="neither on the boundary"):
         graded.carry_facets([interior])
-    with pytest.raises(InputError, match="finite place"):
-        graded.refine(np.ones(len(graded.cells), dtype=bool), project=lambda p: p * np.nan)

@@ -8,7 +8,6 @@ import pytest
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.fastsim.grading.size_fields import (
     TooManyCellsError,
-    closest_on,
     distance_to_ball,
     distance_to_facets,
     distance_to_points,
@@ -48,8 +47,6 @@ def test_distances_are_those_of_brute_force() -> None:
     exact = distance_to_facets(ball)(places)
     assert np.all(exact <= brute + 1e-15)
     assert np.all(exact > brute - 0.05)
-    found = closest_on(ball)(places)
-    assert np.linalg.norm(found - places, axis=1) == pytest.approx(exact, abs=1e-14)
     assert distance_to_facets(ball)(ball.points) == pytest.approx(0.0, abs=1e-15)
     assert distance_to_ball([0, 0, 0], 1.0)(places) == pytest.approx(
         np.maximum(np.linalg.norm(places, axis=1) - 1.0, 0.0)
