@@ -21,7 +21,7 @@ BLUE, RED, OCHRE, GREEN, PURPLE, GREY = COLOURS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Line:
     """Numbers over numbers.
 
@@ -44,7 +44,7 @@ class Line:
     alpha: float = 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Panel:
     """Lines in one pair of axes.
 

@@ -101,8 +101,8 @@ def present(found: tuple[CaseResult, list[Row]]) -> Page:
         }
         return [
             Line(
-                x=[r.load_factor for r in some],
-                y=[measure(r) for r in some],
+                [r.load_factor for r in some],
+                [measure(r) for r in some],
                 label=f"{strain}, {simulator}",
                 style="o" if simulator == "fastsim" else "-",
                 colour=OCHRE if strain is Strain.LINEAR else RED,
@@ -112,11 +112,9 @@ def present(found: tuple[CaseResult, list[Row]]) -> Page:
         ]
 
     panels = [
-        Panel(lines=lines(lambda r: r.tip_drop), x="part of the weight", y="tip drop [mm]"),
+        Panel(lines(lambda r: r.tip_drop), x="part of the weight", y="tip drop [mm]"),
         Panel(
-            lines=lines(lambda r: r.stretch),
-            x="part of the weight",
-            y="stretch of the middle line [%]",
+            lines(lambda r: r.stretch), x="part of the weight", y="stretch of the middle line [%]"
         ),
     ]
     figure = line_figure([panels], "Lines: reference; marks: fastsim.", shares_legend=True)

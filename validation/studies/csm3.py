@@ -209,15 +209,15 @@ def present(rows: list[Swing]) -> Page:
     )  # fmt: skip
     lines = [
         Line(
-            x=r.time_step * np.arange(n),
-            y=r.path[:n, 1],
+            r.time_step * np.arange(n),
+            r.path[:n, 1],
             style="-",
             label=f"{r.num_layers} layers, {r.time_step:g} s",
         )
         for r in rows
         for n in [round(4.0 / r.time_step) + 1]
     ]
-    panel = Panel(lines=lines, x="t [s]", y="u_y of A [mm]")
+    panel = Panel(lines, x="t [s]", y="u_y of A [mm]")
     figure = line_figure([[panel]], "Displacement of A along y, 0 to 4 s.", shares_legend=True)
     limit, order = converged_frequency(rows)
     numbers = {"frequency": limit, "order": order}

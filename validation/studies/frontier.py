@@ -223,8 +223,8 @@ def draw(runs: Runs) -> Figure:
         is_same = of[0].law == STVK
         lines.append(
             Line(
-                x=[row.seconds for row in of],
-                y=[row.error for row in of],
+                [row.seconds for row in of],
+                [row.error for row in of],
                 style="-o" if is_same else "--s",
                 width=2.2 if tool == "fastsim" else 1.2,
                 label=f"{tool} {of[0].version}" + ("" if is_same else f", {of[0].law}"),
@@ -232,7 +232,7 @@ def draw(runs: Runs) -> Figure:
         )
         notes += [(row.seconds, row.error, f"{row.num_cells}") for row in (of[0], of[-1])]
     panel = Panel(
-        lines=lines,
+        lines,
         notes=notes,
         levels=(runs.reference_change,),
         log="xy",

@@ -170,9 +170,9 @@ def draw(curves: Sequence[Curve]) -> Figure:
 
     def lines(c: Curve, x: Sequence[float], label: str = "", shade: float = 1.0) -> list[Line]:
         colour = _COLOURS[c.method]
-        found = [Line(x=x, y=c.residuals[-len(x) :], label=label, colour=colour, alpha=shade)]
+        found = [Line(x, c.residuals[-len(x) :], label=label, colour=colour, alpha=shade)]
         if not c.converged:
-            found.append(Line(x=x[-1:], y=c.residuals[-1:], style="x", colour=colour))
+            found.append(Line(x[-1:], c.residuals[-1:], style="x", colour=colour))
         return found
 
     above, below = [], []
@@ -182,7 +182,7 @@ def draw(curves: Sequence[Curve]) -> Figure:
         shown = [(min(c.counts[-1], _SHOWN), c) for c in iterated]
         above.append(
             Panel(
-                lines=[*chain(*(lines(c, c.counts, "", shades[c.load_factor]) for c in iterated))],
+                [*chain(*(lines(c, c.counts, "", shades[c.load_factor]) for c in iterated))],
                 notes=[
                     (n, c.residuals[n], f"{c.load_factor:g}")
                     for n, c in shown
@@ -201,7 +201,7 @@ def draw(curves: Sequence[Curve]) -> Figure:
             timed += lines(c, times, f"{c.method}, {c.counts[-1]} {unit}")
         below.append(
             Panel(
-                lines=timed, title=f"{case}, full load", levels=(TOLERANCE,), log="xy",
+                timed, title=f"{case}, full load", levels=(TOLERANCE,), log="xy",
                 x="CPU time [ms], one thread, evenly spread", y="relative residual",
             )
         )  # fmt: skip

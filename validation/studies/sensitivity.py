@@ -282,8 +282,8 @@ def draw(budgets: Sequence[Budget]) -> Figure:
         panels.append(
             Panel(
                 # On a logarithmic scale a length means nothing: marks, not bars.
-                lines=[
-                    Line(x=(100.0 * value,), y=(row,), style="o", colour=colour)
+                [
+                    Line((100.0 * value,), (row,), style="o", colour=colour)
                     for row, (_, value, colour) in zip(rows, parts, strict=True)
                 ],
                 notes=[

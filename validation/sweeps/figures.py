@@ -46,7 +46,7 @@ def sweep_figures(
     for name, (words, measure, caption) in made.items():
         lost = [run for run in runs if run.was_tried and run.state is None]
         panel = Panel(
-            lines=_lines(axes, runs, measure),
+            _lines(axes, runs, measure),
             # Where the first value without an answer is.
             places={run.values[0]: f"no answer, {run.strain}" for run in lost},
             x=axes[0].key,
@@ -77,8 +77,8 @@ def _lines(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list
         style = "-o" if strain is Strain.GREEN else "--o"
         lines.append(
             Line(
-                x=x,
-                y=y,
+                x,
+                y,
                 label="; ".join([f"{simulator}, {strain}", *told]),
                 style=style if simulator is Simulator.FASTSIM else "x",
                 colour=COLOURS[others.index(other) % len(COLOURS)],

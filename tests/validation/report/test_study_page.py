@@ -57,15 +57,15 @@ def test_the_page_escapes_words_shows_verdicts_and_leaves_out_what_is_for_files(
 
 def test_lines_are_drawn_with_their_labels_notes_and_levels(tmp_path: Path) -> None:
     lines = [
-        Line(x=(1.0, 10.0, 100.0), y=(1e-2, 1e-3, 1e-4), label="errors"),
-        Line(x=(1.0,), y=(1e-3,), style="x", colour="#123456"),
+        Line((1.0, 10.0, 100.0), (1e-2, 1e-3, 1e-4), label="errors"),
+        Line((1.0,), (1e-3,), style="x", colour="#123456"),
     ]
     panel = Panel(
-        lines=lines, x="cells", y="error", title="A panel", log="xy", levels=(2e-4,),
+        lines, x="cells", y="error", title="A panel", log="xy", levels=(2e-4,),
         places={5.0: "the end"}, band=(1e-4, 2e-4), notes=[(10.0, 1e-3, "here")],
         ticks={1.0: "one", 100.0: "hundred"}, y_range=(1e-5, None),
     )  # fmt: skip
-    other = Panel(lines=[Line(x=(0.0, 1.0), y=(0.0, 1.0), label="errors")], x="time")
+    other = Panel([Line((0.0, 1.0), (0.0, 1.0), label="errors")], x="time")
     pdf = tmp_path / "own.pdf"
     own = line_figure([[panel, other]], "caption", shares_legend=False, pdf=pdf)
     assert pdf.read_bytes().startswith(b"%PDF")

@@ -237,12 +237,12 @@ def draw_forces(found: Outcome) -> Figure:
     """Force against depth."""
     depths = np.linspace(0.0, DEPTHS[-1], 100).tolist()
     exact = [1e3 * hertz(depth) for depth in depths]
-    lines = [Line(x=depths, y=exact, style="--", colour=GREY, label="Hertz")]
+    lines = [Line(depths, exact, style="--", colour=GREY, label="Hertz")]
     for strain, colour in zip(Strain, (BLUE, RED), strict=True):
         forces = _forces(found, strain)
         label = f"{strain} strain (reference: the same)"
-        lines.append(Line(x=DEPTHS[: len(forces)], y=forces, colour=colour, label=label))
-    panel = Panel(lines=lines, x="depth / radius", y="force [mN]")
+        lines.append(Line(DEPTHS[: len(forces)], forces, colour=colour, label=label))
+    panel = Panel(lines, x="depth / radius", y="force [mN]")
     caption = "A sphere of 10 mm pressed into a block of 5 kPa."
     return line_figure([[panel]], caption, shares_legend=False)
 
@@ -254,7 +254,7 @@ def draw_convergence(found: Outcome) -> Figure:
     lacking = [100 * p.lack for p in found.penalties]
     panels = [
         Panel(
-            lines=[Line(x=edges, y=away)],
+            [Line(edges, away)],
             x="edges in the contact radius",
             y="linear strain from Hertz [%]",
             log="xy",
@@ -262,7 +262,7 @@ def draw_convergence(found: Outcome) -> Figure:
             ticks={edge: f"{edge:.3g}" for edge in edges},
         ),
         Panel(
-            lines=[Line(x=[p.stiffness for p in found.penalties], y=lacking)],
+            [Line([p.stiffness for p in found.penalties], lacking)],
             x="penalty stiffness [Pa/m]",
             y="force lacking [%]",
             log="xy",

@@ -230,8 +230,8 @@ def draw_families(families: Sequence[ErrorFamily]) -> Figure:
             sizes = np.array(f.sizes) / f.sizes[0]
             theory = f.errors[-1] * (sizes / sizes[-1]) ** f.expected_order
             label = f"{f.label}: {f.orders[-1]:.2f}"
-            lines.append(Line(x=sizes, y=theory, style="--", width=0.9, colour=GREY))
-            lines.append(Line(x=sizes, y=f.errors, label=label, colour=colour))
+            lines.append(Line(sizes, theory, style="--", width=0.9, colour=GREY))
+            lines.append(Line(sizes, f.errors, label=label, colour=colour))
             ticks |= {round(s, 6): f"1/{round(1 / s)}" if s < 1 else "1" for s in sizes}
         if lines:
             x = "step, longest = 1" if what == "dt" else "cell size, coarsest = 1"
@@ -239,7 +239,7 @@ def draw_families(families: Sequence[ErrorFamily]) -> Figure:
             errors = [error for line in lines for error in line.y]
             top = max(errors) * (max(errors) / min(errors)) ** 0.35
             panels.append(
-                Panel(lines=lines, ticks=ticks, log="xy", title=title, x=x, y="relative error",
+                Panel(lines, ticks=ticks, log="xy", title=title, x=x, y="relative error",
                       y_range=(None, top))
             )  # fmt: skip
     return line_figure(
@@ -258,24 +258,24 @@ def draw_kidney(meshes: MeshFamily, truth: Mapping[str, StoredTruth]) -> Figure:
         found, known = meshes.assess(quantity), truth[quantity]
         values = [r[quantity] for r in meshes.responses]
         lines = [
-            Line(x=(0.0, 1.0), y=(known.value,) * 2, style="-", colour=GREEN,
+            Line((0.0, 1.0), (known.value,) * 2, style="-", colour=GREEN,
                  label="stored P2, its bar"),
-            Line(x=sizes, y=values, colour=BLUE, label="P1 on three meshes"),
+            Line(sizes, values, colour=BLUE, label="P1 on three meshes"),
         ]  # fmt: skip
         if found.extrapolated is not None and found.order is not None:
             h = np.linspace(0.0, 1.0, 60)
             slope = (values[-1] - found.extrapolated) / sizes[-1] ** found.order
             power_law = found.extrapolated + slope * h**found.order
             lines += [
-                Line(x=h, y=power_law, style=":", colour=BLUE),
-                Line(x=(0.0,), y=(found.extrapolated,), style="s", colour=RED, label="Richardson"),
+                Line(h, power_law, style=":", colour=BLUE),
+                Line((0.0,), (found.extrapolated,), style="s", colour=RED, label="Richardson"),
             ]
         if found.error_bar is not None:
             ends = (found.value - found.error_bar, found.value + found.error_bar)
-            lines.append(Line(x=(sizes[-1],) * 2, y=ends, style="-_", colour=BLUE))
+            lines.append(Line((sizes[-1],) * 2, ends, style="-_", colour=BLUE))
         panels.append(
             Panel(
-                lines=lines,
+                lines,
                 band=(known.value - known.bar, known.value + known.bar),
                 ticks={0.0: "0", 0.25: "1/4", 0.5: "1/2", 1.0: "1"},
                 title=f"{quantity} [{unit}]\nobserved order {_order(found)}",

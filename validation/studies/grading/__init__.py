@@ -148,10 +148,7 @@ def _heading(curves: Curves) -> str:
 def draw_growth(growths: Sequence[Growth]) -> Figure:
     """Cells over resolution."""
     panel = Panel(
-        lines=[
-            Line(x=g.resolutions, y=g.cells, label=f"{g.target}: n^{g.exponent:.2f}")
-            for g in growths
-        ],
+        [Line(g.resolutions, g.cells, label=f"{g.target}: n^{g.exponent:.2f}") for g in growths],
         x="n: cells along the side where they are smallest",
         y="cells",
         log="xy",
@@ -169,10 +166,10 @@ def draw_curves(curves: Curves) -> Figure:
         rows.append(
             [
                 Panel(
-                    lines=[
+                    [
                         Line(
-                            x=[float(getattr(p, what)) for p in curves.families[kind]],
-                            y=[100 * p.errors[k] for p in curves.families[kind]],
+                            [float(getattr(p, what)) for p in curves.families[kind]],
+                            [100 * p.errors[k] for p in curves.families[kind]],
                             label=kind,
                             colour=colour,
                         )

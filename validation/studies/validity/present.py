@@ -192,7 +192,7 @@ def draw_map(
         lines.append(_through(ends, style="-s", width=2.2, colour=GREY, label=label))
         panels.append(
             Panel(
-                lines=lines,
+                lines,
                 notes=notes,
                 log="y" if axis else "xy",
                 ticks={x: f"{x:g}" for x in chosen},
@@ -210,7 +210,7 @@ def draw_map(
 
 
 def _through(places: Sequence[tuple[float, float]], **look: Any) -> Line:
-    return Line(x=[x for x, _ in places], y=[y for _, y in places], **look)
+    return Line([x for x, _ in places], [y for _, y in places], **look)
 
 
 def draw_rotation(points: Sequence[BendingPoint], poissons_ratio: float) -> Figure:
@@ -223,11 +223,11 @@ def draw_rotation(points: Sequence[BendingPoint], poissons_ratio: float) -> Figu
         bar = [p for p in chosen if p.slenderness == length]
         errors = [100.0 * p.displacement_error for p in bar]
         turns = [math.degrees(p.tip_rotation) for p in bar]
-        by_rotation.append(Line(x=turns, y=errors, colour=colour, label=f"L/h = {length:g}"))
-        by_strain.append(Line(x=[100 * p.bending_strain for p in bar], y=errors, colour=colour))
+        by_rotation.append(Line(turns, errors, colour=colour, label=f"L/h = {length:g}"))
+        by_strain.append(Line([100 * p.bending_strain for p in bar], errors, colour=colour))
     y, levels = "displacement error of linear strain [%]", [100.0 * limit for limit in LIMITS]
     panels = [
-        Panel(lines=lines, x=x, y=y, log="xy", levels=levels)
+        Panel(lines, x=x, y=y, log="xy", levels=levels)
         for lines, x in (
             (by_rotation, "rotation of the tip [degrees]"),
             (by_strain, "largest bending strain, beam theory [%]"),
@@ -255,12 +255,12 @@ def draw_modes(points: Sequence[ModePoint], poissons_ratio: float) -> Figure:
             (volume, [p.volume_error for p in chosen], [abs(a - b) for _, a, b in exact]),
         ):
             style, percent = "o" if known else "-o", np.multiply(100.0, found)
-            lines.append(Line(x=x, y=percent, label=mode, style=style, colour=colour))
+            lines.append(Line(x, percent, label=mode, style=style, colour=colour))
             if known:
-                lines.append(Line(x=x, y=np.multiply(100.0, known), style="-", colour=colour))
+                lines.append(Line(x, np.multiply(100.0, known), style="-", colour=colour))
     panels = [
         Panel(
-            lines=lines,
+            lines,
             x="strain, shear or twist [rad] by linear strain",
             y=f"error of linear strain, {what}",
             log="xy",
