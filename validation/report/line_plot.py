@@ -151,9 +151,9 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylim(*panel.y_range)
     for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):
         low, high = axis.get_view_interval()
-        if letter in panel.log and 10.0 * low < high <= 1e5 * low:
-            axis.set_major_formatter(lambda value, _: f"{value:g}")
-            axis.set_minor_formatter(NullFormatter())
+        if letter in panel.log and high <= 1e5 * low:
+            axis.set_major_formatter(_plainly)
+            axis.set_minor_formatter(_plainly if high <= 10.0 * low else NullFormatter())
     for axis, ticks in ((axes.xaxis, panel.ticks), (axes.yaxis, panel.y_ticks)):
         if ticks is not None:
             axis.set_ticks(list(ticks), list(ticks.values()))
@@ -162,3 +162,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
     axes.set_ylabel(panel.y)
     axes.set_title(panel.title, fontsize=10)
     tidy(axes)
+
+
+def _plainly(value: float, _place: float) -> str:
+    return f"{value:g}"

@@ -77,7 +77,8 @@ class Table:
 def _text(cell: Any, form: str) -> str:
     if cell is None:
         return "-"
-    return cell if isinstance(cell, str) else format(cell, form)
+    # Plus nothing: there is no minus zero on a page.
+    return cell if isinstance(cell, str) else format(cell + 0, form)
 
 
 @dataclass(frozen=True)

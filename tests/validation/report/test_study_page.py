@@ -21,6 +21,7 @@ TABLE = Table(
 
 def test_a_cell_is_shown_by_the_format_of_its_column_and_nothing_by_a_dash() -> None:
     assert TABLE.texts == [["=1+1", "0.33", "8"], ["b", "-", "64"]]
+    assert Table("t", {"x": "+.1f"}, [(-0.0,)]).texts == [["+0.0"]]
 
 
 def test_csv_and_json_have_the_numbers_themselves() -> None:
@@ -86,3 +87,11 @@ def test_lines_are_drawn_with_their_labels_notes_and_levels(tmp_path: Path) -> N
     # A label in each panel, or once below them all.
     assert len(re.findall(">errors<", own.svg)) == 2
     assert len(re.findall(">errors<", shared.svg)) == 1
+
+
+def test_short_logarithmic_axes_have_plain_numbers_and_long_ones_powers() -> None:
+    short = Panel([Line((1.0, 2.0), (2.3, 5.5))], x="x", log="y")
+    long = Panel([Line((1.0, 2.0), (1e-12, 1.0))], x="x", log="y")
+    assert ">4<" in line_figure([[short]], "", shares_legend=False).svg
+    # The exponent stands above the line, in a text of its own.
+    assert "1e-" not in line_figure([[long]], "", shares_legend=False).svg
