@@ -7,7 +7,6 @@ has some more. case.json says what each of them is, and what the equations are (
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
+from palpate.validation.exchange.array_hash import array_hash
 from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.exchange.nodal_loads import nodal_force, rest_arrays
 
@@ -33,11 +33,7 @@ _BY_CELL = ("youngs_modulus", "poissons_ratio", "density")
 
 def case_key(problem: Problem, strain: Strain) -> str:
     """SHA-256 over everything the answer depends on."""
-    digest = hashlib.sha256(f"palpate exchange {SCHEMA} {strain}".encode())
-    for name, array in sorted(problem_arrays(problem).items()):
-        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return array_hash(f"palpate exchange {SCHEMA} {strain}", problem_arrays(problem))
 
 
 def is_case_folder(folder: Path) -> bool:

@@ -12,7 +12,6 @@ from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
-from palpate.validation.judging.together import is_of_truth
 from palpate.validation.metrics import is_still
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.states import State, Verdict
@@ -61,7 +60,9 @@ class CaseJudge:
             failure or self._why_missing(spec),
             self.case.spec.units,
         )
-        return found if is_of_truth(found) else replace(found, element=self.references.element)
+        if spec.is_of_truth_alone:
+            return found
+        return replace(found, element=self.references.element)
 
     def is_vacuous(self, spec: CheckSpec) -> bool:
         """Whether the check says nothing of a candidate: the null answer passes it too.

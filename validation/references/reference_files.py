@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.untrusted_arrays import read_npz
 from palpate.meshes.untrusted_text import parse_json
+from palpate.validation.exchange.array_hash import array_hash
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.soundness import SCALARS
@@ -27,11 +27,7 @@ _HASH = "sha256"
 
 def content_hash(arrays: Mapping[str, NDArray[Any]]) -> str:
     """SHA-256 over name, type, shape and bytes of every array of a file, its header among them."""
-    digest = hashlib.sha256(b"palpate reference file")
-    for name, array in sorted(arrays.items()):
-        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return array_hash("palpate reference file", arrays)
 
 
 def write_reference(

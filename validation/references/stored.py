@@ -8,15 +8,13 @@ no hash: they are refused until `palpate reference renew` has checked them (`ren
 
 from __future__ import annotations
 
-import hashlib
 import os
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import problem_arrays
+from palpate.validation.exchange.array_hash import array_hash
 from palpate.validation.references.additions import (
     accept_additions,
     additions,
@@ -48,11 +46,7 @@ def references_folder(beside: Path | None = None) -> Path:
 
 def problem_key(problem: Problem) -> str:
     """SHA-256 over everything the answer depends on."""
-    digest = hashlib.sha256(f"palpate reference schema {SCHEMA}".encode())
-    for name, array in sorted(problem_arrays(problem).items()):
-        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    return array_hash(f"palpate reference schema {SCHEMA}", problem_arrays(problem))
 
 
 def accepted_path(name: str, beside: Path | None = None) -> Path:

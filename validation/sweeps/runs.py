@@ -77,8 +77,8 @@ def run_all(
             waiting = [pool.submit(_Chain.run, chain) for chain in chains]
             for count, future in enumerate(as_completed(waiting), start=1):
                 last = future.result()[-1]
-                told = f"{last.simulator}, {last.strain} strain: {count} of {len(chains)} rows done"
-                progress(told)
+                line = f"{last.simulator}, {last.strain} strain: {count} of {len(chains)} rows done"
+                progress(line)
             return [run for future in waiting for run in future.result()]
     with ThreadPoolExecutor(jobs) as pool:  # both leave Python while they solve
         waiting = [pool.submit(chain.run, progress) for chain in chains]
@@ -128,8 +128,8 @@ class _Chain:
             if end:
                 runs.append(run(None, end, was_tried=False))
                 continue
-            told = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self._axes, values, strict=True))
-            progress(f"{self._simulator}, {self._strain} strain, {told}")
+            place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self._axes, values, strict=True))
+            progress(f"{self._simulator}, {self._strain} strain, {place}")
             try:
                 runs.append(run(solve(problem, with_=self._simulator, strain=self._strain)))
             except ReferenceUnavailableError:
