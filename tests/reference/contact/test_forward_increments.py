@@ -101,7 +101,7 @@ def test_held_components_stay_and_the_rest_leaves_the_ball(box):
         ),
     ],
 )
-def test_what_the_twin_cannot_do_is_refused(box, change, words):
+def test_what_the_explicit_reference_cannot_do_is_refused(box, change, words):
     ball = RigidTool(SphereShape(0.5), path([0.0, 1.0], [[0.5, 0.5, 1.6], [0.5, 0.5, 1.5]]))
     tool = dataclasses.replace(ball, **change)
     problem = Problem(box((2, 2, 2)), SOFT, (), (), TimeSpan(0.01, 1e-3, 0.0, 2), (tool,))
