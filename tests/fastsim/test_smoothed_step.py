@@ -51,6 +51,16 @@ def test_the_bound_holds_for_several_materials_and_densities(make_box: MakeBox) 
         assert 0.5 < body.critical_time_step_bound() / exact_step(body) <= 1.0
 
 
+@pytest.mark.parametrize("strain", list(Strain))
+def test_the_product_at_rest_is_that_of_the_tangent(ragged_box: TetMesh, strain: Strain) -> None:
+    body = Body(ragged_box, SOFT, strain, element=Element.SMOOTHED)
+    x = np.random.default_rng(0).standard_normal(ragged_box.points.shape)
+    body.core.assemble_tangent(np.zeros_like(x))
+    expected = body.core.multiply(x)
+    assert np.abs(body.core.multiply_at_rest(x) - expected).max() < 1e-13 * np.abs(expected).max()
+    assert body.critical_time_step() == pytest.approx(exact_step(body), rel=1e-3)
+
+
 def test_one_cell_is_all_patches(single_cell: TetMesh) -> None:
     """Every patch of a single cell has its strain: the element is the plain one."""
     smoothed = Body(single_cell, SOFT, element=Element.SMOOTHED)

@@ -32,10 +32,11 @@ struct SmoothedStrains {
     }
 };
 
-std::vector<Matrix3> strains_at(const ElasticCells &body, std::span<const double> displacement) {
+std::vector<Matrix3> strains_at(const ElasticCells &body, std::span<const double> displacement,
+                                StrainMeasure strain) {
     std::vector<Matrix3> strains(body.size());
     for (std::size_t c = 0; c < body.size(); ++c)
-        strains[c] = strain_tensor(body.gradient(c, displacement), body.strain);
+        strains[c] = strain_tensor(body.gradient(c, displacement), strain);
     return strains;
 }
 
@@ -63,7 +64,7 @@ void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches
 
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement) {
-    const SmoothedStrains smoothed(body, patches, strains_at(body, displacement));
+    const SmoothedStrains smoothed(body, patches, strains_at(body, displacement, body.strain));
     double energy = 0.0;
     for (std::size_t e = 0; e < patches.num_edges(); ++e) {
         double squared = 0.0;
@@ -81,12 +82,13 @@ double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches
 }
 
 void add_smoothed_force(const ElasticCells &body, const SmoothingPatches &patches,
-                        std::span<const double> displacement, std::span<double> force) {
-    std::vector<Matrix3> stresses = strains_at(body, displacement);
+                        std::span<const double> displacement, StrainMeasure strain,
+                        std::span<double> force) {
+    std::vector<Matrix3> stresses = strains_at(body, displacement, strain);
     smoothed_stresses(body, patches, stresses, stresses);
     for (std::size_t c = 0; c < body.size(); ++c) {
         const Matrix3 h = body.gradient(c, displacement);
-        add_cell_force(body, c, push_forward(h, stresses[c], body.strain), force);
+        add_cell_force(body, c, push_forward(h, stresses[c], strain), force);
     }
 }
 

@@ -40,18 +40,28 @@ def small_steps(monkeypatch):
 def test_step_rows_are_whole_and_the_rival_has_the_same_force(small_steps):
     lines = []
     rows = small_steps("numpy_loop", progress=lines.append)
-    assert [(r["tool"], r["precision"], r["threads"]) for r in rows] == [
-        ("palpate", "float32", 1),
-        ("palpate", "float32", 2),
-        ("palpate", "float64", 1),
-        ("palpate", "float64", 2),
-        ("numpy", "float64", 1),
+    assert [(r["tool"], r.get("element"), r["precision"], r["threads"]) for r in rows] == [
+        *(
+            ("palpate", element, precision, threads)
+            for element in ("linear", "smoothed")
+            for precision in ("float32", "float64")
+            for threads in (1, 2)
+        ),
+        ("numpy", None, "float64", 1),
     ]
-    assert len(lines) == 5
+    assert len(lines) == 9
     assert all(row["size"] == 648 and np.isfinite(row["rate"]) for row in rows)
     assert all(row["rate"] == 648 / 1e6 / row["seconds"] for row in rows)
     assert rows[-1]["relative_force_error"] < 1e-12
-    assert rows[1]["speedup_from_threads"] == rows[0]["wall_seconds"] / rows[1]["wall_seconds"]
+    for k in (0, 2, 4, 6):
+        alone, both = rows[k : k + 2]
+        assert both["speedup_from_threads"] == alone["wall_seconds"] / both["wall_seconds"]
+        assert "speedup_from_threads" not in alone
+    for plain, smoothed in zip(rows[:4], rows[4:8], strict=True):
+        assert smoothed["critical_time_step"] > 1.2 * plain["critical_time_step"]
+        assert smoothed["times_linear"] == pytest.approx(
+            plain["real_time_factor"] / smoothed["real_time_factor"]
+        )
     assert all(row["peak_memory_mb"] > 1.0 for row in rows)
 
 
@@ -210,12 +220,14 @@ def test_the_summaries_say_what_is_asked_of_the_rates():
     rows = [
         common | {"tool": "palpate", "seconds": 1.0, "real_time_cells": 7},
         common | {"tool": "palpate", "seconds": 0.5, "threads": 2, "speedup_from_threads": 1.875},
+        common | {"tool": "palpate", "seconds": 2.0, "times_linear": 1.6},
         common | {"tool": "mujoco", "seconds": 10.0, "precision": "float64"},
         common | {"tool": "newton", "seconds": 8.0},
     ]
     assert summarise(steps.BENCHMARK, rows) == [
         "10, box, float32: 8.0 times newton 1, 10.0 times mujoco 1 in float64, "
-        "2 threads 1.88 times one, 7 cells in real time on one core"
+        "2 threads 1.88 times one, smoothed 1.60 times as long for a second of motion, "
+        "7 cells in real time on one core"
     ]
     common = {"size": 10, "body": "beam", "version": "1", "strain": "green", "precision": "float64"}
     rows = [

@@ -14,7 +14,7 @@ from palpate.fastsim.mesher import delaunay, mesh_surface
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import PointForce, Support
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
@@ -34,9 +34,10 @@ class Steps(_Ours):
     """The step that `simulate` does by default, and the energies it adds up at an output."""
 
     def __init__(self, job: dict[str, Any]) -> None:
-        self.precision = str(job["precision"])
+        self.precision, self._element = str(job["precision"]), Element(str(job["element"]))
         self._body = ExplicitBody(
             _problem(job, TimeSpan(1.0, mass_damping=float(job["mass_damping"]))),
+            element=self._element,
             time_step=float(job["time_step"]),
             precision=Precision(self.precision),
             num_threads=int(job["num_threads"]),
@@ -47,7 +48,11 @@ class Steps(_Ours):
         self._body.step(num_steps)
         self._body.look()
         self._last = self._body.displacement
-        return {"instruction_set": self._body.instruction_set}
+        return {
+            "instruction_set": self._body.instruction_set,
+            "element": self._element.value,
+            "critical_time_step": self._body.critical_time_step,
+        }
 
 
 class Static(_Ours):
