@@ -28,11 +28,14 @@ pytestmark = [
     pytest.mark.skipif(not OTHER, reason="PALPATE_OTHER_PYTHON names no second Python"),
 ]
 
+# At 1e-10 a single solve of the slenderest body is left as it is, with 5e-8 of its bending wrong.
+SOLVED_TO = 1e-11
+
 
 def largest_difference(problem, tmp_path, strain, degree, tolerance=1e-9, element=Element.LINEAR):
     files = [tmp_path / f"{name}.npz" for name in ("problem", "task", "result")]
     save_problem(files[0], problem)
-    save_result(files[1], StaticTask(strain, degree, element=element))
+    save_result(files[1], StaticTask(strain, degree, SOLVED_TO, element=element))
     subprocess.run(
         [OTHER, "-P", "-m", "palpate.reference.child", *map(str, files)],
         check=True,
@@ -43,7 +46,12 @@ def largest_difference(problem, tmp_path, strain, degree, tolerance=1e-9, elemen
     )
     there = load_result(files[2], ReferenceResult)
     here = solve_static_in_child(
-        problem, strain=strain, degree=degree, element=element, time_limit=500
+        problem,
+        strain=strain,
+        degree=degree,
+        relative_tolerance=SOLVED_TO,
+        element=element,
+        time_limit=500,
     )
     assert there.versions["dolfinx"] != here.versions["dolfinx"], f"{OTHER} and {sys.executable}"
     for name in ("volume", "surface_area", "strain_energy", "smallest_det_f"):
@@ -80,8 +88,10 @@ STATIC = [name for name in builtin_cases() if load_case(name).problem.time is No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("element", list(Element))
 @pytest.mark.parametrize("name", STATIC)
-def test_the_versions_agree_on_the_built_in_cases(tmp_path, name, strain):
+def test_the_versions_agree_on_the_built_in_cases(tmp_path, name, element, strain):
     tolerance = TOLERANCES.get(name, 1e-9)
     problem = load_case(name).problem
-    assert largest_difference(problem, tmp_path, strain, 1, tolerance) < tolerance
+    apart = largest_difference(problem, tmp_path, strain, 1, tolerance, element)
+    assert apart < tolerance
