@@ -355,7 +355,7 @@ class ExplicitBody:
         factors = self._loads.factors(times)
         if self.tools is None:
             return factors, np.empty((num_steps + 1, 0))
-        return factors, self.tools.steps(times).view(np.float64).reshape(num_steps + 1, -1)
+        return factors, self.tools.rows(times)
 
     def _read_state(self) -> None:
         if not self._is_read:

@@ -33,6 +33,7 @@ from palpate.meshes.rigid_tool import UNIT_TOLERANCE
 
 # As core/explicit/contact.hpp names them: where a tool is to be at a time, and what acts on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
+_STEP_LENGTH = TOOL_STEP.itemsize // 8
 TOOL_RECORD = np.dtype(
     [
         ("force", np.float64, 3),
@@ -215,16 +216,20 @@ class ExplicitTools:
         if speed > self._speeds[number]:
             raise ToolTooFastError(number, speed, self._speeds[number])
 
-    def steps(self, times: Floats) -> NDArray[np.void]:
-        """Poses and drives at times of the run, shape (n, num_tools) of `TOOL_STEP`."""
+    def rows(self, times: Floats) -> Floats:
+        """Poses and drives at times of the run as the core reads them, a row for each time."""
         on_path = times if self._clock is None else self._clock(times)
-        out = np.zeros((len(times), len(self.contacts)), dtype=TOOL_STEP)
+        out = np.zeros((len(times), len(self.contacts), _STEP_LENGTH))
         for k, (contact, path) in enumerate(zip(self.contacts, self._paths, strict=True)):
-            out["pose"][:, k] = path.poses_at(on_path).view(POSE)[:, 0]
+            out[:, k, :-1] = path.poses_at(on_path)
             drive = contact.tool.drive
             if drive is not None:
-                out["drive"][:, k] = [drive.force * drive.amplitude(float(t)) for t in on_path]
-        return out
+                out[:, k, -1] = [drive.force * drive.amplitude(float(t)) for t in on_path]
+        return out.reshape(len(times), -1)
+
+    def steps(self, times: Floats) -> NDArray[np.void]:
+        """The same, shape (n, num_tools) of `TOOL_STEP`."""
+        return self.rows(times).view(TOOL_STEP)
 
     def tracks(
         self, times: Floats, steps: NDArray[np.void], records: NDArray[np.void]
