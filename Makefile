@@ -21,14 +21,14 @@ setup: ## make the environment and install palpate into it
 	@bash .ci/setup.sh
 
 report: setup ## the kidney and the beam, judged: out/kidney/report.html
-	@$(VENV)/bin/palpate report kidney -o $(OUT)/kidney
-	@$(VENV)/bin/palpate report beam -o $(OUT)/beam
+	@$(VENV)/bin/palpate report kidney --element both --expected -o $(OUT)/kidney
+	@$(VENV)/bin/palpate report beam --element both --expected -o $(OUT)/beam
 
 test: setup ## run the test suite
 	@$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
 
-gate: setup ## the accuracy gate on the built-in cases
-	@$(VENV)/bin/palpate gate kidney beam
+gate: setup ## every built-in verdict on both elements, held against the expected one
+	@$(VENV)/bin/palpate gate --all --element both --expected
 
 lint: setup ## format, style and type checks
 	@VENV=$(VENV) bash .ci/lint.sh

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -19,8 +20,13 @@ from palpate.validation.commands.words import (
     TimeLimit,
     progress_lines,
 )
+from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.states import ExitCode
+
+if TYPE_CHECKING:
+    from palpate.validation.case import Case
 
 
 def gate(
@@ -44,6 +50,12 @@ def gate(
     ] = False,
     quick: Annotated[bool, typer.Option(help="a few small cases, in seconds")] = False,
     every: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
+    expected: Annotated[
+        bool, typer.Option(help="1 where a built-in verdict is not the one expected of fastsim")
+    ] = False,
+    record_expected: Annotated[
+        bool, typer.Option("--record-expected", help="keep these verdicts as the expected ones")
+    ] = False,
     since: Annotated[
         Path | None, typer.Option(help="an accepted results.json: tell what changed")
     ] = None,
@@ -54,6 +66,13 @@ def gate(
     from palpate.validation.evidence.self_test import run_self_test
     from palpate.validation.judging import outputs
     from palpate.validation.judging.annotations import github_annotations
+    from palpate.validation.judging.expectation import (
+        FILE,
+        expected_toml,
+        read_expected,
+        unexpected,
+        with_results,
+    )
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.judging.result_changes import read_accepted, with_changes
     from palpate.validation.judging.together import together
@@ -70,8 +89,16 @@ def gate(
         raise InputError(
             "--self-test seeds every fault by itself; it takes no --fault, --metamorphic or --live"
         )
+    if (expected or record_expected) and (self_test or metamorphic or simulator):
+        raise InputError(
+            "--expected is about fastsim's verdicts on built-in cases: it takes no --simulator, "
+            "--metamorphic or --self-test"
+        )
+    known = read_expected() if expected else {}
     chosen = QUICK if quick else builtin_cases() if every else names or ()
     loaded = load_cases(chosen)
+    if expected or record_expected:
+        require_builtin(loaded)
     require_outputs(
         {"--json": json, "--junit": junit, "--summary": summary},
         inputs=input_files(loaded, since, command=simulator),
@@ -96,4 +123,34 @@ def gate(
     outputs.print_results(results, Console(highlight=False))
     if os.environ.get("GITHUB_ACTIONS") == "true":
         print("\n".join(github_annotations(results)))
+    if record_expected:
+        from palpate.meshes.atomic_write import write_text_atomically
+
+        write_text_atomically(FILE, expected_toml(with_results(read_expected(), results)))
+        print(FILE)
+    if expected:
+        raise typer.Exit(tell_unexpected(unexpected(results, known), len(results)))
     raise typer.Exit(exit_code(results))
+
+
+def require_builtin(cases: Sequence[Case]) -> None:
+    """Raise InputError for a case of which nobody expects anything."""
+    own = [case.name for case in cases if not case.is_builtin]
+    if own:
+        raise InputError(
+            f"--expected is about built-in cases, and {', '.join(own)} is not one; what changed "
+            "since a result that you accepted is told by --since"
+        )
+
+
+def tell_unexpected(lines: Sequence[str], count: int) -> ExitCode:
+    """Say what is not as expected, or that all is; the exit code."""
+    for line in lines:
+        print(for_terminal(f"not as expected: {line}"))
+    if lines:
+        return ExitCode.FAILED
+    print(
+        f"as expected: {count} case(s). What failed above fails for the reason it gives, and is "
+        "known to; exit code 0 says that nothing has changed, not that all has passed"
+    )
+    return ExitCode.PASSED

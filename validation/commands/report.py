@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
+from palpate.validation.commands.gate import require_builtin, tell_unexpected
 from palpate.validation.commands.words import (
     ChosenElements,
     Folder,
@@ -28,6 +29,9 @@ def report(
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     precision: GrantedPrecision = None,
+    expected: Annotated[
+        bool, typer.Option(help="1 where a built-in verdict is not the one expected of fastsim")
+    ] = False,
     pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
 ) -> None:
     """Solve with both, judge, and write the report with everything beside it.
@@ -36,6 +40,7 @@ def report(
     """
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
+    from palpate.validation.judging.expectation import read_expected, unexpected
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files
     from palpate.validation.report.html import write_report
@@ -45,9 +50,14 @@ def report(
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")
+    if expected and simulator:
+        raise InputError("--expected is about fastsim's verdicts: it takes no --simulator")
+    known = read_expected() if expected else {}
     if pdf:
         require_browser()
     loaded = load_cases(names or builtin_cases())
+    if expected:
+        require_builtin(loaded)
     if len(loaded) > 1 and any(case.name == "index" for case in loaded):
         raise InputError("with several cases index.html is the first page; rename case 'index'")
     inputs = input_files(loaded, command=simulator)
@@ -72,4 +82,6 @@ def report(
         )
     outputs.print_results(results, Console(highlight=False))
     print(f"{output / page.name}")
+    if expected:
+        raise typer.Exit(tell_unexpected(unexpected(results, known), len(results)))
     raise typer.Exit(exit_code(results))

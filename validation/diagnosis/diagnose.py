@@ -77,7 +77,7 @@ def diagnose(
     Returns:
         What fits, the simplest first; nothing that does not fit by the rule of `explanation`.
     """
-    body = Body(problem, candidate.strain)
+    body = Body(problem, candidate.strain, candidate.element)
     mine, theirs = candidate.displacements, None if reference is None else reference.displacements
     if theirs is not None and theirs.shape != mine.shape:
         theirs = None
@@ -116,7 +116,8 @@ def diagnose(
 
 def equations_left(problem: Problem, candidate: State) -> float:
     """What a static answer leaves of the stated equations, over the largest nodal force."""
-    return StaticAnswer(Body(problem, candidate.strain), candidate.displacement).stated
+    body = Body(problem, candidate.strain, candidate.element)
+    return StaticAnswer(body, candidate.displacement).stated
 
 
 def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str]:

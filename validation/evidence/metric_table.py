@@ -84,7 +84,8 @@ def _published_rows(kind: str, case: Case, candidate: Candidate) -> list[Row]:
 
 
 def _judge(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[Row]:
-    judge = CaseJudge(case, find_references(case, live=False, progress=in_silence))
+    references = find_references(case, live=False, progress=in_silence)
+    judge = CaseJudge(case, references.of_element(candidate.element))
     answers = {fault: _answer(case, candidate, fault) for fault in Fault if fault is not Fault.NAN}
     rows = []
     for spec in specs:

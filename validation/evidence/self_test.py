@@ -1,4 +1,4 @@
-"""The gates' own proof: seeded faults turn them red, a healthy candidate does not.
+"""The gates' own proof: seeded faults turn checks red that a healthy candidate keeps green.
 
 Each fault is tried on a case that can see it: mass and damping on one that moves, mirrors under
 lopsided loads, Lamé's parameters where Poisson's ratio is far from 0.25.
@@ -25,6 +25,7 @@ from palpate.validation.evidence.metric_table import (
     table_lines,
     trial_check,
 )
+from palpate.validation.judging.expectation import read_expected, unexpected
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
@@ -46,7 +47,7 @@ _CASES = {
     Fault.MIRRORED_MESH: "block kidney",
     Fault.MIRRORED: "beam csm2",
     Fault.DROPPED_LOAD: "beam block-motion",
-    Fault.REVERSED_LOAD: "block cantilever csm3",
+    Fault.REVERSED_LOAD: "block cantilever strip",
     Fault.INVERTED_CELL: "block kidney",
     Fault.NAN: "kidney block-motion",
     Fault.UNIT_ERROR: "kidney",
@@ -91,7 +92,7 @@ def run_self_test(
     for case in dict.fromkeys(case for _, case in trials):
         healthy[case.name] = result = judge_case(case, candidate=judged)
         progress(f"healthy, {case.name}: {result.verdict}")
-        checks.append(_trial("healthy", case, result.verdict is Verdict.PASSED, _tell(result)))
+        checks.append(_trial("healthy", case, _is_healthy(result), _tell(result)))
     for fault, case in trials:
         check = _try(fault, case, judged, healthy[case.name])
         if not cases and check.verdict is Verdict.SKIPPED:
@@ -130,10 +131,33 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
         result = judge_case(case, candidate=faulty, diagnoses=False)
     except CannotShowError as error:
         return replace(_trial(fault.value, case, True, str(error)), verdict=Verdict.SKIPPED)
-    if result.verdict is not Verdict.FAILED and _is_same(result, healthy):
+    caught = _red(result) - _red(healthy)
+    if not caught and _is_same(result, healthy):
         message = "the answer is the same with this fault and without"
         return replace(_trial(fault.value, case, True, message), verdict=Verdict.SKIPPED)
-    return _trial(fault.value, case, result.verdict is Verdict.FAILED, _tell(result))
+    return _trial(fault.value, case, bool(caught), _tell(result))
+
+
+def _red(result: CaseResult) -> set[tuple[int, str]]:
+    """Checks that failed, by place and name: what a fault adds to them has caught it."""
+    return {
+        (number, check_name(check))
+        for number, check in enumerate(result.checks)
+        if check.verdict is Verdict.FAILED
+    }
+
+
+def _is_healthy(result: CaseResult) -> bool:
+    """Whether the equations are kept: on the same mesh nothing fails, and something passes there.
+
+    What an element misses of the truth is told by the gate itself, and is no fault of the solver.
+    A case without checks on the same mesh must pass, or fail as it is known to.
+    """
+    on_mesh = [check.verdict for check in result.checks if check.against == "same_mesh"]
+    if not on_mesh:
+        known = result.name in read_expected() and not unexpected([result], read_expected())
+        return known or result.verdict is Verdict.PASSED
+    return Verdict.PASSED in on_mesh and set(on_mesh) <= {Verdict.PASSED, Verdict.SKIPPED}
 
 
 def _is_same(one: CaseResult, other: CaseResult) -> bool:

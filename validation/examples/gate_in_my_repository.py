@@ -22,7 +22,7 @@ def mysim(problem: palpate.Problem) -> NDArray[np.float64]:
 
 # %%
 verdicts = {}
-for name in ("block", "beam"):
+for name in ("block", "column"):
     verdicts[name] = palpate.judge(name, mysim).verdict
     print(name, verdicts[name])
 

@@ -212,4 +212,7 @@ def write_outputs(
     if junit is not None:
         write_text_atomically(junit, junit_xml(results))
     if summary is not None:
-        write_text_atomically(summary, summary_markdown(results))
+        from palpate.validation.judging.side_by_side import side_by_side_markdown
+
+        table = side_by_side_markdown(results)
+        write_text_atomically(summary, summary_markdown(results) + table)

@@ -10,7 +10,7 @@ from palpate.validation.metrics import CATALOGUE
 from palpate.validation.states import gravest
 
 
-def _is_of_truth(check: CheckResult) -> bool:
+def is_of_truth(check: CheckResult) -> bool:
     """Whether the truth itself is held against a number, whoever the candidate is."""
     return check.against == "truth" and CATALOGUE[check.metric].is_published
 
@@ -25,7 +25,7 @@ def together(results: Sequence[CaseResult]) -> CaseResult:
         return first
     states = {(s.label, s.strain): s for r in results for s in r.states if not s.is_reference}
     states |= {(s.label, s.strain): s for r in results for s in r.states if s.is_reference}
-    more = [check for other in others for check in other.checks if not _is_of_truth(check)]
+    more = [check for other in others for check in other.checks if not is_of_truth(check)]
     return replace(
         first,
         verdict=gravest([result.verdict for result in results]),

@@ -23,7 +23,15 @@ from palpate.validation.exchange.nodal_loads import (
     nodal_force,
     touchable_points,
 )
-from palpate.validation.mechanics.laws import Array, Law, hooke, law_of, push_forward, strain_of
+from palpate.validation.mechanics.laws import (
+    MEASURES,
+    Array,
+    Law,
+    hooke,
+    law_of,
+    push_forward,
+    strain_of,
+)
 from palpate.validation.mechanics.smoothing import Smoothing
 
 Mask = NDArray[np.bool_]
@@ -109,6 +117,9 @@ class Body:
     def energy(self, displacement: Points) -> float:
         """Integral of psi = lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
         E = strain_of(self.gradient(displacement), self.strain)
+        if self._smoothing is not None:
+            S = self._smoothing.stress(E)
+            return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, S))
         trace = np.trace(E, axis1=1, axis2=2)
         density = 0.5 * self.lmbda * trace**2 + self.mu * np.einsum("cij,cij->c", E, E)
         return float(self.volumes @ density)
@@ -130,9 +141,11 @@ class Body:
         NaN where a law has no stress for so large a strain.
         """
         H = self.gradient(displacement)
-        if self._smoothing is not None and law is None:
-            stress = self._smoothing.stress(strain_of(H, self.strain))
-            return self.force_of(push_forward(H, stress, self.strain))
+        measure = self.strain if law is None else MEASURES.get(law)
+        if self._smoothing is not None and measure is not None:
+            smoothing = self._smoothing if lame is None else Smoothing(self.mesh, *lame)
+            stress = smoothing.stress(strain_of(H, measure))
+            return self.force_of(push_forward(H, stress, measure))
         lmbda, mu = lame or (self.lmbda, self.mu)
         try:
             stress = (law or law_of(self.strain))(H, lmbda, mu)

@@ -134,6 +134,10 @@ def laws_instead_of(strain: Strain) -> dict[str, Law]:
     }
 
 
+# What each of the two measures strain by; the others are no laws of smoothed tetrahedra.
+MEASURES: dict[Law, Strain] = {green: Strain.GREEN, linear: Strain.LINEAR}
+
+
 def law_of(strain: Strain) -> Law:
     """The law that was asked for."""
     return green if strain is Strain.GREEN else linear

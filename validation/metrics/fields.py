@@ -133,14 +133,17 @@ def smallest_det_f(mesh: TetMesh, state: State) -> Worst:
 
 def energy(problem: Problem, candidate: State, reference: State) -> Difference:
     """Error of the strain energy by the case's law."""
-    of = [body_of(problem, s.strain).energy(s.displacement) for s in (candidate, reference)]
+    of = [
+        body_of(problem, s.strain, s.element).energy(s.displacement) for s in (candidate, reference)
+    ]
     return ratio(abs(of[0] - of[1]), of[1], "the reference's strain energy")
 
 
 def reaction_force(problem: Problem, candidate: State, reference: State) -> Difference:
     """Largest error of a support's total force, over the largest force of a support."""
     of = [
-        body_of(problem, s.strain).support_reactions(s.displacement) for s in (candidate, reference)
+        body_of(problem, s.strain, s.element).support_reactions(s.displacement)
+        for s in (candidate, reference)
     ]
     error = float(np.linalg.norm(of[0] - of[1], axis=1).max(initial=0.0))
     scale = float(np.linalg.norm(of[1], axis=1).max(initial=0.0))

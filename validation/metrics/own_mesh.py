@@ -179,8 +179,12 @@ def _surfaces(pair: OwnPair) -> Measured:
 
 def energy(pair: OwnPair) -> Measured:
     """Error of the strain energy [J]."""
-    found = body_of(pair.own_problem, pair.candidate.strain).energy(pair.displacement)
-    expected = body_of(pair.problem, pair.reference.strain).energy(pair.reference.displacement)
+    found = body_of(pair.own_problem, pair.candidate.strain, pair.candidate.element).energy(
+        pair.displacement
+    )
+    expected = body_of(pair.problem, pair.reference.strain, pair.reference.element).energy(
+        pair.reference.displacement
+    )
     other = abs(pair.mesh.volume / pair.problem.mesh.volume - 1.0)
     return abs(found - expected), other * found
 

@@ -39,7 +39,7 @@ def own_reactions(
     """
     mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)
-    force = body_of(own, strain).internal(displacement)
+    force = body_of(own, strain, candidate.element).internal(displacement)
     is_held = held_components(problem)[0] > 0
     # Loads near a support, and pressure, may be put in the wrong place.
     loose = np.zeros(mesh.num_points)
@@ -62,7 +62,9 @@ def own_reactions(
     size = np.linalg.norm(force, axis=1)
     moving = np.zeros_like(size) if problem.time is None else size
     fractions = np.array([_held_fraction(problem, s.points, mesh) for s in problem.supports])
-    expected = body_of(problem, reference.strain).support_reactions(reference.displacement)
+    expected = body_of(problem, reference.strain, reference.element).support_reactions(
+        reference.displacement
+    )
     errors, doubts = [0.0], [0.0]
     for number, support in enumerate(problem.supports):
         touched = _with_neighbours(mesh, fractions[number] > _ROUNDING)

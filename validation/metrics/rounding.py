@@ -122,9 +122,9 @@ class SinglePrecision:
 
     def _of_tools(self, reference: State) -> float:
         """Rounded forces at the points that a tool pushes, over the force on the tool."""
-        residual, scale = body_of(self._problem, reference.strain).out_of_balance(
-            reference.displacement
-        )
+        residual, scale = body_of(
+            self._problem, reference.strain, reference.element
+        ).out_of_balance(reference.displacement)
         is_pushed = (np.abs(residual) > 1e-6 * scale).any(axis=1)
         rounded = max(
             float(np.linalg.norm(force[is_pushed], axis=1).sum()) for _, force in self._fields

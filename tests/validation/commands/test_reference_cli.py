@@ -33,8 +33,8 @@ from palpate.validation.references.stored import (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The references of the quick cases, to be spoiled."""
-    for name in QUICK:
+    """References of some small cases, to be spoiled."""
+    for name in {*QUICK, "beam", "kidney"}:
         shutil.copy(references_folder() / f"{name}.npz", tmp_path)
     monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
     return tmp_path

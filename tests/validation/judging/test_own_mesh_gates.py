@@ -12,7 +12,7 @@ from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.case import load_case
 from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.judging.judge import find_references, judge_case
-from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.references.sets import SAME_MESH, SMOOTHED
 from palpate.validation.simulators.candidate import result_candidate
 from palpate.validation.states import Verdict
 
@@ -29,7 +29,9 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     """
     case = load_case(name)
     references = find_references(case, live=False, progress=lambda _line: None)
-    right = references.states.get((SAME_MESH, case.strain)) or references.truth(case.strain)
+    # The cantilever asks for the truth, to which smoothed tetrahedra are near enough.
+    label = SMOOTHED if name == "cantilever" else SAME_MESH
+    right = references.states.get((label, case.strain)) or references.truth(case.strain)
     assert right is not None
     mesh = case.problem.mesh
     own = refine_uniformly(mesh)
@@ -43,9 +45,10 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     }
     if motion is not None:
         arrays["times"] = motion.times
+    told: dict[str, object] = {"element": right.element.value}
     if right.tool_forces is not None:
-        told = json.dumps({"tool_forces": right.tool_forces.tolist()})
-        arrays["about"] = np.array(told)
+        told["tool_forces"] = right.tool_forces.tolist()
+    arrays["about"] = np.array(json.dumps(told))
     inner = np.ones(own.num_points, dtype=bool)
     inner[: mesh.num_points] = False
     inner[np.unique(own.boundary_facets)] = False

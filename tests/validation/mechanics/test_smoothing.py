@@ -9,6 +9,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.laws import law_of
 from palpate.validation.mechanics.smoothing import Smoothing
 
 RANDOM = np.random.default_rng(5)
@@ -113,3 +114,28 @@ def test_its_forces_are_the_references(ragged, strain):
     assert mine == pytest.approx(theirs, abs=1e-12 * np.abs(theirs).max())
     plain = Body(problem, strain).internal(u)
     assert np.abs(mine - plain).max() > 0.01 * np.abs(plain).max()
+
+
+@pytest.mark.parametrize("strain", Strain)
+def test_its_force_is_the_derivative_of_its_energy(ragged, strain):
+    body = Body(Problem(ragged, Material(5.0, 0.4), (), ()), strain, Element.SMOOTHED)
+    u, along = (RANDOM.uniform(-1e-3, 1e-3, ragged.points.shape) for _ in range(2))
+    # A polynomial of degree 4 in the step: the difference of fourth order is exact but rounding.
+    h = 0.1
+    values = [body.energy(u + k * h * along) for k in (-2, -1, 1, 2)]
+    slope = (values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * h)
+    work = float((body.internal(u) * along).sum())
+    assert slope == pytest.approx(work, rel=1e-9)
+    plain = Body(Problem(ragged, Material(5.0, 0.4), (), ()), strain)
+    assert body.energy(u) < 0.99 * plain.energy(u)
+
+
+def test_another_material_and_another_strain_are_tried_with_the_same_averages(ragged):
+    problem = Problem(ragged, Material(5.0, 0.4), (), ())
+    softer = Body(Problem(ragged, Material(4.0, 0.3), (), ()), Strain.GREEN, Element.SMOOTHED)
+    body = Body(problem, Strain.GREEN, Element.SMOOTHED)
+    u = RANDOM.uniform(-1e-3, 1e-3, ragged.points.shape)
+    given = body.internal(u, lame=(softer.lmbda, softer.mu))
+    assert given == pytest.approx(softer.internal(u), abs=1e-14)
+    other = Body(problem, Strain.LINEAR, Element.SMOOTHED).internal(u)
+    assert body.internal(u, law_of(Strain.LINEAR)) == pytest.approx(other, abs=1e-14)

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.fastsim.dynamics import DynamicResult, simulate
+from palpate.meshes.problem import Element
 from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.case import Case, load_case
 from palpate.validation.exchange.result_files import ResultFileError, read_result
@@ -38,7 +39,10 @@ def run(name: str, num_states: int) -> DynamicResult:
     case = case_of(name)
     assert case.problem.time is not None
     span = dataclasses.replace(case.problem.time, num_outputs=num_states)
-    return simulate(dataclasses.replace(case.problem, time=span), strain=case.strain)
+    # What bends needs smoothed tetrahedra to come near enough to the truth.
+    element = Element.SMOOTHED if name == "csm3" else Element.LINEAR
+    moving = dataclasses.replace(case.problem, time=span)
+    return simulate(moving, strain=case.strain, element=element)
 
 
 def sent(name: str, rate: float) -> tuple[Field, Field, NDArray[np.int64]]:

@@ -128,7 +128,8 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     solved = tmp_path / "r.vtu"
     assert palpate("solve", "kidney", "-o", str(solved)).returncode == 0
     done = palpate("compare", "kidney", str(solved), "--json", str(tmp_path / "r.json"))
-    assert done.returncode == 0, done.stdout + done.stderr
+    # Inconclusive: the truth's own bar takes most of what the case allows.
+    assert done.returncode == 3, done.stdout + done.stderr
     # The case has checks of linear strain too: this result has none.
     assert "skipped" in done.stdout
     from palpate.meshes.files import read_point_data
@@ -143,7 +144,12 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     document = json.loads((tmp_path / "r.json").read_text("utf-8"))
-    assert document["cases"][0]["verdict"] == "passed"
+    verdicts = {(c["against"], c["verdict"]) for c in document["cases"][0]["checks"]}
+    assert ("truth", "inconclusive") in verdicts
+    assert {verdict for against, verdict in verdicts if against == "same_mesh"} == {
+        "passed",
+        "skipped",
+    }
 
 
 def test_a_case_is_exported_on_the_command_line(tmp_path: Path) -> None:
