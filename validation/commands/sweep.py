@@ -10,6 +10,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.words import Folder, OneCase, progress_lines
 from palpate.validation.solving import Simulator
+from palpate.validation.states import Elements
 
 
 def sweep(
@@ -21,6 +22,9 @@ def sweep(
     simulator: Annotated[
         Simulator, typer.Option("--with", help="reference: solved by it as well")
     ] = Simulator.FASTSIM,
+    element: Annotated[
+        Elements, typer.Option(help="of the tetrahedra; both: beside one another")
+    ] = Elements.LINEAR,
     jobs: Annotated[int, typer.Option(min=1, help="runs at a time, on this machine")] = 1,
     scheduler: Annotated[
         str | None, typer.Option(help="ADDRESS of a dask scheduler, whose workers solve instead")
@@ -49,6 +53,7 @@ def sweep(
             fresh,
             Console(highlight=False),
             simulators=list(dict.fromkeys((Simulator.FASTSIM, simulator))),
+            elements=element.each,
             jobs=jobs,
             scheduler=scheduler,
             progress=progress_lines(),

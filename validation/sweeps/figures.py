@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 
 from palpate.meshes.problem import Strain
@@ -58,20 +58,22 @@ def sweep_figures(
 
 
 def _lines(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list[Line]:
-    """A colour for each combination of the other axes; fastsim as lines, others as crosses."""
+    """A colour for each element and values of the other axes; fastsim as lines, others crosses."""
     lines = []
     others = list(dict.fromkeys(run.values[1:] for run in runs))
+    elements = list(dict.fromkeys(run.element for run in runs))
+    colours = dict(zip(product(others, elements), cycle(COLOURS), strict=False))
     simulators = dict.fromkeys(run.simulator for run in runs)
-    for wanted in product(others, simulators, Strain):
+    for wanted in product(others, elements, simulators, Strain):
         rows = sorted(
             (run.values[0], value)
             for run in runs
-            if (run.values[1:], run.simulator, run.strain) == wanted
+            if (run.values[1:], run.element, run.simulator, run.strain) == wanted
             and (value := measure(run)) is not None
         )
         if not rows:
             continue
-        other, simulator, strain = wanted
+        other, element, simulator, strain = wanted
         x, y = zip(*rows, strict=True)
         told = [f"{a.key} = {v:g}" for a, v in zip(axes[1:], other, strict=True)]
         style = "-o" if strain is Strain.GREEN else "--o"
@@ -79,9 +81,9 @@ def _lines(axes: Sequence[Axis], runs: Sequence[Run], measure: Measured) -> list
             Line(
                 x,
                 y,
-                label="; ".join([f"{simulator}, {strain}", *told]),
+                label="; ".join([f"{simulator}, {element}, {strain}", *told]),
                 style=style if simulator is Simulator.FASTSIM else "x",
-                colour=COLOURS[others.index(other) % len(COLOURS)],
+                colour=colours[other, element],
             )
         )
     return lines

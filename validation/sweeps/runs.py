@@ -6,10 +6,11 @@ import functools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
@@ -19,11 +20,12 @@ from palpate.validation.sweeps.variants import Axis, Variant
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One variant by one simulator with one strain.
+    """One variant by one simulator with one element and one strain.
 
     Attributes:
         values: One for each axis.
         simulator: Who solved.
+        element: With which tetrahedra.
         strain: With which law.
         state: The answer, None where there is none.
         trouble: Why there is none; "not tried: ..." beyond where equilibrium ends.
@@ -32,10 +34,17 @@ class Run:
 
     values: tuple[float, ...]
     simulator: Simulator
+    element: Element
     strain: Strain
     state: State | None
     trouble: str = ""
     was_tried: bool = True
+
+    @property
+    def who(self) -> str:
+        """Simulator, and its element where it is not the linear one."""
+        smoothed = self.element is not Element.LINEAR
+        return f"{self.simulator} ({self.element})" if smoothed else str(self.simulator)
 
 
 def run_all(
@@ -43,6 +52,7 @@ def run_all(
     found: Sequence[Variant],
     simulators: Sequence[Simulator],
     *,
+    elements: Sequence[Element] = (Element.LINEAR,),
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Progress,
@@ -56,28 +66,28 @@ def run_all(
         axes: What varies.
         found: The variants of them.
         simulators: Who solves each.
+        elements: With which tetrahedra each of them does.
         jobs: Runs at a time, on this machine.
         scheduler: Address of a dask scheduler, on whose workers all run instead.
         progress: Called with one line now and then.
 
     Returns:
-        The runs, by simulator and strain; the same ones wherever they ran.
+        The runs, by simulator, element and strain; the same ones wherever they ran.
 
     Raises:
         ReferenceUnavailableError: The reference is asked for, and not there.
         InputError: A problem that one of them cannot be asked, or a scheduler of no use.
     """
     chains: list[_Chain] = []
-    for simulator in simulators:
-        for strain in Strain:
-            rows = _loads_from_the_smallest(found) if axes[0].is_load else [[v] for v in found]
-            chains += [_Chain(axes, row, simulator, strain) for row in rows]
+    rows = _loads_from_the_smallest(found) if axes[0].is_load else [[v] for v in found]
+    for simulator, element, strain in product(simulators, elements, Strain):
+        chains += [_Chain(axes, row, simulator, element, strain) for row in rows]
     if scheduler is not None:
         with cluster(scheduler) as pool:
             waiting = [pool.submit(_Chain.run, chain) for chain in chains]
             for count, future in enumerate(as_completed(waiting), start=1):
                 last = future.result()[-1]
-                line = f"{last.simulator}, {last.strain} strain: {count} of {len(chains)} rows done"
+                line = f"{last.who}, {last.strain} strain: {count} of {len(chains)} rows done"
                 progress(line)
             return [run for future in waiting for run in future.result()]
     with ThreadPoolExecutor(jobs) as pool:  # both leave Python while they solve
@@ -107,16 +117,23 @@ class _Chain:
         axes: What varies.
         row: The variants.
         simulator: Who solves them.
+        element: With which tetrahedra.
         strain: With which law.
     """
 
     def __init__(
-        self, axes: Sequence[Axis], row: Sequence[Variant], simulator: Simulator, strain: Strain
+        self,
+        axes: Sequence[Axis],
+        row: Sequence[Variant],
+        simulator: Simulator,
+        element: Element,
+        strain: Strain,
     ) -> None:
         self._axes = axes
         self._row = [(variant.values, variant.case.problem) for variant in row]
         self._units = row[0].case.spec.units
         self._simulator = simulator
+        self._element = element
         self._strain = strain
 
     def run(self, progress: Progress = in_silence) -> list[Run]:
@@ -124,14 +141,18 @@ class _Chain:
         runs: list[Run] = []
         end = ""
         for values, problem in self._row:
-            run = functools.partial(Run, values, self._simulator, self._strain)
+            run = functools.partial(Run, values, self._simulator, self._element, self._strain)
             if end:
                 runs.append(run(None, end, was_tried=False))
                 continue
             place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self._axes, values, strict=True))
-            progress(f"{self._simulator}, {self._strain} strain, {place}")
+            kind = f"{self._element} tetrahedra, {self._strain} strain"
+            progress(f"{self._simulator}, {kind}, {place}")
             try:
-                runs.append(run(solve(problem, with_=self._simulator, strain=self._strain)))
+                found = solve(
+                    problem, with_=self._simulator, strain=self._strain, element=self._element
+                )
+                runs.append(run(found))
             except ReferenceUnavailableError:
                 raise
             except (CandidateFailedError, ReferenceFailedError) as error:
@@ -147,7 +168,7 @@ def linear_error(run: Run, runs: Sequence[Run]) -> float | None:
         return None
     for other in runs:
         is_its_green = other.strain is Strain.GREEN and other.state is not None
-        if is_its_green and (other.simulator, other.values) == (run.simulator, run.values):
+        if is_its_green and (other.who, other.values) == (run.who, run.values):
             return difference(run.state, other.state)
     return None
 

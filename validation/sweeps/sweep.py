@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
@@ -29,6 +29,7 @@ def sweep(
     console: Console,
     *,
     simulators: Sequence[Simulator] = (Simulator.FASTSIM,),
+    elements: Sequence[Element] = (Element.LINEAR,),
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Progress,
@@ -42,7 +43,13 @@ def sweep(
         InputError: See `variants` and `cluster`.
     """
     runs = run_all(
-        axes, variants(case, axes), simulators, jobs=jobs, scheduler=scheduler, progress=progress
+        axes,
+        variants(case, axes),
+        simulators,
+        elements=elements,
+        jobs=jobs,
+        scheduler=scheduler,
+        progress=progress,
     )
     ends = ends_of(axes, runs)
     for line in ends:
@@ -51,7 +58,8 @@ def sweep(
     table = _table(axes, runs, unit)
     about = [
         f"{case.title}. {len(runs)} runs on {case.mesh.mesh.num_cells} cells "
-        f"({case.mesh.origin}) unless the body itself varies.",
+        f"({case.mesh.origin}) unless the body itself varies; "
+        f"{' and '.join(elements)} tetrahedra.",
         *ends,
     ]
     return leave(
@@ -64,7 +72,11 @@ def sweep(
         page=Page(
             figures=sweep_figures(axes, runs, case, folder),
             tables={"sweep": table},
-            numbers={"case": case.name, "axes": {axis.key: list(axis.values) for axis in axes}},
+            numbers={
+                "case": case.name,
+                "elements": [str(element) for element in elements],
+                "axes": {axis.key: list(axis.values) for axis in axes},
+            },
         ),
     )
 
@@ -76,13 +88,12 @@ def ends_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
         if run.state is not None or not run.was_tried:
             continue
         place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, run.values, strict=True))
-        line = f"{run.simulator}, {run.strain} strain: no answer at {place}: {run.trouble}"
+        line = f"{run.who}, {run.strain} strain: no answer at {place}: {run.trouble}"
         before = [
             other.values[0]
             for other in runs
             if other.state is not None
-            and (other.simulator, other.strain, other.values[1:])
-            == (run.simulator, run.strain, run.values[1:])
+            and (other.who, other.strain, other.values[1:]) == (run.who, run.strain, run.values[1:])
             and other.values[0] * run.values[0] >= 0.0
             and abs(other.values[0]) < abs(run.values[0])
         ]
@@ -103,7 +114,7 @@ def _findings(runs: Sequence[Run]) -> list[Finding]:
         for other in runs
         if run.simulator is Simulator.FASTSIM
         and other.simulator is Simulator.REFERENCE
-        and (run.values, run.strain) == (other.values, other.strain)
+        and (run.values, run.element, run.strain) == (other.values, other.element, other.strain)
         and run.state is not None
         and other.state is not None
     ]
@@ -124,7 +135,7 @@ def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> Table:
     scale = LENGTH[unit]
     rows: list[tuple[Any, ...]] = []
     for run in runs:
-        head = (*run.values, str(run.simulator), str(run.strain))
+        head = (*run.values, str(run.simulator), str(run.element), str(run.strain))
         state = run.state
         if state is None:
             rows.append((*head, *(None,) * 6, run.trouble))
@@ -144,6 +155,7 @@ def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> Table:
     columns = {
         **{axis.key: ".10g" for axis in axes},
         "simulator": "",
+        "element": "",
         "strain": "",
         f"max displacement [{unit}]": ".8g",
         f"volume [{unit}3]": ".10g",

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.solving import Simulator
 from palpate.validation.sweeps.cluster import SchedulerError, _require_workers
@@ -33,7 +34,9 @@ def scheduler() -> Iterator[str]:
 
 
 def require_same(ours: list[Run], theirs: list[Run]) -> None:
-    assert [(r.values, r.strain) for r in ours] == [(r.values, r.strain) for r in theirs]
+    assert [(r.values, r.who, r.strain) for r in ours] == [
+        (r.values, r.who, r.strain) for r in theirs
+    ]
     for one, other in zip(ours, theirs, strict=True):
         assert one.state is not None
         assert other.state is not None
@@ -50,8 +53,9 @@ def test_workers_answer_as_this_machine_does(scheduler: str) -> None:
 
 
 def test_a_row_travels_and_is_solved_as_it_was() -> None:
-    row = _Chain(AXES, variants(CASE, AXES), Simulator.FASTSIM, CASE.strain)
-    require_same(row.run(), pickle.loads(pickle.dumps(row)).run())
+    for element in Element:
+        row = _Chain(AXES, variants(CASE, AXES), Simulator.FASTSIM, element, CASE.strain)
+        require_same(row.run(), pickle.loads(pickle.dumps(row)).run())
 
 
 def sweep_cli(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:

@@ -14,7 +14,7 @@ import pytest
 
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.sweeps.runs import linear_error, run_all
@@ -179,6 +179,35 @@ def test_a_sweep_leaves_a_table_vector_figures_and_a_page(
     assert "Sweep of block" in page
 
 
+def test_each_element_answers_as_the_case_alone_and_is_named(
+    tmp_path: Path, write_case: Callable[..., Path]
+) -> None:
+    folder, case = tmp_path / "out", write_case()
+    vary = ("--vary", "load[0].factor=0.5,1")
+    done = palpate("sweep", case, *vary, "--element", "both", "-o", folder)
+    assert done.returncode == 0, done.stderr
+    rows = {(r["element"], r["strain"], r["load[0].factor"]): r for r in rows_of(folder)}
+    assert len(rows) == 2 * 2 * 2
+    moved = "max displacement [m]"
+    for element in Element:
+        alone = solve(load_case(case).problem, element=element)
+        row = rows[str(element), "green", "1"]
+        assert float(row[moved]) == pytest.approx(alone.max_displacement, rel=1e-7)
+        # What linear strain costs is told of the same element: it vanishes with the load.
+        errors = [
+            float(rows[str(element), "linear", load]["linear - Green, of Green's displacement [-]"])
+            for load in ("0.5", "1")
+        ]
+        assert 0.0 < errors[0] < errors[1]
+    page = (folder / "report.html").read_text("utf-8")
+    assert "linear and smoothed tetrahedra" in page
+    assert "fastsim, smoothed, green" in (folder / "displacement.svg").read_text("utf-8")
+    smoothed = tmp_path / "smoothed"
+    done = palpate("sweep", case, *vary, "--element", "smoothed", "-o", smoothed)
+    assert done.returncode == 0, done.stderr
+    assert {r["element"] for r in rows_of(smoothed)} == {"smoothed"}
+
+
 def test_nothing_is_left_by_a_bad_key_and_no_answer_is_none(
     tmp_path: Path, write_case: Callable[..., Path]
 ) -> None:
@@ -195,8 +224,11 @@ def test_the_reference_is_solved_beside_where_asked_and_agrees(
 ) -> None:
     folder = tmp_path / "out"
     done = palpate(
-        "sweep", write_case(), "--vary", "load[0].factor=0.5,1", "--with", "reference", "-o", folder
-    )
+        "sweep", write_case(), "--vary", "load[0].factor=0.5,1", "--with", "reference",
+        "--element", "both", "-o", folder,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "passed: fastsim and the reference agree" in done.stdout
-    assert {r["simulator"] for r in rows_of(folder)} == {"fastsim", "reference"}
+    assert "over 8 pairs" in done.stdout
+    found = {(r["simulator"], r["element"]) for r in rows_of(folder)}
+    assert found == {(who, str(element)) for who in Simulator for element in Element}
