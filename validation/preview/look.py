@@ -16,10 +16,9 @@ from palpate.validation.case.units import FORCE, LENGTH, Units
 from palpate.validation.exchange.facets import are_among, facet_areas
 from palpate.validation.preview.acting import acting
 from palpate.validation.preview.costs import Costs, expected_costs
-from palpate.validation.preview.thickness import measure_thickness
+from palpate.validation.preview.thickness import expected_errors, measure_thickness
 
 _SMALL_ANGLE = 5.0
-_FEW_EDGES = 3.0
 _NEAR_INCOMPRESSIBLE = 0.45
 _LARGE_PART = 0.05
 # Longest sides of what is simulated here [m]; beyond, the unit is mostly another.
@@ -73,16 +72,12 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         look.warnings.append(
             f"the body is {longest:.3g} m long: is its file really in {unit}? see [units]"
         )
-    through = measure_thickness(mesh)
-    look.say(
-        "thickness",
-        f"{through.length / scale:.3g} {unit} in the median, about {through.num_edges:.1f} edges",
-    )
-    if through.num_edges < _FEW_EDGES:
-        look.warnings.append(
-            f"about {through.num_edges:.1f} edges through the thickness: linear tetrahedra bend "
-            f"much too stiffly with fewer than {_FEW_EDGES:g}; make edge_length smaller"
-        )
+    through = measure_thickness(mesh, held=_held(problem))
+    cells = f"about {through.num_cells:.2g} cell(s)"
+    look.say("thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}")
+    errors = expected_errors(through)
+    if errors:
+        look.warnings.append(f"{cells} through the thickness: {errors}; make edge_length smaller")
     if quality.smallest_dihedral_deg < _SMALL_ANGLE:
         look.warnings.append(
             f"a dihedral angle of {quality.smallest_dihedral_deg:.1f} degrees, below "
@@ -107,7 +102,7 @@ def _material(look: Look, problem: Problem, units: Units) -> None:
 
 def _what_acts(look: Look, problem: Problem, units: Units) -> None:
     mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
-    held = np.vstack([np.zeros((0, 3), dtype=np.int32), *(s.facets for s in problem.supports)])
+    held = _held(problem)
     for number, support in enumerate(problem.supports, 1):
         area = float(facet_areas(mesh.points, support.facets).sum())
         names = "".join(
@@ -192,6 +187,11 @@ def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:
         )
     elif moved == 0.0:
         look.warnings.append("nothing moves under these loads: is the loaded part held?")
+
+
+def _held(problem: Problem) -> NDArray[Any]:
+    """Facets of all supports, (num_facets, 3)."""
+    return np.vstack([np.zeros((0, 3), dtype=np.int32), *(s.facets for s in problem.supports)])
 
 
 def _vector(values: NDArray[Any]) -> str:

@@ -11,15 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.meshes.arrays import Indices
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Problem
 from palpate.validation.case import load_case
+from palpate.validation.judging.expectation import read_expected
 from palpate.validation.preview.acting import acting
 from palpate.validation.preview.costs import expected_costs
 from palpate.validation.preview.look import look_at
 from palpate.validation.preview.picture import draw_case
-from palpate.validation.preview.thickness import measure_thickness
+from palpate.validation.preview.thickness import Thickness, expected_errors, measure_thickness
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -37,14 +39,81 @@ def size_of(path: Path) -> tuple[int, int]:
     return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
 
 
-def test_a_slab_is_as_thick_as_it_was_made() -> None:
-    # 2 layers of bricks of side 1, each cut into tetrahedra with edges from 1 to sqrt(3).
-    found = measure_thickness(brick_box((12, 12, 2), (12.0, 12.0, 2.0)))
+@pytest.mark.parametrize("layers", [1, 2, 6])
+def test_a_slab_is_as_thick_as_it_was_made(layers: int) -> None:
+    # Bricks cut into six tetrahedra: a line across a brick passes three of them, flat bricks too.
+    found = measure_thickness(brick_box((12, 12, layers), (12.0, 12.0, 2.0)))
     assert found.length == pytest.approx(2.0, rel=1e-9)
-    assert 2.0 / np.sqrt(3.0) < found.num_edges < 2.0
-    finer = measure_thickness(brick_box((12, 12, 6), (12.0, 12.0, 2.0)))
-    assert finer.length == pytest.approx(2.0, rel=1e-9)
-    assert finer.num_edges > found.num_edges
+    assert found.num_cells == pytest.approx(layers)
+
+
+def test_cells_of_any_mesher_count_as_their_height() -> None:
+    mesh = load_case("beam").problem.mesh
+    found = measure_thickness(mesh)
+    # 25 mm by edges of about 5 mm; an equal-sided tetrahedron is sqrt(2/3) = 0.82 edges high. The
+    # mesher's are not equal-sided: from an edge each to a height each.
+    assert found.length == pytest.approx(0.025)
+    assert 0.8 * 5.0 < found.num_cells < 5.0 / np.sqrt(2.0 / 3.0)
+
+
+def held_facets(problem: Problem) -> Indices:
+    return np.vstack([support.facets for support in problem.supports])
+
+
+def test_what_lies_between_supports_is_not_the_thickness() -> None:
+    # csm1 is a strip in plane strain: 60 x 4 x 1 bricks, 350 x 20 x 5 mm, held on both flat sides.
+    problem = load_case("csm1").problem
+    flat = measure_thickness(problem.mesh)
+    assert (flat.length, flat.num_cells) == (pytest.approx(0.005), pytest.approx(1.0))
+    found = measure_thickness(problem.mesh, held=held_facets(problem))
+    assert (found.length, found.num_cells) == (pytest.approx(0.02), pytest.approx(4.0))
+    # Where everything is held, it is as thick as it is.
+    boundary = problem.mesh.boundary_facets
+    assert measure_thickness(problem.mesh, held=boundary) == flat
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "told"),
+    [
+        ("sze", "2 cell(s)", "lock"),
+        ("cantilever", "1 cell(s)", "lock"),
+        ("csm1", "4 cell(s)", "much too stiff"),
+        ("beam", "4.7 cell(s)", None),
+    ],
+)
+def test_a_body_thin_for_its_mesh_is_told_before_solving(
+    name: str, cells: str, told: str | None
+) -> None:
+    look = look_at(load_case(name))
+    (line,) = (line for line in look.lines if line.startswith("thickness"))
+    assert line.endswith(f"about {cells}")
+    warned = [warning for warning in look.warnings if "through the thickness" in warning]
+    assert len(warned) == (told is not None)
+    if told is not None:
+        assert cells in warned[0]
+        assert told in warned[0]
+
+
+def test_the_errors_that_are_told_are_those_that_the_gates_expect() -> None:
+    # A bound is 1.02 times what was measured (expected.toml).
+    def measured(case: str, candidate: str, name: str) -> str:
+        bound = read_expected()[case][candidate].regression_bound[name]
+        return f"{100.0 * bound / 1.02:.2g}"
+
+    plain, smoothed = (
+        [measured(case, who, f"displacement_l2 (truth, green{word})")
+         for case in ("cantilever", "sze", "csm1", "csm2")]
+        for who, word in (("fastsim", ""), ("fastsim (smoothed)", ", smoothed"))
+    )  # fmt: skip
+    two, four = expected_errors(Thickness(1.0, 2.0)), expected_errors(Thickness(1.0, 4.0))
+    assert two is not None
+    assert four is not None
+    assert f"({plain[0]} to {plain[1]} % from" in two
+    assert f"({smoothed[0]} % in cantilever, {smoothed[1]} % in sze" in two
+    assert plain[2] == plain[3]
+    assert f"({plain[2]} % from" in four
+    assert f"({smoothed[2]} to {smoothed[3]} %)" in four
+    assert expected_errors(Thickness(1.0, 5.0)) is None
 
 
 def test_forces_and_areas_are_those_of_the_loads(problem: Problem) -> None:
