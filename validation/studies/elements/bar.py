@@ -1,0 +1,274 @@
+"""Error of both elements, and of rivals, against time, on a clamped bar bent by its end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.problem import Element, Material, Problem, Strain
+from palpate.reference.result import Formulation
+from palpate.validation.metrics import l2_norm
+from palpate.validation.references.sets import solve_state
+from palpate.validation.report.line_plot import BLUE, RED, Line, Panel, line_figure
+from palpate.validation.report.study_page import Figure, Finding, Table, judged
+from palpate.validation.states import Progress, Verdict, gravest
+from palpate.validation.studies.frontier import (
+    STVK,
+    Truth,
+    read_at,
+    run_installed,
+    time_fastsim,
+)
+
+WIDTH = 0.02  # m; four times as long
+TRACTION = 60.0  # Pa: the tip sinks by a fifth of the length
+RATIOS = (0.3, 0.45, 0.49, 0.499)
+# From this Poisson's ratio on the truth has pressure among its unknowns.
+NEARLY_INCOMPRESSIBLE = 0.49
+# Cells an edge of the bar's section. The linear element, being cheaper, gets one mesh more, so
+# that it has as much time; the truth is of degree 2, with its bar from a mesh half as fine.
+DIVISIONS = {Element.LINEAR: (2, 4, 8, 12, 16), Element.SMOOTHED: (2, 4, 8, 12)}
+TRUTH_DIVISIONS = 8
+FEWEST_FOR_RIVALS = 4
+# What a smoothed bar of so many cells an edge may be off, by Poisson's ratio.
+LIMIT_DIVISIONS = 8
+LIMITS = {0.49: 0.05, 0.499: 0.08}
+# Where the elements are compared at equal time.
+LEVELS = (0.1, 0.05, 0.02, 0.01)
+OURS = {Element.LINEAR: "fastsim, linear", Element.SMOOTHED: "fastsim, smoothed"}
+
+
+class Run(NamedTuple):
+    """One solver on one mesh.
+
+    `seconds` is processor time of the solve; `error` the relative L2 distance from the truth.
+    """
+
+    poissons_ratio: float
+    who: str
+    law: str
+    divisions: int
+    num_cells: int
+    seconds: float
+    error: float
+
+
+class Bars(NamedTuple):
+    """Every run; how far each truth moves when its mesh is halved; what was left out and why."""
+
+    runs: Sequence[Run]
+    truth_changes: dict[float, float]
+    left_out: Sequence[str]
+
+    def of(self, poissons_ratio: float, who: str) -> list[Run]:
+        """One curve, from the coarsest mesh on."""
+        return [r for r in self.runs if (r.poissons_ratio, r.who) == (poissons_ratio, who)]
+
+
+Solve = Callable[[Problem, Element], tuple[float, Points]]
+
+
+def make_bar(divisions: int, poissons_ratio: float, *, ragged: float = 0.0) -> Problem:
+    """The bar with so many bricks across and four times as many along."""
+    size = (4 * WIDTH, WIDTH, WIDTH)
+    mesh = brick_box((4 * divisions, divisions, divisions), size, ragged=ragged)
+    load = Traction(side(mesh, 0, size[0]), (0.0, 0.0, -TRACTION))
+    material = Material(2e4, poissons_ratio, 1000.0)
+    return Problem(mesh, material, (held(side(mesh, 0, 0.0)),), (load,))
+
+
+def solve_truth(problem: Problem, progress: Progress) -> Truth:
+    """Quadratic tetrahedra, with pressure among the unknowns where nearly incompressible."""
+    is_mixed = problem.material.poissons_ratio >= NEARLY_INCOMPRESSIBLE
+    form = Formulation.MIXED if is_mixed else Formulation.DISPLACEMENT
+    state = solve_state(problem, Strain.GREEN, 2, progress, formulation=form)
+    return Truth(problem, state.displacement)
+
+
+def follow_bars(
+    progress: Progress,
+    *,
+    ratios: Sequence[float] = RATIOS,
+    divisions: Mapping[Element, Sequence[int]] = DIVISIONS,
+    truth_divisions: int = TRUTH_DIVISIONS,
+    solve: Solve = time_fastsim,
+) -> Bars:
+    """Every bar by both elements and by the rivals that are installed.
+
+    Args:
+        progress: Called before what takes long.
+        ratios: Poisson's ratios.
+        divisions: Meshes of each element.
+        truth_divisions: Mesh of the truth, an even number.
+        solve: fastsim's statics with their time, or what is put to the test in their place.
+
+    Raises:
+        ReferenceFailedError: No FEniCSx, and so no truth.
+    """
+    runs: list[Run] = []
+    changes: dict[float, float] = {}
+    left_out: list[str] = []
+
+    def leave_out(line: str) -> None:
+        if line not in left_out:
+            left_out.append(line)
+            progress(line)
+
+    for nu in ratios:
+        truth = solve_truth(make_bar(truth_divisions, nu), progress)
+        half = solve_truth(make_bar(truth_divisions // 2, nu), progress)
+        mesh = half.problem.mesh
+        finer = read_at(truth.problem, truth.displacement, mesh.points)
+        changes[nu] = l2_norm(mesh, half.displacement - finer) / l2_norm(mesh, finer)
+        plain: dict[int, Points] = {}
+        for element, meshes in divisions.items():
+            for n in meshes:
+                problem = make_bar(n, nu)
+                cells = problem.mesh.num_cells
+                progress(f"{OURS[element]}, nu = {nu:g}, {cells} cells")
+                seconds, u = solve(problem, element)
+                error = truth.error_of(problem, u)
+                runs.append(Run(nu, OURS[element], STVK, n, cells, seconds, error))
+                if element is Element.LINEAR:
+                    plain[n] = u
+        # Fewer are nobody's choice.
+        rivals = {n: make_bar(n, nu) for n in plain if n >= FEWEST_FOR_RIVALS}
+        size = {problem.mesh.num_cells: n for n, problem in rivals.items()}
+        for row in run_installed(rivals, plain, truth, progress, leave_out):
+            who = f"{row.tool} {row.version}"
+            n = size[row.num_cells]
+            runs.append(Run(nu, who, row.law, n, row.num_cells, row.seconds, row.error))
+    return Bars(runs, changes, left_out)
+
+
+def orders(runs: Sequence[Run]) -> list[float | None]:
+    """Observed order in h of each run against the one before it; None for the first."""
+    found: list[float | None] = [None]
+    for a, b in pairwise(runs):
+        found.append(math.log(a.error / b.error) / math.log(b.divisions / a.divisions))
+    return found
+
+
+def seconds_to(runs: Sequence[Run], level: float) -> float | None:
+    """Time until the error is at most a level [s], between meshes by powers; None if never."""
+    for k, run in enumerate(runs):
+        if run.error <= level:
+            if k == 0:
+                return run.seconds
+            before = runs[k - 1]
+            part = math.log(before.error / level) / math.log(before.error / run.error)
+            return float(before.seconds * (run.seconds / before.seconds) ** part)
+    return None
+
+
+def judge_bars(bars: Bars) -> list[Finding]:
+    """Limits near incompressibility, and who is nearer the truth in the same time."""
+    findings = []
+    for nu in bars.truth_changes:
+        linear, smoothed = (bars.of(nu, OURS[element]) for element in Element)
+        for run in smoothed:
+            if nu in LIMITS and run.divisions == LIMIT_DIVISIONS:
+                findings.append(
+                    judged(
+                        f"nu = {nu:g}, {run.divisions} cells an edge: smoothed tetrahedra are "
+                        f"within {100 * LIMITS[nu]:g} % of the truth",
+                        f"{100 * run.error:.2f} %, the truth's own change on a halved mesh "
+                        f"{100 * bars.truth_changes[nu]:.2f} %",
+                        run.error <= LIMITS[nu],
+                    )
+                )
+        findings.append(_at_equal_time(nu, linear, smoothed))
+        findings += [_beside(nu, who, bars.of(nu, who), smoothed) for who in _rivals(bars, nu)]
+    return findings
+
+
+def _rivals(bars: Bars, poissons_ratio: float) -> list[str]:
+    there = (r.who for r in bars.runs if r.poissons_ratio == poissons_ratio)
+    return [who for who in dict.fromkeys(there) if who not in OURS.values()]
+
+
+def _at_equal_time(nu: float, linear: Sequence[Run], smoothed: Sequence[Run]) -> Finding:
+    claim = f"nu = {nu:g}: smoothed tetrahedra reach 10 % to 1 % sooner than linear ones"
+    said, verdicts = _compare(linear, smoothed)
+    return Finding(claim, said, gravest(verdicts))
+
+
+def _beside(nu: float, who: str, rival: Sequence[Run], smoothed: Sequence[Run]) -> Finding:
+    """Another simulator's curve is told, and judged where both reach a level."""
+    claim = f"nu = {nu:g}: smoothed tetrahedra reach 10 % to 1 % sooner than {who}"
+    said, verdicts = _compare(rival, smoothed)
+    return Finding(claim, said, gravest(verdicts))
+
+
+def _compare(other: Sequence[Run], smoothed: Sequence[Run]) -> tuple[str, list[Verdict]]:
+    """By level: sooner, later, or nobody knows, which is inconclusive."""
+    words, verdicts = [], []
+    for level in LEVELS:
+        ours, theirs = seconds_to(smoothed, level), seconds_to(other, level)
+        last = other[-1]
+        if ours is None and theirs is None:
+            verdict, said = Verdict.INCONCLUSIVE, "neither reaches it on these meshes"
+        elif ours is None:
+            verdict, said = Verdict.FAILED, f"not reached, the other {theirs:.3g} s"
+        elif theirs is not None:
+            verdict = Verdict.PASSED if ours <= theirs else Verdict.FAILED
+            said = f"{ours:.3g} s, the other {theirs:.3g} s"
+        else:
+            verdict = Verdict.PASSED if ours <= last.seconds else Verdict.INCONCLUSIVE
+            said = f"{ours:.3g} s, the other {100 * last.error:.1f} % after {last.seconds:.3g} s"
+        verdicts.append(verdict)
+        words.append(f"{100 * level:g} %: {said}")
+    return "; ".join(words), verdicts
+
+
+def bars_table(bars: Bars) -> Table:
+    """Every run, with the observed order in h."""
+    columns = {"Poisson's ratio": "g", "solver": "", "law": "", "cells an edge": "d"}
+    columns |= {"cells": "d", "seconds": ".3g", "error": ".4f", "order": ".2f"}
+    rows = []
+    for nu, who in dict.fromkeys((r.poissons_ratio, r.who) for r in bars.runs):
+        curve = bars.of(nu, who)
+        rows += [[*run, order] for run, order in zip(curve, orders(curve), strict=True)]
+    return Table("Clamped bar, 4 x 1 x 1: every run", columns, rows)
+
+
+def draw_bars(bars: Bars) -> Figure:
+    """A panel for each Poisson's ratio."""
+    colours = {OURS[Element.LINEAR]: RED, OURS[Element.SMOOTHED]: BLUE}
+    panels = []
+    for nu, change in bars.truth_changes.items():
+        lines = []
+        for who in (*OURS.values(), *_rivals(bars, nu)):
+            curve = bars.of(nu, who)
+            is_ours, is_same = who in colours, curve[0].law == STVK
+            lines.append(
+                Line(
+                    [run.seconds for run in curve],
+                    [run.error for run in curve],
+                    label=who if is_same else f"{who}, {curve[0].law}",
+                    style="-o" if is_same else "--s",
+                    colour=colours.get(who),
+                    width=2.2 if is_ours else 1.2,
+                )
+            )
+        panels.append(
+            Panel(
+                lines,
+                title=f"Poisson's ratio {nu:g}",
+                log="xy",
+                levels=(change,),
+                x="processor time of the solve [s]",
+                y="relative L2 error",
+            )
+        )
+    return line_figure(
+        [panels[k : k + 2] for k in range(0, len(panels), 2)],
+        "Lower left is better. The dotted line is the truth's own change when its mesh is "
+        "halved: errors near it say nothing. Dashed lines: another material law.",
+        shares_legend=True,
+    )
