@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
@@ -38,7 +40,7 @@ FEWEST_FOR_RIVALS = 4
 # What a smoothed bar of so many cells an edge may be off, by Poisson's ratio.
 LIMIT_DIVISIONS = 8
 LIMITS = {0.49: 0.05, 0.499: 0.08}
-# Where the elements are compared at equal time.
+# Of the table of times.
 LEVELS = (0.1, 0.05, 0.02, 0.01)
 OURS = {Element.LINEAR: "fastsim, linear", Element.SMOOTHED: "fastsim, smoothed"}
 
@@ -166,11 +168,19 @@ def seconds_to(runs: Sequence[Run], level: float) -> float | None:
     return None
 
 
+def error_after(runs: Sequence[Run], seconds: float) -> float | None:
+    """Error reached in a time, between meshes by powers; None before the first answer."""
+    times, errors = [run.seconds for run in runs], [run.error for run in runs]
+    if seconds < times[0]:
+        return None
+    return float(np.exp(np.interp(math.log(seconds), np.log(times), np.log(errors))))
+
+
 def judge_bars(bars: Bars) -> list[Finding]:
     """Limits near incompressibility, and who is nearer the truth in the same time."""
     findings = []
     for nu in bars.truth_changes:
-        linear, smoothed = (bars.of(nu, OURS[element]) for element in Element)
+        smoothed = bars.of(nu, OURS[Element.SMOOTHED])
         for run in smoothed:
             if nu in LIMITS and run.divisions == LIMIT_DIVISIONS:
                 findings.append(
@@ -182,8 +192,10 @@ def judge_bars(bars: Bars) -> list[Finding]:
                         run.error <= LIMITS[nu],
                     )
                 )
-        findings.append(_at_equal_time(nu, linear, smoothed))
-        findings += [_beside(nu, who, bars.of(nu, who), smoothed) for who in _rivals(bars, nu)]
+        findings += [
+            _at_equal_time(nu, who, bars.of(nu, who), smoothed)
+            for who in (OURS[Element.LINEAR], *_rivals(bars, nu))
+        ]
     return findings
 
 
@@ -192,38 +204,30 @@ def _rivals(bars: Bars, poissons_ratio: float) -> list[str]:
     return [who for who in dict.fromkeys(there) if who not in OURS.values()]
 
 
-def _at_equal_time(nu: float, linear: Sequence[Run], smoothed: Sequence[Run]) -> Finding:
-    claim = f"nu = {nu:g}: smoothed tetrahedra reach 10 % to 1 % sooner than linear ones"
-    said, verdicts = _compare(linear, smoothed)
-    return Finding(claim, said, gravest(verdicts))
-
-
-def _beside(nu: float, who: str, rival: Sequence[Run], smoothed: Sequence[Run]) -> Finding:
-    """Another simulator's curve is told, and judged where both reach a level."""
-    claim = f"nu = {nu:g}: smoothed tetrahedra reach 10 % to 1 % sooner than {who}"
-    said, verdicts = _compare(rival, smoothed)
-    return Finding(claim, said, gravest(verdicts))
-
-
-def _compare(other: Sequence[Run], smoothed: Sequence[Run]) -> tuple[str, list[Verdict]]:
-    """By level: sooner, later, or nobody knows, which is inconclusive."""
+def _at_equal_time(nu: float, who: str, other: Sequence[Run], smoothed: Sequence[Run]) -> Finding:
+    """At every run of the other that a smoothed one is as quick as; below 1 % nobody asks."""
     words, verdicts = [], []
-    for level in LEVELS:
-        ours, theirs = seconds_to(smoothed, level), seconds_to(other, level)
-        last = other[-1]
-        if ours is None and theirs is None:
-            verdict, said = Verdict.INCONCLUSIVE, "neither reaches it on these meshes"
-        elif ours is None:
-            verdict, said = Verdict.FAILED, f"not reached, the other {theirs:.3g} s"
-        elif theirs is not None:
-            verdict = Verdict.PASSED if ours <= theirs else Verdict.FAILED
-            said = f"{ours:.3g} s, the other {theirs:.3g} s"
-        else:
-            verdict = Verdict.PASSED if ours <= last.seconds else Verdict.INCONCLUSIVE
-            said = f"{ours:.3g} s, the other {100 * last.error:.1f} % after {last.seconds:.3g} s"
-        verdicts.append(verdict)
-        words.append(f"{100 * level:g} %: {said}")
-    return "; ".join(words), verdicts
+    for run in other:
+        error = error_after(smoothed, run.seconds)
+        if error is not None and run.error >= LEVELS[-1]:
+            verdicts.append(Verdict.PASSED if error < run.error else Verdict.FAILED)
+            words.append(f"{run.seconds:.2g} s: {100 * error:.2g} % against {100 * run.error:.2g}")
+    return Finding(
+        f"nu = {nu:g}: smoothed tetrahedra are nearer the truth than {who} in the same time",
+        "; ".join(words) or "no two runs took comparable times",
+        gravest(verdicts),
+    )
+
+
+def levels_table(bars: Bars) -> Table:
+    """Seconds until each level; nothing where it is not reached."""
+    columns = {"Poisson's ratio": "g", "solver": ""}
+    columns |= {f"seconds to {100 * level:g} %": ".3g" for level in LEVELS}
+    curves = dict.fromkeys((r.poissons_ratio, r.who) for r in bars.runs)
+    rows = [
+        (nu, who, *(seconds_to(bars.of(nu, who), level) for level in LEVELS)) for nu, who in curves
+    ]
+    return Table("Time to an error, between meshes by powers", columns, rows)
 
 
 def bars_table(bars: Bars) -> Table:
