@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -136,6 +136,33 @@ class OwnMesh:
 
 
 @dataclass(frozen=True, eq=False)
+class CellStresses:
+    """Means over each cell of a mesh; symmetric, tension positive.
+
+    Attributes:
+        second_piola_kirchhoff: S, over the rest cell, in the rest frame [Pa], (num_cells, 3, 3).
+        cauchy: sigma = F S F^T / det F, likewise; S itself under linear strain.
+
+    >>> import palpate
+    >>> problem = palpate.load_case("block").problem
+    >>> stresses = palpate.solve(problem).stresses
+    >>> stresses.cauchy.shape == (problem.mesh.num_cells, 3, 3)
+    True
+    """
+
+    second_piola_kirchhoff: Floats
+    cauchy: Floats
+
+    @property
+    def von_mises(self) -> Floats:
+        """sqrt(3/2 s : s) of Cauchy's stress [Pa], s its deviator, (num_cells,)."""
+        pressure = np.trace(self.cauchy, axis1=1, axis2=2) / 3.0
+        s = self.cauchy - pressure[:, None, None] * np.eye(3)
+        stress: Floats = np.sqrt(1.5 * (s * s).sum(axis=(1, 2)))
+        return stress
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """One solution of a case, with the quantities that are judged.
 
@@ -164,6 +191,8 @@ class State:
         says: What an outside candidate says of itself: its words, never judged.
         remarks: What was done to the answer to compare it, a sentence each.
         element: What its tetrahedra are; of an outside simulator what it says in its result.
+        stresses: Of `displacement`, of each cell: fastsim's answers and the reference's equilibria
+            have them. Shown to people, never judged.
 
     >>> import palpate
     >>> state = palpate.solve(palpate.load_case("block").problem)
@@ -191,6 +220,7 @@ class State:
     says: Mapping[str, Any] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     element: Element = Element.LINEAR
+    stresses: CellStresses | None = None
 
     @property
     def displacements(self) -> NDArray[np.float64]:

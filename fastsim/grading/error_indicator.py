@@ -10,28 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.fastsim.body import Body
+from palpate.fastsim.cell_stress import cell_stress
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-
-
-def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
-    """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), as the element takes it.
-
-    Args:
-        body: Its strain says which: with engineering strain S is Cauchy's stress, with Green
-            strain the second Piola-Kirchhoff stress.
-        displacement: [m], shape (num_points, 3), finite.
-
-    Returns:
-        [Pa], shape (num_cells, 3, 3), symmetric.
-    """
-    gradient = body.displacement_gradients(displacement)
-    E = 0.5 * (gradient + gradient.transpose(0, 2, 1))
-    if body.strain is Strain.GREEN:
-        E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
-    return body.stresses(E)
 
 
 def recovered_stress(mesh: TetMesh, stress: Floats) -> Floats:

@@ -12,6 +12,7 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference.availability import is_available
 from palpate.reference.result import Formulation
 from palpate.validation.case import load_case
+from palpate.validation.solving import Simulator, solve
 
 if is_available():
     from palpate.reference.cell_stress import measure_stresses
@@ -130,6 +131,20 @@ def test_the_stresses_of_cells_are_those_that_make_the_forces(box, element, stra
         element=element,
     )
     assert np.abs(forces - expected).max() <= 1e-12 * np.abs(forces).max()
+
+
+@BOTH
+@pytest.mark.parametrize("element", list(Element))
+def test_fastsim_and_the_reference_find_the_same_stresses_on_the_same_mesh(box, element, strain):
+    problem = two_materials(box)
+    found = [solve(problem, with_=who, strain=strain, element=element) for who in Simulator]
+    ours, theirs = (state.stresses for state in found)
+    for name in ("second_piola_kirchhoff", "cauchy", "von_mises"):
+        one, other = getattr(ours, name), getattr(theirs, name)
+        assert len(other) == problem.mesh.num_cells
+        assert np.abs(one - other).max() <= 1e-8 * np.abs(other).max()
+    true = solve_static(problem, strain=strain, element=element)
+    assert np.abs(true.von_mises_stress - ours.von_mises).max() <= 1e-8 * ours.von_mises.max()
 
 
 @pytest.mark.parametrize("kind", ["linear", "smoothed", "quadratic"])

@@ -1,4 +1,4 @@
-"""`palpate solve`: a case solved by fastsim or the reference, and its displacement written."""
+"""`palpate solve`: a case solved by fastsim or the reference; displacement and stresses written."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def solve(
         Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
     ] = Element.LINEAR,
 ) -> None:
-    """Solve a case, statics or motion, and write the displacement."""
+    """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells."""
     from palpate.validation.case import load_case
     from palpate.validation.exchange.written_result import require_written_kind, write_solution
     from palpate.validation.output_files import input_files, require_outputs

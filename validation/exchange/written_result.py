@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
@@ -25,7 +26,10 @@ def require_written_kind(path: Path) -> None:
 
 
 def write_solution(path: Path, problem: Problem, state: State) -> str:
-    """Write a state: the displacement on its mesh, or, as .npz, the whole motion.
+    """Write a state: displacement and stresses on its mesh, or, as .npz, the whole motion.
+
+    Stresses are fields of cells [Pa], where the state has them: `second_piola_kirchhoff_stress` and
+    `cauchy_stress`, nine components row by row, and `von_mises_stress`.
 
     Args:
         path: .vtu, .vtk or .npz; a file of that name is replaced.
@@ -42,7 +46,15 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
     said = f"{path}: displacement [m] of {problem.mesh.num_points} points, {state.strain} strain"
     motion = state.trajectory
     if path.suffix.lower() != ".npz":
-        write_mesh(path, problem.mesh, point_data={"displacement": state.displacement})
+        stresses = _stresses(state)
+        write_mesh(
+            path,
+            problem.mesh,
+            point_data={"displacement": state.displacement},
+            cell_data=stresses,
+        )
+        if stresses:
+            said += f", stresses [Pa] of {problem.mesh.num_cells} cells"
         if motion is None:
             return said
         return f"{said}, at {motion.times[-1]:g} s; a file .npz holds the whole motion"
@@ -60,6 +72,16 @@ def write_solution(path: Path, problem: Problem, state: State) -> str:
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
     return said
+
+
+def _stresses(state: State) -> dict[str, NDArray[Any]]:
+    if state.stresses is None:
+        return {}
+    return {
+        "second_piola_kirchhoff_stress": state.stresses.second_piola_kirchhoff.reshape(-1, 9),
+        "cauchy_stress": state.stresses.cauchy.reshape(-1, 9),
+        "von_mises_stress": state.stresses.von_mises,
+    }
 
 
 def _forces(state: State) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from palpate.validation.references.sequences import (
     bar_of,
     bar_of_two,
 )
-from palpate.validation.states import REFERENCE, Progress, State
+from palpate.validation.states import REFERENCE, CellStresses, Progress, State
 
 SAME_MESH = "reference P1"
 SMOOTHED = "reference smoothed"
@@ -136,6 +136,7 @@ def solve_state(
         tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
         versions=dict(result.versions),
         element=element,
+        stresses=CellStresses(result.second_piola_kirchhoff_stress, result.cauchy_stress),
     )
 
 

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from palpate.fastsim.body import Body
+from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.dynamics import simulate
@@ -17,7 +19,14 @@ from palpate.fastsim.errors import FastsimError
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
-from palpate.validation.states import CandidateFailedError, Method, Progress, State, Trajectory
+from palpate.validation.states import (
+    CandidateFailedError,
+    CellStresses,
+    Method,
+    Progress,
+    State,
+    Trajectory,
+)
 
 _STATIC = {"newton_iterations": "iterations", "linear_iterations": "linear_iterations"}
 _MOVING = ("time_step", "critical_time_step", "num_steps")
@@ -60,6 +69,7 @@ def run_fastsim(
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
+    body = Body.of(problem, strain, element=element)
     return make_state(
         problem.mesh,
         displacement,
@@ -68,6 +78,7 @@ def run_fastsim(
         simulator="fastsim",
         strain=strain,
         seconds=seconds,
+        stresses=CellStresses(cell_stress(body, displacement), cauchy_stress(body, displacement)),
         **more,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -152,7 +153,8 @@ class _Chain:
                 found = solve(
                     problem, with_=self._simulator, strain=self._strain, element=self._element
                 )
-                runs.append(run(found))
+                # A table and figures need no stresses, which are most of a state.
+                runs.append(run(dataclasses.replace(found, stresses=None)))
             except ReferenceUnavailableError:
                 raise
             except (CandidateFailedError, ReferenceFailedError) as error:

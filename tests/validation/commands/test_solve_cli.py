@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
@@ -70,6 +71,23 @@ def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(tmp_path: P
         np.testing.assert_array_equal(found, stored["displacement"][-1])
         assert stored["times"][-1] == 0.5
     assert np.abs(equilibrium() - found).max() > 1e-3 * np.abs(found).max()
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("element", ["linear", "smoothed"])
+def test_either_simulator_writes_the_same_stresses(tmp_path: Path, element: str) -> None:
+    found = {}
+    for who in ("fastsim", "reference"):
+        path = tmp_path / f"{who}.vtu"
+        done = palpate("solve", "block", "--with", who, "--element", element, "-o", path)
+        assert done.returncode == 0, done.stderr
+        assert "stresses [Pa] of 90 cells" in done.stdout
+        found[who] = meshio.read(path).cell_data
+    names = {"second_piola_kirchhoff_stress", "cauchy_stress", "von_mises_stress"}
+    for name in names:
+        ours, theirs = found["fastsim"][name][0], found["reference"][name][0]
+        assert np.abs(ours - theirs).max() <= 1e-8 * np.abs(theirs).max()
+    assert set(found["fastsim"]) == set(found["reference"]) == names
 
 
 def equilibrium() -> Points:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.result_files import read_result
 from palpate.validation.exchange.written_result import write_solution
 from palpate.validation.metrics import make_state
-from palpate.validation.states import State, Trajectory
+from palpate.validation.states import CellStresses, State, Trajectory
 
 TIMES = np.array([0.0, 0.25, 0.75])
 
@@ -33,6 +35,37 @@ def test_a_motion_is_written_whole_and_its_end_is_told(tmp_path: Path, problem: 
     assert state.trajectory is not None
     np.testing.assert_array_equal(found.values, state.trajectory.displacements)
     np.testing.assert_array_equal(found.times, TIMES)
+
+
+@pytest.mark.parametrize("kind", ["vtu", "vtk", "msh"])
+def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(
+    tmp_path: Path, problem: Problem, kind: str
+) -> None:
+    path, count = tmp_path / f"s.{kind}", problem.mesh.num_cells
+    rng = np.random.default_rng(6)
+    S, sigma = rng.normal(size=(2, count, 3, 3))
+    # A shear of 2 Pa: sqrt(3) of it; and hydrostatic stress: nothing.
+    sigma[0] = 2.0 * np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    sigma[1] = 5.0 * np.eye(3)
+    state = dataclasses.replace(moving(problem), stresses=CellStresses(S, sigma))
+    assert f", stresses [Pa] of {count} cells" in write_solution(path, problem, state)
+    written = meshio.read(path)
+    fields = {name: np.concatenate(parts) for name, parts in written.cell_data.items()}
+    np.testing.assert_array_equal(written.cells_dict["tetra"], problem.mesh.cells)
+    rows = fields["second_piola_kirchhoff_stress"].reshape(count, 9)
+    np.testing.assert_array_equal(rows[:, 1], S[:, 0, 1])
+    np.testing.assert_array_equal(rows.reshape(count, 3, 3), S)
+    np.testing.assert_array_equal(fields["cauchy_stress"].reshape(count, 3, 3), sigma)
+    mises = fields["von_mises_stress"].reshape(count)
+    assert mises[:2] == pytest.approx([2.0 * np.sqrt(3.0), 0.0], abs=1e-12)
+    if kind == "vtu":  # the kind that is an answer too
+        np.testing.assert_allclose(read_result(path).values[0], state.displacement, atol=1e-18)
+
+
+def test_a_state_without_stresses_has_no_field_of_them(tmp_path: Path, problem: Problem) -> None:
+    line = write_solution(tmp_path / "m.vtu", problem, moving(problem))
+    assert "stresses [Pa]" not in line
+    assert not meshio.read(tmp_path / "m.vtu").cell_data
 
 
 def test_a_mesh_file_holds_the_end_and_says_so(tmp_path: Path, problem: Problem) -> None:
