@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shlex
 import sys
@@ -13,15 +14,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.diagnosis import diagnose
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.report.html import write_report
-from palpate.validation.simulators.candidate import fastsim_candidate
+from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault
+from palpate.validation.states import Progress, State, Verdict
 
 SIMULATOR = Path(__file__).parent / "one_file_simulator.py"
 
@@ -104,3 +107,19 @@ def test_numbers_beyond_all_bounds_are_diagnosed_without_a_crash(size: float) ->
         truth = fastsim_candidate().solve(problem, state.strain, lambda _line: None)
     for reference in (truth, None):
         assert diagnose(problem, state, reference).explanations == ()
+
+
+@pytest.mark.parametrize(("seconds", "is_asked_again"), [(9.9, True), (10.0, False)])
+def test_only_a_quick_candidate_is_asked_again(seconds: float, is_asked_again: bool) -> None:
+    asked = []
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        asked.append(problem)
+        state = fastsim_candidate().solve(problem, strain, progress)
+        # Nothing that the diagnosis knows: without asking, no explanation fits.
+        bent = state.displacement + 1e-3 * np.sin(300.0 * problem.mesh.points[:, [1, 2, 0]])
+        return dataclasses.replace(state, displacement=bent, seconds=seconds)
+
+    result = judge_case(load_case("block"), candidate=Candidate("mine", solve))
+    assert result.verdict is Verdict.FAILED
+    assert (len(asked) > 1) is is_asked_again
