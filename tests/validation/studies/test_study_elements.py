@@ -9,11 +9,17 @@ import pytest
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem
+from palpate.meshes.quality import measure_quality
 from palpate.reference.errors import ReferenceUnavailableError
 from palpate.validation.states import Verdict
 from palpate.validation.studies import elements, frontier
-from palpate.validation.studies.elements import Found, bar, modes, present
+from palpate.validation.studies.elements import Found, bar, meshes, modes, present
 from palpate.validation.studies.elements.bar import OURS, Bars, Run, follow_bars, judge_bars
+from palpate.validation.studies.elements.meshes import (
+    Distortion,
+    judge_distortions,
+    read_pressures,
+)
 from palpate.validation.studies.elements.modes import Modes, judge_modes
 from palpate.validation.studies.frontier import STVK, time_fastsim
 
@@ -118,6 +124,39 @@ def test_the_frequencies_of_a_small_bar_are_true_ones() -> None:
         assert found.linear[0] > 1.2 * found.true[0]
 
 
+def test_slivers_that_cost_more_than_smoothing_gains_fail() -> None:
+    sound = Distortion(0.49, (45.0, 5.1), (0.4, 0.5), (0.01, 0.05))
+    spoiled = sound._replace(smoothed=(0.01, 0.45))
+    found = [finding.verdict for finding in judge_distortions([sound, spoiled])]
+    assert found == [Verdict.PASSED, Verdict.FAILED]
+
+
+def test_the_distorted_bar_has_slivers_and_the_same_body() -> None:
+    regular, distorted = bar.make_bar(4, 0.3), meshes.distorted_bar(4, 0.3)
+    assert distorted.mesh.volume == pytest.approx(regular.mesh.volume, rel=1e-12)
+    # One step of moving less than what has 5 degrees.
+    assert 5.0 <= measure_quality(distorted.mesh).smallest_dihedral_deg < 6.0
+
+
+def test_pressures_of_a_uniform_field_do_not_scatter_and_waves_do() -> None:
+    problem = bar.make_bar(4, 0.49)
+    points = problem.mesh.points
+    # Swollen by one per cent: tr E = 3 (0.01 + 0.01^2 / 2); lmbda = E nu / ((1 + nu)(1 - 2 nu)).
+    lmbda = 2e4 * 0.49 / (1.49 * 0.02)
+    swollen = read_pressures(problem, 0.01 * points)
+    assert swollen.at_nodes == pytest.approx(-lmbda * 0.03015, rel=1e-9)
+    assert swollen.scatter < 1e-9
+    assert len(swollen.places) == 17
+    jumpy = np.random.default_rng(0).uniform(-1e-4, 1e-4, points.shape)
+    rough = read_pressures(problem, jumpy)
+    assert rough.scatter > 0.3
+    sliver = Distortion(0.49, (45.0, 5.1), (0.4, 0.5), (0.01, 0.05))
+    page = present(Found(Bars([*SLOW, *FAST], {0.49: 0.001}, ()), (), [sliver], [rough]))
+    assert "averages of cells" in page.figures["pressures"].svg
+    assert page.tables["distorted"].texts[1] == ["0.49", "distorted", "5.1", "0.5000", "0.0500"]
+    assert len(page.tables["pressures"].rows) == 1
+
+
 def test_without_the_reference_there_is_no_truth(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(*_args: object, **_named: object) -> None:
         raise ReferenceUnavailableError("FEniCSx (dolfinx) is not installed")
@@ -146,6 +185,11 @@ def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
     monkeypatch.setattr(bar, "LIMIT_DIVISIONS", 4)
     monkeypatch.setattr(bar, "LIMITS", {0.49: 0.1})
     bars = follow(spoiled=False)
+    distortions, pressures = meshes.follow_meshes(bars.truths, lambda _line: None, divisions=4)
+    # The same solves on the regular mesh.
+    assert distortions[0].smoothed[0] == pytest.approx(bars.of(0.49, SMOOTHED)[-1].error)
+    assert judge_distortions(distortions)[0].verdict is Verdict.PASSED
+    assert pressures[0].scatter > 0.1
     assert bars.left_out == [
         "none: no_such_module is not installed (PALPATE_BENCH_PYTHON names others)"
     ]

@@ -11,6 +11,10 @@ installed stand on the same figure, timed by themselves.
 Then frequencies: the lowest twenty of the bar, free and clamped, beside quadratic tetrahedra on the
 same mesh, both with consistent mass. A free body has six zeros, and a spurious mode would be a
 frequency far below the true one.
+
+Then a mesh whose inner points are moved until its smallest dihedral angle is five degrees; and the
+pressures of nodes, which may jump from node to node: how far they scatter about the averages of
+cells, which are what is to be read.
 """
 
 from __future__ import annotations
@@ -28,6 +32,15 @@ from palpate.validation.studies.elements.bar import (
     judge_bars,
     levels_table,
 )
+from palpate.validation.studies.elements.meshes import (
+    Distortion,
+    Pressures,
+    distortions_table,
+    draw_pressures,
+    follow_meshes,
+    judge_distortions,
+    pressures_table,
+)
 from palpate.validation.studies.elements.modes import (
     NO_SCIPY,
     Modes,
@@ -44,6 +57,8 @@ class Found(NamedTuple):
 
     bars: Bars
     modes: Sequence[Modes] = ()
+    distortions: Sequence[Distortion] = ()
+    pressures: Sequence[Pressures] = ()
 
 
 def compute(progress: Progress) -> Found:
@@ -52,16 +67,21 @@ def compute(progress: Progress) -> Found:
     Raises:
         ReferenceFailedError: No FEniCSx, and so no truth.
     """
-    return Found(follow_bars(progress), follow_modes(progress))
+    bars = follow_bars(progress)
+    return Found(bars, follow_modes(progress), *follow_meshes(bars.truths, progress))
 
 
 def judge(found: Found) -> list[Finding]:
-    """Limits near incompressibility, the comparison at equal time, and the frequencies."""
-    return judge_bars(found.bars) + judge_modes(found.modes)
+    """Limits near incompressibility, the comparison at equal time, frequencies and slivers."""
+    return [
+        *judge_bars(found.bars),
+        *judge_modes(found.modes),
+        *judge_distortions(found.distortions),
+    ]
 
 
 def present(found: Found) -> Page:
-    """Error over processor time, every run, and frequencies."""
+    """Error over processor time, every run, frequencies, slivers and pressures."""
     bars, modes = found.bars, found.modes
     changes = {f"{nu:g}": change for nu, change in bars.truth_changes.items()}
     left_out = [*bars.left_out, *([] if modes else [NO_SCIPY])]
@@ -70,6 +90,11 @@ def present(found: Found) -> Page:
     if modes:
         figures["modes"] = draw_modes(modes)
         tables["modes"] = modes_table(modes)
+    if found.distortions:
+        tables["distorted"] = distortions_table(found.distortions)
+    if found.pressures:
+        figures["pressures"] = draw_pressures(found.pressures)
+        tables["pressures"] = pressures_table(found.pressures)
     return Page(
         figures=figures,
         tables=tables,

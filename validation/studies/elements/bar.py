@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -61,11 +62,15 @@ class Run(NamedTuple):
 
 
 class Bars(NamedTuple):
-    """Every run; how far each truth moves when its mesh is halved; what was left out and why."""
+    """Every run; how far each truth moves when its mesh is halved; what was left out and why.
+
+    `truths` are by Poisson's ratio, too.
+    """
 
     runs: Sequence[Run]
-    truth_changes: dict[float, float]
+    truth_changes: Mapping[float, float]
     left_out: Sequence[str]
+    truths: Mapping[float, Truth] = MappingProxyType({})
 
     def of(self, poissons_ratio: float, who: str) -> list[Run]:
         """One curve, from the coarsest mesh on."""
@@ -114,6 +119,7 @@ def follow_bars(
     """
     runs: list[Run] = []
     changes: dict[float, float] = {}
+    truths: dict[float, Truth] = {}
     left_out: list[str] = []
 
     def leave_out(line: str) -> None:
@@ -122,7 +128,7 @@ def follow_bars(
             progress(line)
 
     for nu in ratios:
-        truth = solve_truth(make_bar(truth_divisions, nu), progress)
+        truth = truths[nu] = solve_truth(make_bar(truth_divisions, nu), progress)
         half = solve_truth(make_bar(truth_divisions // 2, nu), progress)
         mesh = half.problem.mesh
         finer = read_at(truth.problem, truth.displacement, mesh.points)
@@ -145,7 +151,7 @@ def follow_bars(
             who = f"{row.tool} {row.version}"
             n = size[row.num_cells]
             runs.append(Run(nu, who, row.law, n, row.num_cells, row.seconds, row.error))
-    return Bars(runs, changes, left_out)
+    return Bars(runs, changes, left_out, truths)
 
 
 def orders(runs: Sequence[Run]) -> list[float | None]:
