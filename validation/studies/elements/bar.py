@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
+from itertools import cycle, pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -17,7 +17,17 @@ from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.metrics import l2_norm
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.line_plot import BLUE, RED, Line, Panel, line_figure
+from palpate.validation.report.line_plot import (
+    BLUE,
+    GREEN,
+    GREY,
+    OCHRE,
+    PURPLE,
+    RED,
+    Line,
+    Panel,
+    line_figure,
+)
 from palpate.validation.report.study_page import Figure, Finding, Table, judged
 from palpate.validation.states import Progress, Verdict, gravest
 from palpate.validation.studies.frontier import (
@@ -250,19 +260,21 @@ def bars_table(bars: Bars) -> Table:
 def draw_bars(bars: Bars) -> Figure:
     """A panel for each Poisson's ratio."""
     colours = {OURS[Element.LINEAR]: RED, OURS[Element.SMOOTHED]: BLUE}
+    others = dict.fromkeys(who for nu in bars.truth_changes for who in _rivals(bars, nu))
+    colours |= dict(zip(others, cycle((OCHRE, GREEN, PURPLE, GREY)), strict=False))
     panels = []
     for nu, change in bars.truth_changes.items():
         lines = []
         for who in (*OURS.values(), *_rivals(bars, nu)):
             curve = bars.of(nu, who)
-            is_ours, is_same = who in colours, curve[0].law == STVK
+            is_ours, is_same = who in OURS.values(), curve[0].law == STVK
             lines.append(
                 Line(
                     [run.seconds for run in curve],
                     [run.error for run in curve],
                     label=who if is_same else f"{who}, {curve[0].law}",
                     style="-o" if is_same else "--s",
-                    colour=colours.get(who),
+                    colour=colours[who],
                     width=2.2 if is_ours else 1.2,
                 )
             )
