@@ -24,7 +24,7 @@ STUDIES = {
     "contact": "section IV: tools that touch tissue, against Hertz and others",
     "convergence": "orders in h, p and dt, as theory says; the kidney's GCI",
     "csm3": "Turek and Hron's swinging bar, by the implicit reference",
-    "elements": "linear and smoothed tetrahedra: error against time, near nu = 0.5 too",
+    "elements": "linear beside smoothed tetrahedra: error against time",
     "frontier": "error against run time of every simulator that is installed",
     "grading": "section V: graded meshes, the same answer with fewer cells",
     "hard-loads": "loads up to where the material ends, and who says why",
