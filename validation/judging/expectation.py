@@ -18,6 +18,7 @@ from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
 from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.record import error_name
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.judging.together import is_of_truth
 from palpate.validation.metrics import CATALOGUE
@@ -171,7 +172,7 @@ def errors_of(result: CaseResult, judged: Judged) -> dict[str, float]:
     }
     is_static = result.problem.time is None
     if is_static and not any(name.startswith("displacement_l2 (truth") for name in found):
-        which = Strain.GREEN if judged.element == "linear" else f"{Strain.GREEN}.{judged.element}"
-        value = result.metrics.get(key := f"error.truth.{which}.displacement_l2")
+        key = error_name("truth", Strain.GREEN, judged.element, "displacement_l2")
+        value = result.metrics.get(key)
         found |= {} if value is None else {key: value}
     return found

@@ -49,7 +49,6 @@ def all_metrics(
         metrics[f"{name}.smallest_det_f"] = state.smallest_det_f
         metrics[f"{name}.max_displacement"] = state.max_displacement
     for strain, candidate in candidates.items():
-        which = f"{strain}" if candidate.element is Element.LINEAR else f"{strain}.smoothed"
         pairs = (
             ("same_mesh", references.same_mesh(strain)),
             ("truth", references.truth(strain)),
@@ -59,8 +58,15 @@ def all_metrics(
                 continue
             for metric in _comparable(word, case.problem):
                 value = measure(metric, case.problem, candidate, reference).value
-                metrics[f"error.{word}.{which}.{metric}"] = value if np.isfinite(value) else None
+                name = error_name(word, strain, candidate.element, metric)
+                metrics[name] = value if np.isfinite(value) else None
     return metrics
+
+
+def error_name(against: str, strain: Strain, element: Element, metric: str) -> str:
+    """What an error is called among the metrics of a result."""
+    which = f"{strain}" if element is Element.LINEAR else f"{strain}.{element}"
+    return f"error.{against}.{which}.{metric}"
 
 
 def _comparable(against: str, problem: Problem) -> list[str]:
