@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -39,14 +39,16 @@ def lame_parameters(material: Material) -> tuple[float, float]:
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
 
 
-def material_of_cells(mesh: TetMesh, material: Material, inclusions: Sequence[Inclusion]) -> Floats:
-    """Lamé's parameters [Pa] and density [kg/m3] of each cell, shape (num_cells, 3)."""
-    rows = np.empty((mesh.num_cells, 3))
-    rows[:] = (*lame_parameters(material), material.density)
-    for inclusion in inclusions:
-        part = inclusion.material
-        rows[inclusion.cells] = (*lame_parameters(part), part.density)
-    return rows
+def materials_of_cells(
+    mesh: TetMesh, material: Material, inclusions: Sequence[Inclusion]
+) -> tuple[Floats, Indices]:
+    """Lamé's parameters [Pa] and density [kg/m3] of each material, and the row of each cell."""
+    rows = [(*lame_parameters(m), m.density) for m in (material, *(i.material for i in inclusions))]
+    table, row = np.unique(rows, axis=0, return_inverse=True)
+    number = np.zeros(mesh.num_cells, dtype=np.int32)
+    for k, inclusion in enumerate(inclusions, start=1):
+        number[inclusion.cells] = k
+    return table, row.reshape(-1)[number]
 
 
 class Body:
@@ -85,13 +87,14 @@ class Body:
         self.mesh = mesh
         self.strain = strain
         self.element = element
-        self.lmbda, self.mu, self.density = material_of_cells(mesh, material, inclusions).T
-        lame, kinds = np.unique(np.column_stack([self.lmbda, self.mu]), axis=0, return_inverse=True)
+        self._materials, self._row = materials_of_cells(mesh, material, inclusions)
+        self.lmbda, self.mu, self.density = self._materials[self._row].T
+        lame, kinds = np.unique(self._materials[:, :2], axis=0, return_inverse=True)
         self.core = _core.ElasticBody(
             mesh.points,
             mesh.cells,
             lame,
-            kinds.reshape(-1).astype(np.int32),
+            kinds.reshape(-1)[self._row].astype(np.int32),
             _MEASURE[strain],
             _ELEMENT[element],
         )
@@ -185,16 +188,13 @@ class Body:
             squared = self.core.smoothed_bound(self.lumped_mass, _ROUNDS_OF_BOUND)
             return float(2.0 / np.sqrt(squared))
         # Square root of D / rho in Voigt order (xx, yy, zz, xy, yz, zx), by material.
-        kinds, kind = np.unique(
-            np.column_stack([self.lmbda, self.mu, self.density]), axis=0, return_inverse=True
-        )
-        elasticity = np.zeros((len(kinds), 6, 6))
-        lmbda, mu, density = kinds.T
+        elasticity = np.zeros((len(self._materials), 6, 6))
+        lmbda, mu, density = self._materials.T
         elasticity[:, range(6), range(6)] = np.outer(mu, [2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
         elasticity[:, :3, :3] += lmbda[:, None, None]
         values, vectors = np.linalg.eigh(elasticity / density[:, None, None])
         roots = vectors * np.sqrt(values)[:, None, :] @ vectors.transpose(0, 2, 1)
-        kind, largest = kind.reshape(-1), 0.0
+        largest = 0.0
         for part in np.array_split(
             np.arange(self.mesh.num_cells), max(1, self.mesh.num_cells // 20000)
         ):
@@ -206,7 +206,7 @@ class Body:
                 strain[:, 3, 3 * a], strain[:, 3, 3 * a + 1] = gy, gx
                 strain[:, 4, 3 * a + 1], strain[:, 4, 3 * a + 2] = gz, gy
                 strain[:, 5, 3 * a], strain[:, 5, 3 * a + 2] = gz, gx
-            half = roots[kind[part]] @ strain
+            half = roots[self._row[part]] @ strain
             values = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
             largest = max(largest, float(values.max()))
         return float(2.0 / np.sqrt(4.0 * largest))

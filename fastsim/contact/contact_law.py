@@ -28,7 +28,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from palpate.fastsim.body import material_of_cells
+from palpate.fastsim.body import materials_of_cells
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.fastsim.errors import UnstableStepError
 from palpate.meshes.arrays import Floats, Indices, Points
@@ -81,7 +81,8 @@ def layer_stiffness(problem: Problem, facets: Indices) -> float:
     The stiffest of the cells behind the facets counts.
     """
     behind = np.isin(problem.mesh.cells, facets).sum(axis=1) >= 3
-    lmbda, mu, _ = material_of_cells(problem.mesh, problem.material, problem.inclusions)[behind].T
+    table, row = materials_of_cells(problem.mesh, problem.material, problem.inclusions)
+    lmbda, mu, _ = table[row[behind]].T
     return float((lmbda + 2.0 * mu).max()) / mean_edge(problem, facets)
 
 
@@ -149,8 +150,8 @@ def largest_speed(
     """
     duration = time_step
     if stiffness is not None and len(contact.vertices):
-        of_cells = material_of_cells(problem.mesh, problem.material, problem.inclusions)
-        lmbda, mu, rho = np.unique(of_cells, axis=0).T
+        materials, _ = materials_of_cells(problem.mesh, problem.material, problem.inclusions)
+        lmbda, mu, rho = materials.T
         bounce = float(np.sqrt((mass[contact.vertices] / contact.areas).max() / stiffness))
         impedance = float((rho * np.sqrt((lmbda + 2.0 * mu) / rho)).max())
         duration = max(time_step, bounce, impedance / stiffness)
