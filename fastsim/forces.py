@@ -14,8 +14,9 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 def external_force(problem: Problem, displacement: Points | None = None) -> Points:
     """Consistent nodal forces of all loads [N], shape (num_points, 3).
 
-    A traction gives a third of its facet's force to each corner, a body force a quarter of its
-    cell's. Pressure acts on the facets as displaced, so it needs the displacement.
+    A uniform traction gives a third of its facet's force to each corner, a body force a quarter of
+    its cell's; of a traction that varies, up to quadratically, the corners' parts are exact.
+    Pressure acts on the facets as displaced, so it needs the displacement.
 
     Args:
         problem: Mesh and loads.
@@ -30,9 +31,12 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
         match load:
             case Traction():
                 areas = np.linalg.norm(_area_vectors(mesh.points, load.facets), axis=1)
-                corner = areas[:, None] * np.asarray(load.traction) / 3.0
+                if load.is_uniform:
+                    parts = np.broadcast_to(np.asarray(load.traction) / 3.0, (len(areas), 3, 3))
+                else:
+                    parts = _mean_with_corners(mesh.points[load.facets], load)
                 for k in range(3):
-                    np.add.at(force, load.facets[:, k], corner)
+                    np.add.at(force, load.facets[:, k], areas[:, None] * parts[:, k])
             case Pressure():
                 points = mesh.points if displacement is None else mesh.points + displacement
                 corner = -load.pressure * _area_vectors(points, load.facets) / 3.0
@@ -84,6 +88,23 @@ def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[
             is_free[points, axis] = 0
             held[points, axis] = value
     return is_free, held
+
+
+def _mean_with_corners(corners: Floats, load: Traction) -> Floats:
+    """Mean over each facet of a corner's shape function times the traction [Pa], (m, 3, 3).
+
+    A quadratic t is its six values at corners and middles of edges in the quadratic basis; with
+    int L1^a L2^b L3^c dA = 2 A a! b! c! / (2 + a + b + c)! the means of L_a times the basis are
+    1/30 at the own corner, -1/60 at others, 2/15 on edges that meet there, 1/15 on the one across.
+    """
+    t = load.at(corners)
+    m = load.at(0.5 * (corners + np.roll(corners, -1, axis=1)))  # of the edges 01, 12, 20
+    parts: Floats = np.empty_like(t)
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        parts[:, a] = t[:, a] / 30.0 - (t[:, b] + t[:, c]) / 60.0
+        parts[:, a] += 2.0 / 15.0 * (m[:, a] + m[:, c]) + m[:, b] / 15.0
+    return parts
 
 
 def _area_vectors(points: Points, facets: Indices) -> Points:

@@ -12,7 +12,8 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.meshes.amplitude import TabularAmplitude
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.errors import InputError
 
 
 def _no_facets() -> Indices:
@@ -45,12 +46,21 @@ class Support:
 
 @dataclass(frozen=True, eq=False)
 class Traction:
-    """Dead surface load: force per rest area, fixed direction.
+    """Dead surface load: force per rest area, the same or varying over the facets.
+
+    At the rest place X it is t(X) = t0 + G X + X . C X / 2, in components
+    t_i = t0_i + G_ij X_j + C_ijk X_j X_k / 2. It is dead: a point of the face keeps its force,
+    in size and in direction, however the body moves or turns.
 
     Args:
         facets: Loaded boundary facets, shape (m, 3).
-        traction: Force per rest area [Pa], shape (3,).
+        traction: t0, force per rest area [Pa], shape (3,); at the origin, where it varies.
         amplitude: Factor over time [-]; None is 1 at all times.
+        gradient: G [Pa/m], shape (3, 3), rows by component of the force; None is zero.
+        curvature: C [Pa/m2], shape (3, 3, 3), symmetric in the last two; None is zero.
+
+    Raises:
+        InputError: A gradient or curvature of another shape, or a curvature that is not symmetric.
 
     >>> import palpate
     >>> palpate.Traction([[0, 1, 2]], (0.0, 0.0, -200.0)).traction
@@ -60,6 +70,35 @@ class Traction:
     facets: Indices
     traction: tuple[float, float, float]
     amplitude: TabularAmplitude | None = None
+    gradient: Floats | None = None
+    curvature: Floats | None = None
+
+    def __post_init__(self) -> None:
+        for name, shape in (("gradient", (3, 3)), ("curvature", (3, 3, 3))):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            values = np.ascontiguousarray(given, dtype=np.float64)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise InputError(f"{name} of a traction needs finite numbers of shape {shape}")
+            if values.ndim == 3 and not np.array_equal(values, values.transpose(0, 2, 1)):
+                raise InputError("curvature of a traction: C_ijk and C_ikj must be equal")
+            object.__setattr__(self, name, values)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether it is the same everywhere."""
+        return self.gradient is None and self.curvature is None
+
+    def at(self, points: Points) -> Points:
+        """Force per rest area at rest places [Pa]; (..., 3) for (..., 3)."""
+        values = np.broadcast_to(np.asarray(self.traction, dtype=np.float64), points.shape)
+        if self.gradient is not None:
+            values = values + points @ self.gradient.T
+        if self.curvature is not None:
+            bent = np.einsum("ijk,...j,...k->...i", self.curvature, points, points)
+            values = values + 0.5 * bent
+        return values
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,12 +93,34 @@ def _turned(load: Load, matrix: Matrix, facets: Callable[[Indices], Indices]) ->
         case BodyForce():
             return dataclasses.replace(load, force_density=vector(load.force_density))
         case Traction():
-            turned = vector(load.traction)
-            return dataclasses.replace(load, facets=facets(load.facets), traction=turned)
+            R, G, C = matrix, load.gradient, load.curvature
+            return dataclasses.replace(
+                load,
+                facets=facets(load.facets),
+                traction=vector(load.traction),
+                gradient=None if G is None else R @ G @ R.T,
+                curvature=None if C is None else _symmetric(np.einsum("ai,bj,ck,ijk", R, R, R, C)),
+            )
         case PointForce():
             return dataclasses.replace(load, forces=load.forces @ matrix.T)
         case Pressure():
             return dataclasses.replace(load, facets=facets(load.facets))
+
+
+def _symmetric(curvature: Floats) -> Floats:
+    return 0.5 * (curvature + curvature.transpose(0, 2, 1))
+
+
+def _times(load: Traction, factor: float, per_length: float = 1.0) -> Traction:
+    """A traction times a factor, with lengths in another unit: t0, dt/dX, d2t/dX2."""
+    x, y, z = (factor * t for t in load.traction)
+    G, C = load.gradient, load.curvature
+    return dataclasses.replace(
+        load,
+        traction=(x, y, z),
+        gradient=None if G is None else factor / per_length * G,
+        curvature=None if C is None else factor / per_length**2 * C,
+    )
 
 
 def renumber(problem: Problem, seed: int = 0) -> tuple[Problem, Back]:
@@ -150,8 +172,7 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
                 x, y, z = (f / scale**3 for f in load.force_density)
                 return dataclasses.replace(load, force_density=(x, y, z))
             case Traction():
-                x, y, z = (t / scale**2 for t in load.traction)
-                return dataclasses.replace(load, traction=(x, y, z))
+                return _times(load, 1.0 / scale**2, scale)
             case Pressure():
                 return dataclasses.replace(load, pressure=load.pressure / scale**2)
             case PointForce():
@@ -182,8 +203,7 @@ def scale_loads(problem: Problem, factor: float) -> Problem:
                 x, y, z = (factor * f for f in load.force_density)
                 return dataclasses.replace(load, force_density=(x, y, z))
             case Traction():
-                x, y, z = (factor * t for t in load.traction)
-                return dataclasses.replace(load, traction=(x, y, z))
+                return _times(load, factor)
             case Pressure():
                 return dataclasses.replace(load, pressure=factor * load.pressure)
             case PointForce():

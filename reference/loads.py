@@ -75,9 +75,21 @@ def apply_loads(
 
 
 def traction_work(space: TransferredSpace, load: Traction, v: Any, what: str) -> Any:
-    """Integral of t . v over the rest area."""
+    """Integral of t . v over the rest area, exact for t = t0 + G X + X . C X / 2."""
+    mesh = space.transferred.mesh
     traction = _constant(space, load.traction, f"{what}: traction [Pa]")
-    area = space.transferred.facet_measure(load.facets, what, degree=space.degree)
+    degree = space.degree
+    if not load.is_uniform:
+        # One form for all that vary, whatever their values.
+        G = np.zeros((3, 3)) if load.gradient is None else load.gradient
+        C = np.zeros((3, 3, 3)) if load.curvature is None else load.curvature
+        X = ufl.SpatialCoordinate(mesh)
+        slope, bend = (fem.Constant(mesh, values.astype(PETSc.ScalarType)) for values in (G, C))
+        i, j, k = ufl.indices(3)
+        bent = ufl.as_vector(bend[i, j, k] * X[j] * X[k], i)
+        traction = traction + slope * X + bent / 2
+        degree += 2
+    area = space.transferred.facet_measure(load.facets, what, degree=degree)
     return ufl.inner(traction, v) * area
 
 

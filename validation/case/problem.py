@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.arrays import Indices
 from palpate.meshes.boundary_conditions import (
     BodyForce,
     Load,
@@ -18,6 +19,7 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.errors import InputError
+from palpate.meshes.face_loads import affine_traction, moment_traction, profile_traction
 from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import (
@@ -42,6 +44,7 @@ from palpate.validation.case.schema import (
     InclusionSpec,
     LoadSpec,
     MaterialSpec,
+    MomentSpec,
     PointForceSpec,
     PressureSpec,
     SupportSpec,
@@ -121,6 +124,9 @@ class _Builder:
         factors = (1.0,) if built.amplitude is None else built.amplitude.factors
         for name, unit in _SIZES.items():
             _require_usable(np.outer(factors, getattr(built, name, 0.0)), what, unit)
+        if isinstance(built, Traction) and not built.is_uniform:
+            values = built.at(self.mesh.points[np.unique(built.facets)])
+            _require_usable(np.outer(factors, values), what, "Pa")
         return built
 
     def _load(self, spec: LoadSpec, material: Material, what: str) -> Load:
@@ -138,13 +144,34 @@ class _Builder:
                 return Pressure(facets, units.pascals(spec.pressure), amplitude)
             case TractionSpec():
                 facets = select_facets(mesh, spec.region, units, what)
-                tx, ty, tz = (units.pascals(t) for t in spec.traction)
-                return Traction(facets, (tx, ty, tz), amplitude)
+                return self._traction(spec, facets, amplitude, what)
+            case MomentSpec():
+                facets = select_facets(mesh, spec.region, units, what)
+                metre = units.metres(1.0)
+                moment = [units.newtons(m) * metre for m in spec.moment]
+                return moment_traction(mesh, facets, moment, amplitude)
             case ForceSpec():
                 facets = select_facets(mesh, spec.region, units, what)
                 area = float(facet_areas(mesh.points, facets).sum())
                 tx, ty, tz = (units.newtons(f) / area for f in spec.force)
                 return Traction(facets, (tx, ty, tz), amplitude)
+
+    def _traction(
+        self, spec: TractionSpec, facets: Indices, amplitude: TabularAmplitude | None, what: str
+    ) -> Traction:
+        units = self.units
+        try:
+            if spec.traction is None:
+                places = [units.place(value.at) for value in spec.values]
+                values = [[units.pascals(t) for t in value.traction] for value in spec.values]
+                return affine_traction(facets, places, values, amplitude)
+            x, y, z = (units.pascals(t) for t in spec.traction)
+            if spec.profile is None or spec.start is None or spec.end is None:
+                return Traction(facets, (x, y, z), amplitude)
+            start, end = units.place(spec.start), units.place(spec.end)
+            return profile_traction(facets, (x, y, z), spec.profile, start, end, amplitude)
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from error
 
     def tool(self, spec: ToolSpec, what: str) -> RigidTool:
         facets = (

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from palpate.meshes.face_loads import Profile
 from palpate.meshes.problem import Strain
 from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
@@ -78,15 +79,56 @@ class ForceSpec(OverTime):
     """In all [units.force]."""
 
 
+class TractionAt(Table):
+    """Force per rest area at a place."""
+
+    at: Vector
+    """The place [units.length]; it need not lie on the face."""
+    traction: Vector
+    """[units.stress]."""
+
+
 class TractionSpec(OverTime):
-    """Force per rest area."""
+    """Force per rest area, uniform or varying; dead: it does not turn with the body."""
 
     kind: Literal["traction"]
     """Force per rest area."""
     region: RegionSpec
     """What is pushed."""
-    traction: Vector
-    """[units.stress]."""
+    traction: Vector | None = None
+    """[units.stress]; with a profile, where that is 1. In place of values."""
+    profile: Profile | None = None
+    """Along start to end, s from 0 to 1: linear is s, parabolic 4 s (1 - s), uniform 1."""
+    start: Vector | None = None
+    """Of a profile: where s = 0 [units.length]."""
+    end: Vector | None = None
+    """Of a profile: where s = 1 [units.length]."""
+    values: tuple[TractionAt, ...] = Field(default=(), max_length=4)
+    """Or its values at 1 to 4 places, affine in between and beyond."""
+
+    @model_validator(mode="after")
+    def _says_it_once(self) -> TractionSpec:
+        if (self.traction is None) != bool(self.values):
+            raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 places")
+        given = {key for key in ("profile", "start", "end") if getattr(self, key) is not None}
+        if self.values and given:
+            raise ValueError(f"values go without {', '.join(sorted(given))}")
+        if given and len(given) < 3:
+            raise ValueError("profile, start and end go together")
+        if self.start is not None and self.start == self.end:
+            raise ValueError("start and end of a profile are the same place")
+        return self
+
+
+class MomentSpec(OverTime):
+    """A pure moment as the dead traction a x (X - c); no force in all."""
+
+    kind: Literal["moment"]
+    """A moment without a force, the same about every point."""
+    region: RegionSpec
+    """The face that it acts on; c is its centroid, a follows from its second moments."""
+    moment: Vector
+    """[units.force times units.length]; dead: cos(angle) of it is left where the face turns."""
 
 
 class PressureSpec(OverTime):
@@ -121,7 +163,7 @@ class PointForceSpec(OverTime):
 
 
 LoadSpec = Annotated[
-    ForceSpec | TractionSpec | PressureSpec | GravitySpec | PointForceSpec,
+    ForceSpec | TractionSpec | MomentSpec | PressureSpec | GravitySpec | PointForceSpec,
     Field(discriminator="kind"),
 ]
 

@@ -22,6 +22,7 @@ from palpate.validation.diagnosis.factors import (
 )
 from palpate.validation.diagnosis.static_answer import StaticAnswer, cause_of, fit, known_factor
 from palpate.validation.exchange.facets import facet_areas
+from palpate.validation.exchange.nodal_loads import nodal_force
 
 # A much smaller displacement with a much larger stiffness is linear theory in disguise, but for
 # strains of the factor's own size: such a pair has to fit better than that.
@@ -55,6 +56,11 @@ def load_explanations(answer: StaticAnswer) -> Iterator[Explanation]:
             words = f"{load_name(index, load)} shared equally between its points"
             _, others = answer.of_loads(frozenset({index}))
             yield answer.tried(words, Cause.LOAD, external=others + force)
+        mean = _mean(body.mesh, load)
+        if mean is not None:
+            words = f"{load_name(index, load)} taken as uniform, at its mean"
+            _, others = answer.of_loads(frozenset({index}))
+            yield answer.tried(words, Cause.LOAD, external=others + nodal_force(body.mesh, mean))
     yield from _lengths(answer)
 
 
@@ -107,7 +113,10 @@ def _equal_parts(mesh: TetMesh, load: Load) -> Points | None:
     match load:
         case Traction():
             points = np.unique(load.facets)
-            total = facet_areas(mesh.points, load.facets).sum() * np.array(load.traction)
+            resultant = _resultant(mesh, load)
+            if resultant is None:
+                return None
+            total = resultant
         case BodyForce():
             points = np.arange(mesh.num_points)
             total = mesh.volume * np.array(load.force_density)
@@ -115,6 +124,24 @@ def _equal_parts(mesh: TetMesh, load: Load) -> Points | None:
             return None
     force[points] = total / len(points)
     return force
+
+
+def _mean(mesh: TetMesh, load: Load) -> Traction | None:
+    """A traction that varies at its mean everywhere; None where there is no such slip."""
+    if not isinstance(load, Traction) or load.is_uniform:
+        return None
+    total = _resultant(mesh, load)
+    if total is None:
+        return None
+    x, y, z = (total / facet_areas(mesh.points, load.facets).sum()).tolist()
+    return Traction(load.facets, (x, y, z))
+
+
+def _resultant(mesh: TetMesh, load: Traction) -> Points | None:
+    """A traction's force in all [N]; None of a moment, whose force is zero but for rounding."""
+    force = nodal_force(mesh, load)
+    total: Points = force.sum(axis=0)
+    return total if np.abs(total).max() > 1e-12 * np.abs(force).sum() else None
 
 
 def _lengths(answer: StaticAnswer) -> Iterator[Explanation]:

@@ -44,7 +44,8 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
     """Force of a dead load at each point for linear tetrahedra [N], shape (num_points, 3).
 
     A constant density gives every corner a quarter of its cell's force, a constant traction a
-    third of its facet's. Pressure follows the surface and has no place here: it gives zero.
+    third of its facet's; one that varies is integrated exactly. Pressure follows the surface and
+    has no place here: it gives zero.
     """
     force = np.zeros_like(mesh.points)
     match load:
@@ -53,7 +54,11 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
             by_point = np.bincount(mesh.cells.ravel(), np.repeat(quarters, 4), mesh.num_points)
             force += by_point[:, None] * np.array(load.force_density)
         case Traction():
-            thirds = facet_areas(mesh.points, load.facets) / 3.0
+            areas = facet_areas(mesh.points, load.facets)
+            if not load.is_uniform:
+                _add_varying(force, mesh.points, areas, load)
+                return force
+            thirds = areas / 3.0
             by_point = np.bincount(load.facets.ravel(), np.repeat(thirds, 3), mesh.num_points)
             force += by_point[:, None] * np.array(load.traction)
         case PointForce():
@@ -61,6 +66,19 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
         case Pressure():
             pass
     return force
+
+
+# Of degree 3 on a triangle (Strang and Fix 1973): barycentric coordinates and weights.
+_PLACES = np.array([[1, 1, 1], [1.8, 0.6, 0.6], [0.6, 1.8, 0.6], [0.6, 0.6, 1.8]]) / 3.0
+_WEIGHTS = np.array([-27.0, 25.0, 25.0, 25.0]) / 48.0
+
+
+def _add_varying(force: Points, points: Points, areas: Points, load: Traction) -> None:
+    corners = points[load.facets]
+    for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
+        found = (weight * areas)[:, None] * load.at(np.einsum("k,mkj->mj", place, corners))
+        for corner, share in enumerate(place):
+            np.add.at(force, load.facets[:, corner], share * found)
 
 
 def held_components(

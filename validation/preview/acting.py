@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Problem
 from palpate.validation.exchange.facets import area_vectors
+from palpate.validation.exchange.nodal_loads import nodal_force
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +22,10 @@ class Acting:
         facets: Loaded facets, shape (n, 3); none for weight and for point forces.
         area: Of them [m2].
         force: In all [N], shape (3,).
-        center: Where the force acts [m], shape (3,).
+        center: Where the force acts [m], shape (3,); of a traction that varies, the middle of
+            what it acts on.
+        moment: About the center [N m], shape (3,); 0 but of a traction that varies.
+        spread: Of a traction that varies, its value at the middle of each facet [Pa], (n, 3).
     """
 
     kind: str
@@ -29,6 +33,8 @@ class Acting:
     area: float
     force: Points
     center: Points
+    moment: Points = field(default_factory=lambda: np.zeros(3))
+    spread: Points | None = None
 
 
 def acting(problem: Problem, load: Load) -> Acting:
@@ -42,6 +48,8 @@ def acting(problem: Problem, load: Load) -> Acting:
             if isinstance(load, Pressure):
                 force = -load.pressure * vectors.sum(axis=0)
                 return Acting("pressure", load.facets, float(areas.sum()), force, center)
+            if not load.is_uniform:
+                return _varying(problem, load, float(areas.sum()), center)
             force = np.array(load.traction) * areas.sum()
             return Acting("force on a surface", load.facets, float(areas.sum()), force, center)
         case PointForce():
@@ -51,6 +59,20 @@ def acting(problem: Problem, load: Load) -> Acting:
             low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
             force = np.array(load.force_density) * mesh.volume
             return Acting("weight", _NONE, 0.0, force, 0.5 * (low + high))
+
+
+def _varying(problem: Problem, load: Traction, area: float, center: Points) -> Acting:
+    points = problem.mesh.points
+    nodal = nodal_force(problem.mesh, load)
+    force, moment = nodal.sum(axis=0), np.cross(points - center, nodal).sum(axis=0)
+    # What is left by rounding is not told.
+    size = float(np.ptp(points[np.unique(load.facets)], axis=0).max())
+    largest = float(np.abs(nodal).sum())
+    force[np.abs(force) < 1e-12 * largest] = 0.0
+    moment[np.abs(moment) < 1e-12 * largest * size] = 0.0
+    spread = load.at(points[load.facets].mean(axis=1))
+    kind = "force on a surface, varying," if force.any() else "moment, its force"
+    return Acting(kind, load.facets, area, force, center, moment, spread)
 
 
 _NONE = np.zeros((0, 3), dtype=np.int32)

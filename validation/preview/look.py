@@ -125,6 +125,9 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
             if len(found.facets)
             else ""
         )
+        if found.moment.any():
+            moment = found.moment / (FORCE[units.force] * scale)
+            where += f", moment {_vector(moment)} {units.force} {unit} about its middle"
         look.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
         num_held = int(are_among(found.facets, held).sum())
         if num_held and isinstance(load, Traction):

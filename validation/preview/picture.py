@@ -39,6 +39,8 @@ from palpate.validation.preview.acting import Acting, acting
 
 # Lines of a path that is drawn.
 _POSES = 60
+# Arrows on a face whose traction varies.
+_MOST_ARROWS = 60
 _SIDES = ((1.0, -1.3, 0.7), (-1.0, 1.3, -0.7))
 
 
@@ -76,7 +78,10 @@ def _panels(case: Case) -> list[Panel]:
         legend.append(("held", BLUE))
     if loads:
         marks.append(_arrows(points, loads, LENGTH[unit]))
-        legend.append(("pushed or pulled; an arrow is the whole force of a load", RED))
+        what = "the whole force of a load"
+        if any(load.spread is not None for load in loads):
+            what += ", or many the force per area where it varies"
+        legend.append((f"pushed or pulled; an arrow is {what}", RED))
     if problem.tools:
         legend.append(("tool, pale where it starts", OCHRE))
         for placed, path in _tools(problem, LENGTH[unit]):
@@ -109,7 +114,9 @@ def _tools(problem: Problem, scale: float) -> list[tuple[list[Surface], Marks]]:
 def _arrows(points: Points, loads: Sequence[Acting], scale: float) -> Marks:
     """An arrow for each load, longer for more force, but the smallest is seen too."""
     reach = float(np.ptp(points, axis=0).max())
-    forces = np.array([load.force for load in loads])
+    varying = [_spread_arrows(points, load, reach) for load in loads if load.spread is not None]
+    loads = [load for load in loads if load.spread is None]
+    forces = np.array([load.force for load in loads]).reshape(-1, 3)
     lengths = np.linalg.norm(forces, axis=1, keepdims=True)
     largest = lengths.max(initial=0.0) or 1.0
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -118,7 +125,21 @@ def _arrows(points: Points, loads: Sequence[Acting], scale: float) -> Marks:
         _start(points, found, found.center / scale, arrow)
         for found, arrow in zip(loads, arrows, strict=True)
     ]
-    return Marks(np.array(starts), RED, vectors=arrows)
+    places = [np.reshape(starts, (-1, 3)), *(places for places, _ in varying)]
+    vectors = [arrows, *(vectors for _, vectors in varying)]
+    return Marks(np.vstack(places), RED, vectors=np.vstack(vectors))
+
+
+def _spread_arrows(points: Points, load: Acting, reach: float) -> tuple[Points, Points]:
+    """Starts and arrows over a face whose traction varies: a push ends on it, a pull begins."""
+    assert load.spread is not None
+    rows = np.arange(0, len(load.facets), -(-len(load.facets) // _MOST_ARROWS))
+    places, traction = points[load.facets[rows]].mean(axis=1), load.spread[rows]
+    largest = float(np.linalg.norm(traction, axis=1).max(initial=0.0)) or 1.0
+    arrows = 0.2 * reach / largest * traction
+    outward = area_vectors(points, load.facets[rows])
+    is_push = np.einsum("ij,ij->i", outward, arrows) < 0.0
+    return np.where(is_push[:, None], places - arrows, places), arrows
 
 
 def _start(points: Points, load: Acting, center: Points, arrow: Points) -> Points:

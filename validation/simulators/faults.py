@@ -11,10 +11,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.transforms import scale_loads
 
 
 class CannotShowError(InputError):
@@ -103,27 +103,13 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
         case Fault.DROPPED_TOOL:
             return dataclasses.replace(problem, tools=problem.tools[:-1])
         case Fault.REVERSED_LOAD:
-            return dataclasses.replace(problem, loads=tuple(map(_reversed, problem.loads)))
+            return scale_loads(problem, -1.0)
         case Fault.MIRRORED_MESH:
             points = problem.mesh.points * np.array([1.0, -1.0, 1.0])
             cells = problem.mesh.cells[:, [0, 2, 1, 3]]
             return dataclasses.replace(problem, mesh=TetMesh(points, cells))
         case _:
             return problem
-
-
-def _reversed(load: Load) -> Load:
-    match load:
-        case BodyForce():
-            x, y, z = load.force_density
-            return dataclasses.replace(load, force_density=(-x, -y, -z))
-        case Traction():
-            x, y, z = load.traction
-            return dataclasses.replace(load, traction=(-x, -y, -z))
-        case PointForce():
-            return dataclasses.replace(load, forces=-load.forces)
-        case Pressure():
-            return dataclasses.replace(load, pressure=-load.pressure)
 
 
 def spoil_strain(strain: Strain, fault: Fault) -> Strain:
