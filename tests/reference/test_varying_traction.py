@@ -124,9 +124,7 @@ def bent_bar(moment=0.05, poissons_ratio=0.3):
     def exact(points):
         x, y, z = (points - [0.0, D / 2.0, T / 2.0]).T
         nu = poissons_ratio
-        return curvature * np.stack(
-            [-x * y, (x**2 + nu * (y**2 - z**2)) / 2.0, nu * y * z], axis=1
-        )
+        return curvature * np.stack([-x * y, (x**2 + nu * (y**2 - z**2)) / 2.0, nu * y * z], axis=1)
 
     loads = (
         moment_traction(MESH, side(MESH, 0, L), (0.0, 0.0, moment)),

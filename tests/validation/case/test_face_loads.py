@@ -91,7 +91,7 @@ values = [
     { at = [2, 0, 0.5], traction = [0, 0, 1] },
     { at = [2, 0, 1], traction = [0, 0, 5] },
 ]"""
-    with pytest.raises(InputError, match="load 1: .*not those of one affine field"):
+    with pytest.raises(InputError, match=r"load 1: .*not those of one affine field"):
         assert case_of(write_case, bent).problem
 
 
