@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 
 
+@dataclass(eq=False, repr=False)
 class CrowdedPointError(InputError):
     """A point with more neighbours than the stiffness matrix counts; `.point`."""
 
-    def __init__(self, point: int) -> None:
-        self.point = point
+    point: int
+
+    def __post_init__(self) -> None:
         super().__init__(
-            f"point {point} has more than 65535 neighbours; mesh the body there in smaller cells"
+            f"point {self.point} has more than 65535 neighbours; mesh the body there in smaller "
+            "cells"
         )
 
 
@@ -20,10 +25,12 @@ class FastsimError(RuntimeError):
     """Base of what goes wrong while simulating; the input itself was usable."""
 
 
+@dataclass(eq=False, repr=False)
 class NotConvergedError(FastsimError):
     """No equilibrium was found at the full load.
 
     Attributes:
+        reason: What ended the search.
         load_factor: Largest part of the load, 0 to 1, at which equilibrium was found.
         residual: Relative residual of the last attempt.
         iterations: Newton iterations in all.
@@ -32,24 +39,15 @@ class NotConvergedError(FastsimError):
         displacement: The last equilibrium [m], shape (num_points, 3).
     """
 
-    def __init__(
-        self,
-        reason: str,
-        *,
-        load_factor: float,
-        residual: float,
-        iterations: int,
-        smallest_det_f: float,
-        cell: int,
-        displacement: Points,
-    ) -> None:
-        self.reason = reason
-        self.load_factor = load_factor
-        self.residual = residual
-        self.iterations = iterations
-        self.smallest_det_f = smallest_det_f
-        self.cell = cell
-        self.displacement = displacement
+    reason: str
+    load_factor: float
+    residual: float
+    iterations: int
+    smallest_det_f: float
+    cell: int
+    displacement: Points
+
+    def __post_init__(self) -> None:
         super().__init__(self._message())
 
     def _message(self) -> str:
@@ -60,6 +58,7 @@ class NotConvergedError(FastsimError):
         )
 
 
+@dataclass(eq=False, repr=False)
 class EquilibriumLostError(NotConvergedError):
     """Saint-Venant-Kirchhoff has no stable equilibrium at the full load: the body gives way.
 
@@ -71,32 +70,9 @@ class EquilibriumLostError(NotConvergedError):
             0 at the limit.
     """
 
-    def __init__(
-        self,
-        reason: str,
-        *,
-        load_factor: float,
-        residual: float,
-        iterations: int,
-        smallest_det_f: float,
-        cell: int,
-        place: tuple[float, float, float],
-        smallest_stretch: float,
-        stiffness: float,
-        displacement: Points,
-    ) -> None:
-        self.place = place
-        self.smallest_stretch = smallest_stretch
-        self.stiffness = stiffness
-        super().__init__(
-            reason,
-            load_factor=load_factor,
-            residual=residual,
-            iterations=iterations,
-            smallest_det_f=smallest_det_f,
-            cell=cell,
-            displacement=displacement,
-        )
+    place: tuple[float, float, float]
+    smallest_stretch: float
+    stiffness: float
 
     def _message(self) -> str:
         where = ", ".join(f"{x:.4g}" for x in self.place)
@@ -114,6 +90,7 @@ class EquilibriumLostError(NotConvergedError):
         )
 
 
+@dataclass(eq=False, repr=False)
 class RelaxationFailedError(FastsimError):
     """Dynamic relaxation found no state of rest.
 
@@ -125,33 +102,36 @@ class RelaxationFailedError(FastsimError):
         displacement: The last good state [m], shape (num_points, 3); not an equilibrium.
     """
 
-    def __init__(
-        self, reason: str, *, steps: int, residual: float, load_factor: float, displacement: Points
-    ) -> None:
-        self.reason = reason
-        self.steps = steps
-        self.residual = residual
-        self.load_factor = load_factor
-        self.displacement = displacement
+    reason: str
+    steps: int
+    residual: float
+    load_factor: float
+    displacement: Points
+
+    def __post_init__(self) -> None:
         super().__init__(
-            f"dynamic relaxation failed after {steps} steps: {reason} (relative residual "
-            f"{residual:.2g}, {load_factor:.4g} of the load); lower the load, or solve it by "
-            "Newton's method, which finds the load that can be borne"
+            f"dynamic relaxation failed after {self.steps} steps: {self.reason} (relative residual "
+            f"{self.residual:.2g}, {self.load_factor:.4g} of the load); lower the load, or solve "
+            "it by Newton's method, which finds the load that can be borne"
         )
 
 
+@dataclass(eq=False, repr=False)
 class UnstableStepError(FastsimError):
     """The chosen time step is above the critical one; `.time_step`, `.critical_time_step`."""
 
-    def __init__(self, time_step: float, critical_time_step: float) -> None:
-        self.time_step = time_step
-        self.critical_time_step = critical_time_step
+    time_step: float
+    critical_time_step: float
+
+    def __post_init__(self) -> None:
+        critical = self.critical_time_step
         super().__init__(
-            f"time_step = {time_step:.4g} s is above the critical {critical_time_step:.4g} s; "
-            f"use at most {0.9 * critical_time_step:.3g} s, or leave it out"
+            f"time_step = {self.time_step:.4g} s is above the critical {critical:.4g} s; "
+            f"use at most {0.9 * critical:.3g} s, or leave it out"
         )
 
 
+@dataclass(eq=False, repr=False)
 class BlowUpError(FastsimError):
     """A run that left the finite numbers or the neighbourhood of the body.
 
@@ -168,40 +148,31 @@ class BlowUpError(FastsimError):
         suggestion: What to change.
     """
 
-    def __init__(
-        self,
-        reason: str,
-        *,
-        step: int,
-        time: float,
-        cell: int,
-        place: tuple[float, ...],
-        smallest_det_f: float,
-        displacement: Points,
-        time_step: float,
-        critical_time_step: float,
-    ) -> None:
-        self.reason = reason
-        self.step = step
-        self.time = time
-        self.cell = cell
-        self.place = place
-        self.smallest_det_f = smallest_det_f
-        self.displacement = displacement
-        self.time_step = time_step
-        self.critical_time_step = critical_time_step
-        if time_step > 0.95 * critical_time_step:
+    reason: str
+    step: int
+    time: float
+    cell: int
+    place: tuple[float, ...]
+    smallest_det_f: float
+    displacement: Points
+    time_step: float
+    critical_time_step: float
+
+    def __post_init__(self) -> None:
+        critical = self.critical_time_step
+        if self.time_step > 0.95 * critical:
             self.suggestion = (
-                f"the time step {time_step:.4g} s is too long for the body as it is now (critical: "
-                f"{critical_time_step:.4g} s); use at most {0.8 * critical_time_step:.3g} s"
+                f"the time step {self.time_step:.4g} s is too long for the body as it is now "
+                f"(critical: {critical:.4g} s); use at most {0.8 * critical:.3g} s"
             )
         else:
             self.suggestion = (
                 "lower the load, raise it more slowly (amplitude), or refine the mesh there; "
-                f"a shorter time step is no cure (critical: {critical_time_step:.4g} s)"
+                f"a shorter time step is no cure (critical: {critical:.4g} s)"
             )
-        where = ", ".join(f"{x:.4g}" for x in place)
+        where = ", ".join(f"{x:.4g}" for x in self.place)
         super().__init__(
-            f"blew up after step {step} (t = {time:.4g} s): {reason}, in cell {cell} at "
-            f"({where}) m; smallest det F before it {smallest_det_f:.3g}; {self.suggestion}"
+            f"blew up after step {self.step} (t = {self.time:.4g} s): {self.reason}, in cell "
+            f"{self.cell} at ({where}) m; smallest det F before it {self.smallest_det_f:.3g}; "
+            f"{self.suggestion}"
         )

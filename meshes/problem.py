@@ -173,3 +173,9 @@ class Problem:
             if taken[cells].any() or len(np.unique(cells)) != len(cells):
                 raise InputError(f"{what}: a cell is named twice; each has one material")
             taken[cells] = True
+
+
+def require_no_tools(problem: Problem, what: str) -> None:
+    """Raise InputError where a problem has tools and `what` knows nothing of them."""
+    if problem.tools:
+        raise InputError(f"{what} knows no tools; take the tool out of the case, or solve statics")

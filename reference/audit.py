@@ -15,11 +15,10 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.deformed_state import DetFSampler, measure_state
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.kinematics import engineering_strain

@@ -21,9 +21,8 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Problem, Strain, require_no_tools
 from palpate.reference.availability import versions
-from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.errors import ReferenceStepError
 from palpate.reference.fenicsx import PETSc

@@ -22,9 +22,8 @@ import numpy as np
 from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import require_no_tools
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.kinematics import strain_tensor

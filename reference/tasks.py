@@ -59,7 +59,6 @@ class AuditTask:
     displacement: Points
     strain: Strain = Strain.GREEN
     degree: int = 2
-    element: Element = Element.LINEAR
 
     answer = Audit
 
@@ -72,7 +71,6 @@ class AuditTask:
             self.displacement,
             strain=self.strain,
             degree=self.degree,
-            element=self.element,
             progress=progress,
         )
 

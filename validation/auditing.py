@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Strain
+from palpate.reference.errors import ReferenceUnavailableError
 from palpate.validation.case import Case
 from palpate.validation.metrics.possible_motion import unmeasurable_state
 from palpate.validation.simulators.candidate import Candidate
@@ -27,7 +28,10 @@ class Audited:
 def audit_result(
     case: Case, candidate: Candidate, *, strain: Strain, degree: int, progress: Progress
 ) -> Audited:
-    """Audit a candidate's answer.
+    """Audit a candidate's answer: on degree 1 by the judge itself, beyond that by the reference.
+
+    Degree 1 is the equations of the answer's own tetrahedra, plain or smoothed; degrees 2 and 3
+    are the continuum's, whatever it was made with.
 
     Raises:
         InputError: A case that moves, or a result that cannot be read.
@@ -38,16 +42,22 @@ def audit_result(
     from palpate.reference.child import run_task
     from palpate.reference.result import Audit
     from palpate.reference.tasks import AuditTask
+    from palpate.validation.mechanics.audit import audit_on_own_mesh
 
-    if case.problem.time is not None:
+    problem = case.problem
+    if problem.time is not None:
         raise InputError(f"{case.name} is dynamic: what moves is not in equilibrium")
-    state = candidate.solve(case.problem, strain, progress)
+    state = candidate.solve(problem, strain, progress)
     unmeasurable = unmeasurable_state(state)
     if unmeasurable:
         raise CandidateFailedError(unmeasurable)
-    # Smoothed tetrahedra are of degree 1; beyond that it is the continuum's equations.
-    element = state.element if degree == 1 else Element.LINEAR
-    task = AuditTask(state.displacement, strain, degree, element)
-    found = run_task(task, case.problem, progress=progress)
+    displacement = state.displacement
+    if degree == 1:
+        progress(f"audit on degree 1: {displacement.size} degrees of freedom")
+        return Audited(state, audit_on_own_mesh(problem, displacement, strain, state.element))
+    try:
+        found = run_task(AuditTask(displacement, strain, degree), problem, progress=progress)
+    except ReferenceUnavailableError as error:
+        raise ReferenceUnavailableError(f"{error}; degree 1 needs none of it") from None
     assert isinstance(found, Audit)
     return Audited(state, found)

@@ -203,13 +203,11 @@ def audit(
 ) -> Audit:
     """Measure an answer against the equations it should satisfy, without solving them.
 
-    Needs FEniCSx.
-
     Args:
         case: Without time.
         answer: See `compare`.
         strain: Of the equations; the case's where None.
-        degree: Of the test functions: 1 judges the solver, 2 and 3 the mesh too.
+        degree: Of the test functions: 1 judges the solver; 2 and 3 the mesh too, and need FEniCSx.
         progress: Called with one line now and then.
 
     Returns:
@@ -218,7 +216,7 @@ def audit(
     Raises:
         InputError: A case that moves, or an answer that cannot be used.
         CandidateFailedError: The answer holds NaN.
-        ReferenceUnavailableError: FEniCSx is not installed.
+        ReferenceUnavailableError: Degree 2 or 3, and FEniCSx is not installed.
 
     >>> import palpate
     >>> answer = palpate.solve(palpate.load_case("block").problem)

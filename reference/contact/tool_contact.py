@@ -214,9 +214,3 @@ def require_frictionless_on_path(tool: RigidTool) -> None:
         raise InputError(
             "the reference moves a tool along its path; give the path instead of a force"
         )
-
-
-def require_no_tools(problem: Problem, what: str) -> None:
-    """Raise InputError where a problem has tools and `what` knows nothing of them."""
-    if problem.tools:
-        raise InputError(f"{what} knows no tools; take the tool out of the case, or solve statics")

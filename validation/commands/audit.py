@@ -41,7 +41,10 @@ def audit(
     result: Annotated[Path, typer.Argument(help="displacement as .vtu, .npz or .csv")],
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
     degree: Annotated[
-        int, typer.Option(min=1, max=3, help="1 judges the solver, 2 the mesh too")
+        int,
+        typer.Option(
+            min=1, max=3, help="1 judges the solver; 2 and 3 the mesh too, and need FEniCSx"
+        ),
     ] = 2,
     element: ElementOfResult = None,
     limit: Annotated[

@@ -108,6 +108,11 @@ class Body:
         """Whether pressures follow the surface."""
         return self.strain is Strain.GREEN
 
+    @property
+    def has_followers(self) -> bool:
+        """Whether the loads depend on the displacement."""
+        return self.follows and any(isinstance(load, Pressure) for load in self.problem.loads)
+
     def gradient(self, displacement: Points) -> Array:
         """Of the displacement, by cell [-], (num_cells, 3, 3)."""
         corners = displacement[self.mesh.cells].transpose(0, 2, 1)
@@ -117,12 +122,13 @@ class Body:
     def energy(self, displacement: Points) -> float:
         """Integral of psi = lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
         E = strain_of(self.gradient(displacement), self.strain)
+        return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
+
+    def stress(self, strain: Array) -> Array:
+        """The stress that belongs to a strain by cell [Pa], both (num_cells, 3, 3)."""
         if self._smoothing is not None:
-            S = self._smoothing.stress(E)
-            return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, S))
-        trace = np.trace(E, axis1=1, axis2=2)
-        density = 0.5 * self.lmbda * trace**2 + self.mu * np.einsum("cij,cij->c", E, E)
-        return float(self.volumes @ density)
+            return self._smoothing.stress(strain)
+        return hooke(strain, self.lmbda, self.mu)
 
     def force_of(self, stress: Array) -> Points:
         """Nodal force of a first Piola-Kirchhoff stress [N]; sums to zero."""

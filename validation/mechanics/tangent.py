@@ -1,0 +1,56 @@
+"""What a small further displacement adds to the forces of a body, without a matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Strain
+from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.laws import strain_of, transposed
+
+
+class Tangent:
+    """Derivative of internal less external force by the displacement, held components left out.
+
+    Args:
+        body: Whose forces.
+        displacement: Where [m], (num_points, 3).
+    """
+
+    def __init__(self, body: Body, displacement: Points) -> None:
+        self.body, self._displacement = body, displacement
+        if body.strain is Strain.GREEN:
+            H = body.gradient(displacement)
+            self._F, self._S = np.eye(3) + H, body.stress(strain_of(H, Strain.GREEN))
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it is: not where a load follows the surface."""
+        return not self.body.has_followers
+
+    def times(self, change: Points) -> Points:
+        """The forces [N] of a change [m], both (num_points, 3) and 0 where held.
+
+        d(F S) = F (C : sym(F^T dH)) + dH S; with linear strain F = 1 and S = 0.
+        """
+        body = self.body
+        dH = body.gradient(change)
+        if body.strain is Strain.GREEN:
+            dE = transposed(self._F) @ dH
+            stress = self._F @ body.stress(0.5 * (dE + transposed(dE))) + dH @ self._S
+        else:
+            stress = body.stress(strain_of(dH, Strain.LINEAR))
+        force = body.force_of(stress)
+        if body.has_followers:
+            force -= self._load_change(change)
+        return np.where(body.held, 0.0, force)
+
+    def _load_change(self, change: Points) -> Points:
+        """Of pressures, which are quadratic in the displacement: central differences are exact."""
+        far = float(np.abs(change).max())
+        if not far > 0.0:
+            return np.zeros_like(change)
+        length = float(np.ptp(self.body.mesh.points, axis=0).max()) / far
+        ends = [self.body.external(self._displacement + s * length * change) for s in (1.0, -1.0)]
+        return (ends[0] - ends[1]) / (2.0 * length)
