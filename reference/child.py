@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import load_problem, save_problem
 from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
@@ -25,6 +24,7 @@ from palpate.reference.child_process import (
     one_line,
     raise_for,
     run_child,
+    say_nothing,
     serve,
 )
 from palpate.reference.errors import (
@@ -34,63 +34,15 @@ from palpate.reference.errors import (
     ReferenceStepError,
 )
 from palpate.reference.ranks import num_ranks, solve_on_ranks
-from palpate.reference.result import (
-    Audit,
-    ExplicitResult,
-    Formulation,
-    ImplicitResult,
-    ReferenceResult,
-    load_result,
-    save_result,
-)
-from palpate.reference.tasks import StaticTask, Task, load_task
+from palpate.reference.result import load_result, save_result
+from palpate.reference.tasks import Answer, Task, load_task
 
 # How a solve may end without an answer; they travel as files too.
 _FAILURES = (ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError)
-Answer: TypeAlias = ReferenceResult | Audit | ImplicitResult | ExplicitResult
-
-
-def solve_static_in_child(
-    problem: Problem,
-    *,
-    strain: Strain = Strain.GREEN,
-    degree: int = 1,
-    relative_tolerance: float = 1e-10,
-    formulation: Formulation = Formulation.DISPLACEMENT,
-    element: Element = Element.LINEAR,
-    time_limit: float = 3600.0,
-    progress: Callable[[str], None] | None = None,
-) -> ReferenceResult:
-    """Do `palpate.reference.statics.solve_static` in a child process.
-
-    Args:
-        problem: Mesh, material, supports and loads.
-        strain: Strain measure.
-        degree: Polynomial degree of the displacement.
-        relative_tolerance: See `solve_static`.
-        formulation: Likewise.
-        element: Likewise.
-        time_limit: The child and whatever it started are ended after this [s], > 0.
-        progress: Called with one line of text now and then.
-
-    Returns:
-        The converged state.
-
-    Raises:
-        InputError: The problem cannot be used.
-        ReferenceNotConvergedError: No equilibrium under the full load.
-        ReferenceUnavailableError: FEniCSx cannot be imported here.
-        ReferenceTimeoutError: No answer within the time limit.
-        ReferenceCrashedError: The child died, or left no answer.
-    """
-    task = StaticTask(Strain(strain), degree, relative_tolerance, formulation, Element(element))
-    answer = run_task(task, problem, time_limit=time_limit, progress=progress)
-    assert isinstance(answer, ReferenceResult)
-    return answer
 
 
 def run_task(
-    task: Task,
+    task: Task[Answer],
     problem: Problem,
     *,
     time_limit: float = 3600.0,
@@ -101,13 +53,23 @@ def run_task(
     Args:
         task: What to do.
         problem: With what.
-        time_limit: See `solve_static_in_child`; so are the errors.
+        time_limit: The child and whatever it started are ended after this [s], > 0.
         progress: Called with one line of text now and then.
+
+    Returns:
+        What the task's own function returns.
+
+    Raises:
+        InputError: The problem cannot be used.
+        ReferenceNotConvergedError, ReferenceStepError, ReferenceBlowUpError: As that function.
+        ReferenceUnavailableError: FEniCSx cannot be imported here.
+        ReferenceTimeoutError: No answer within the time limit.
+        ReferenceCrashedError: The child died, or left no answer.
     """
     require_available()
     if num_ranks() > 1:
         answered: Answer = solve_on_ranks(
-            task, problem, time_limit=time_limit, progress=progress or _say_nothing
+            task, problem, time_limit=time_limit, progress=progress or say_nothing
         )
         return answered
     with scratch_folder("reference") as folder:
@@ -123,7 +85,7 @@ def _command(*files: Path) -> list[str]:
     return [sys.executable, "-P", "-m", "palpate.reference.child", *map(str, files)]
 
 
-def _read_answer(answer: Path, exit_code: int, errors: str, task: Task) -> Answer:
+def _read_answer(answer: Path, exit_code: int, errors: str, task: Task[Answer]) -> Answer:
     raise_for(exit_code, errors)
     try:
         if exit_code == EXIT_FAILED:
@@ -150,10 +112,6 @@ def _load_failure(path: Path) -> Exception:
 
 def _arguments(kind: type[Exception]) -> list[str]:
     return list(inspect.signature(kind).parameters)
-
-
-def _say_nothing(_line: str) -> None:
-    pass
 
 
 def main(arguments: Sequence[str]) -> int:

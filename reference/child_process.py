@@ -74,7 +74,7 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     """
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")
-    tell = progress or _say_nothing
+    tell = progress or say_nothing
     errors: deque[str] = deque(maxlen=_STDERR_LINES)
     lines: deque[str] = deque()
     readers: list[threading.Thread] = []
@@ -98,8 +98,8 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     return process.returncode, "".join(errors)
 
 
-def _say_nothing(_line: str) -> None:
-    pass
+def say_nothing(_line: str) -> None:
+    """Where nobody wants to hear of progress."""
 
 
 def _drain(stream: IO[str], lines: deque[str]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
@@ -23,8 +23,19 @@ from palpate.reference.result import (
 )
 
 Progress: TypeAlias = Callable[[str], None]
+Answer = TypeVar("Answer", covariant=True)
 
 
+class Task(Protocol[Answer]):
+    """What is done with a problem; `answer` is the class of what comes out."""
+
+    @property
+    def answer(self) -> type[Answer]: ...  # noqa: D102  (above)
+
+    def __call__(self, problem: Problem, progress: Progress) -> Answer: ...  # noqa: D102
+
+
+# The fields of a task are the options of what it calls, which says what they mean.
 @dataclass(frozen=True)
 class StaticTask:
     """`palpate.reference.statics.solve_static`."""
@@ -41,15 +52,7 @@ class StaticTask:
         """Solve."""
         from palpate.reference.statics import solve_static
 
-        return solve_static(
-            problem,
-            strain=self.strain,
-            degree=self.degree,
-            relative_tolerance=self.relative_tolerance,
-            formulation=self.formulation,
-            element=self.element,
-            progress=progress,
-        )
+        return solve_static(problem, **vars(self), progress=progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +69,7 @@ class AuditTask:
         """Audit."""
         from palpate.reference.audit import audit_displacement
 
-        return audit_displacement(
-            problem,
-            self.displacement,
-            strain=self.strain,
-            degree=self.degree,
-            progress=progress,
-        )
+        return audit_displacement(problem, **vars(self), progress=progress)
 
 
 @dataclass(frozen=True)
@@ -90,14 +87,7 @@ class ImplicitTask:
         """Simulate."""
         from palpate.reference.dynamics import simulate_implicit
 
-        return simulate_implicit(
-            problem,
-            strain=self.strain,
-            degree=self.degree,
-            spectral_radius=self.spectral_radius,
-            is_mass_lumped=self.is_mass_lumped,
-            progress=progress,
-        )
+        return simulate_implicit(problem, **vars(self), progress=progress)
 
 
 @dataclass(frozen=True)
@@ -114,17 +104,14 @@ class ExplicitTask:
         del progress
         from palpate.reference.explicit import simulate_explicit
 
-        return simulate_explicit(problem, strain=self.strain, element=self.element)
+        return simulate_explicit(problem, **vars(self))
 
 
-Task: TypeAlias = StaticTask | AuditTask | ImplicitTask | ExplicitTask
-
-
-def load_task(path: str | Path) -> Task:
+def load_task(path: str | Path) -> Task[Any]:
     """Read a task written by `save_result`.
 
     Raises:
         FileFormatError: Missing, damaged, or not a task.
     """
-    task: Task = load_result(path, StaticTask, AuditTask, ImplicitTask, ExplicitTask)
+    task: Task[Any] = load_result(path, StaticTask, AuditTask, ImplicitTask, ExplicitTask)
     return task

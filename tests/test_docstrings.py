@@ -32,7 +32,7 @@ OFFERED = {
     "fastsim.surface_remesher": ["remesh_surface"],
     "meshes.files": ["read_mesh", "read_surface", "write_mesh", "write_surface"],
     "meshes.refinement": ["refine_problem"],
-    "reference.child": ["solve_static_in_child"],
+    "reference.child": ["run_task"],
     "reference.result": ["Audit", "ExplicitResult", "ImplicitResult", "ReferenceResult"],
 }
 THINGS = {

@@ -40,7 +40,6 @@ def audit_result(
         ReferenceFailedError, ReferenceUnavailableError: The audit could not be done.
     """
     from palpate.reference.child import run_task
-    from palpate.reference.result import Audit
     from palpate.reference.tasks import AuditTask
     from palpate.validation.mechanics.audit import audit_on_own_mesh
 
@@ -55,9 +54,8 @@ def audit_result(
     if degree == 1:
         progress(f"audit on degree 1: {displacement.size} degrees of freedom")
         return Audited(state, audit_on_own_mesh(problem, displacement, strain, state.element))
+    task = AuditTask(displacement, strain, degree)
     try:
-        found = run_task(AuditTask(displacement, strain, degree), problem, progress=progress)
+        return Audited(state, run_task(task, problem, progress=progress))
     except ReferenceUnavailableError as error:
         raise ReferenceUnavailableError(f"{error}; degree 1 needs none of it") from None
-    assert isinstance(found, Audit)
-    return Audited(state, found)

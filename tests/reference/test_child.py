@@ -15,7 +15,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference import child
 from palpate.reference.availability import is_available
-from palpate.reference.child import solve_static_in_child
+from palpate.reference.child import run_task
 from palpate.reference.child_process import child_environment
 from palpate.reference.errors import (
     ReferenceBlowUpError,
@@ -25,6 +25,7 @@ from palpate.reference.errors import (
     ReferenceTimeoutError,
     ReferenceUnavailableError,
 )
+from palpate.reference.tasks import StaticTask
 
 if is_available():
     from palpate.reference.statics import solve_static
@@ -43,7 +44,7 @@ def beam(box):
 @pytest.mark.parametrize("strain", list(Strain))
 def test_the_child_gives_the_same_answer_bit_for_bit(beam, strain):
     lines = []
-    there = solve_static_in_child(beam, strain=strain, time_limit=120, progress=lines.append)
+    there = run_task(StaticTask(strain), beam, time_limit=120, progress=lines.append)
     here = solve_static(beam, strain=strain)
     assert np.array_equal(there.displacement, here.displacement)
     assert there.strain is strain
@@ -54,7 +55,7 @@ def test_the_child_gives_the_same_answer_bit_for_bit(beam, strain):
 
 def test_bad_input_comes_back_as_one_line(beam):
     with pytest.raises(InputError, match="degree = 7") as caught:
-        solve_static_in_child(beam, degree=7, time_limit=120)
+        run_task(StaticTask(degree=7), beam, time_limit=120)
     assert "\n" not in str(caught.value)
 
 
@@ -64,7 +65,7 @@ def test_lost_equilibrium_comes_back_with_the_last_state(beam):
         beam.mesh, beam.material, beam.supports, (Traction(pushed, (-4000.0, 0.0, 0.0)),)
     )
     with pytest.raises(ReferenceNotConvergedError) as caught:
-        solve_static_in_child(crushed, time_limit=120)
+        run_task(StaticTask(), crushed, time_limit=120)
     assert 0.0 < caught.value.load_factor < 1.0
     assert caught.value.displacement.shape == beam.mesh.points.shape
     assert caught.value.displacement[:, 0].min() < 0.0
@@ -83,7 +84,7 @@ def test_the_time_limit_ends_the_child_and_its_children(tmp_path, monkeypatch, b
     monkeypatch.setattr(child, "_command", lambda *_: [sys.executable, str(hang)])
     start = time.monotonic()
     with pytest.raises(ReferenceTimeoutError, match="2 s") as caught:
-        solve_static_in_child(beam, time_limit=2.0)
+        run_task(StaticTask(), beam, time_limit=2.0)
     assert time.monotonic() - start < 20.0
     assert "stuck" in caught.value.stderr_tail
     assert not is_running(int((tmp_path / "pid").read_text()))
@@ -109,7 +110,7 @@ def is_running(pid: int) -> bool:
 def test_a_crash_is_told_with_its_cause(monkeypatch, beam, program, how):
     monkeypatch.setattr(child, "_command", lambda *_: [sys.executable, "-c", program])
     with pytest.raises(ReferenceCrashedError, match=how):
-        solve_static_in_child(beam, time_limit=60)
+        run_task(StaticTask(), beam, time_limit=60)
 
 
 def test_a_half_written_answer_is_a_crash(monkeypatch, beam):
@@ -118,7 +119,7 @@ def test_a_half_written_answer_is_a_crash(monkeypatch, beam):
 
     monkeypatch.setattr(child, "_command", command)
     with pytest.raises(ReferenceCrashedError, match="no readable answer"):
-        solve_static_in_child(beam, time_limit=60)
+        run_task(StaticTask(), beam, time_limit=60)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +144,7 @@ def test_no_fenicsx_is_said_with_the_remedy(monkeypatch, beam):
 
     monkeypatch.setattr(child, "require_available", refuse)
     with pytest.raises(ReferenceUnavailableError, match="not installed"):
-        solve_static_in_child(beam)
+        run_task(StaticTask(), beam)
 
 
 def test_a_broken_fenicsx_is_unavailable_not_a_crash(tmp_path, monkeypatch, beam):
@@ -151,23 +152,23 @@ def test_a_broken_fenicsx_is_unavailable_not_a_crash(tmp_path, monkeypatch, beam
     (tmp_path / "dolfinx" / "__init__.py").write_text("raise ImportError('libmpi.so.12')")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ReferenceUnavailableError, match=r"libmpi\.so\.12"):
-        solve_static_in_child(beam, time_limit=60)
+        run_task(StaticTask(), beam, time_limit=60)
 
 
 def test_a_time_limit_of_zero_is_refused(beam):
     with pytest.raises(InputError, match="time_limit"):
-        solve_static_in_child(beam, time_limit=0.0)
+        run_task(StaticTask(), beam, time_limit=0.0)
 
 
 def test_a_cache_spoiled_by_a_killed_run_is_mended(tmp_path, monkeypatch, beam):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    first = solve_static_in_child(beam, strain=Strain.LINEAR, time_limit=300)
+    first = run_task(StaticTask(Strain.LINEAR), beam, time_limit=300)
     ready = list(tmp_path.rglob("*.c.cached"))
     assert ready
     for mark in ready:
         # What a run killed inside the compiler leaves: the source without its mark.
         mark.unlink()
-    again = solve_static_in_child(beam, strain=Strain.LINEAR, time_limit=300)
+    again = run_task(StaticTask(Strain.LINEAR), beam, time_limit=300)
     assert np.array_equal(first.displacement, again.displacement)
     assert len(list(tmp_path.rglob("*.c.cached"))) == len(ready)
 

@@ -102,21 +102,16 @@ def solve_state(
         InputError: The problem has a time span: see `solve_reference`.
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
-    from palpate.reference.child import solve_static_in_child
+    from palpate.reference.child import run_task
+    from palpate.reference.tasks import StaticTask
 
     if problem.time is not None:
         raise InputError("a problem in time has no static solution; solve its motion")
     start = time.perf_counter()
     label = OF_ELEMENT[element] if degree == 1 else QUADRATIC
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
-    result = solve_static_in_child(
-        problem,
-        strain=strain,
-        degree=degree,
-        formulation=formulation,
-        element=element,
-        progress=progress,
-    )
+    task = StaticTask(strain, degree, formulation=formulation, element=element)
+    result = run_task(task, problem, progress=progress)
     return State(
         label=label,
         simulator=REFERENCE,

@@ -94,7 +94,8 @@ def follow_degrees(progress: Progress) -> list[ErrorFamily]:
     The difference of strain energy at equilibrium is the square of the energy norm of the error,
     to leading order, so half its order is that of the displacement in the energy norm: p.
     """
-    from palpate.reference.child import solve_static_in_child
+    from palpate.reference.child import run_task
+    from palpate.reference.tasks import StaticTask
 
     exact = exact_column()
     families = []
@@ -103,7 +104,7 @@ def follow_degrees(progress: Progress) -> list[ErrorFamily]:
         for level in range(count):
             problem = column(level)
             progress(f"column, P{degree}, {_cells(problem)}")
-            result = solve_static_in_child(problem, degree=degree, relative_tolerance=1e-12)
+            result = run_task(StaticTask(degree=degree, relative_tolerance=1e-12), problem)
             found.append(abs(result.strain_energy / exact.strain_energy - 1.0) ** 0.5)
             notes.append(_cells(problem))
         name = f"confined column, energy norm of P{degree} (reference)"

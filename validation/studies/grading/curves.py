@@ -26,6 +26,7 @@ from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import held
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem
+from palpate.reference.result import ReferenceResult
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.states import Progress
 from palpate.validation.studies.bodies import volume_change
@@ -234,13 +235,18 @@ def push_scene() -> Scene:
         return displacement, volume_change(problem.mesh, displacement)
 
     def solve_truth(problem: Problem) -> Solved:
-        from palpate.reference.child import solve_static_in_child
-
-        found = solve_static_in_child(problem, degree=2)
+        found = _by_quadratics(problem)
         return found.displacement, found.volume / problem.mesh.volume - 1.0
 
     title = "kidney pushed on a patch"
     return Scene(title, "change of volume", problem, solve, solve_truth, 32_000, 2.2)
+
+
+def _by_quadratics(problem: Problem) -> ReferenceResult:
+    from palpate.reference.child import run_task
+    from palpate.reference.tasks import StaticTask
+
+    return run_task(StaticTask(degree=2), problem)
 
 
 def hertz_scene() -> Scene:
@@ -255,9 +261,7 @@ def hertz_scene() -> Scene:
         return found.displacements[-1], float(np.linalg.norm(found.forces[-1, 0]))
 
     def solve_truth(problem: Problem) -> Solved:
-        from palpate.reference.child import solve_static_in_child
-
-        found = solve_static_in_child(problem, degree=2)
+        found = _by_quadratics(problem)
         return found.displacement, float(np.linalg.norm(found.tools[0].forces[-1]))
 
     title = "sphere into a block"

@@ -223,17 +223,16 @@ class DegreeCheck(NamedTuple):
 
 def check_by_quadratic(point: BendingPoint, cells_across: int, progress: Progress) -> DegreeCheck:
     """Solve a point of the map again with quadratic tetrahedra; needs FEniCSx."""
-    from palpate.reference.child import solve_static_in_child
+    from palpate.reference.child import run_task
+    from palpate.reference.tasks import StaticTask
 
     L, nu = point.slenderness, point.poissons_ratio
     unit = bent_bar(L, nu, 1.0, cells_across)
-    found = solve_static_in_child(unit, strain=Strain.LINEAR, degree=2)
+    found = run_task(StaticTask(Strain.LINEAR, degree=2), unit)
     load = point.nominal / tip_deflection(unit.mesh, found.displacement)
     loaded = bent_bar(L, nu, load, cells_across)
     progress(f"P2 check: L/h = {L:g}, nu = {nu:g}, deflection {point.nominal:g}")
-    linear, green = (
-        solve_static_in_child(loaded, strain=s, degree=2) for s in (Strain.LINEAR, Strain.GREEN)
-    )
+    linear, green = (run_task(StaticTask(strain, degree=2), loaded) for strain in Strain)
     difference = l2_norm(loaded.mesh, linear.displacement - green.displacement)
     return DegreeCheck(
         point,
