@@ -86,7 +86,7 @@ def compare_published(
     compared = _compare(spec, found, unit, scale, off * scale)
     if not why_not and compared.error <= spec.limit:
         # What is wrong at any frequency is wrong; what is right may be an alias's.
-        why_not = may_be_alias(problem, state.strain, motion)
+        why_not = may_be_alias(problem, state.strain, motion, element=state.element)
     if not why_not:
         return compared
     message = f"{compared.message}; {why_not}"

@@ -79,7 +79,9 @@ def oscillation(name: str, problem: Problem, candidate: State, reference: State)
             uncertainty += float(getattr(off, word))
     for who, motion in (("the reference", theirs), ("the candidate", sent)):
         why = too_coarse(motion, expected.frequency)
-        why = why or may_be_alias(problem, reference.strain, motion, of=theirs)
+        why = why or may_be_alias(
+            problem, reference.strain, motion, element=candidate.element, of=theirs
+        )
         if why:
             uncertainty, remark = math.inf, f"of {who}, {why}"
     return Difference(

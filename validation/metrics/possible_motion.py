@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
 from palpate.validation.mechanics.body import body_of, load_force
 from palpate.validation.metrics.finite import are_measurable
@@ -70,7 +70,7 @@ def state_out_of_reach(problem: Problem, state: State) -> str:
         return ""
     mass = lumped_mass(problem)
     interval = problem.time.end_time / problem.time.num_outputs
-    most = largest_acceleration(problem, state.strain, outputs)
+    most = largest_acceleration(problem, state.strain, outputs, state.element)
     is_looked_at = ~_moving_components(problem)
     size = float(np.ptp(problem.mesh.points, axis=0).max()) * math.sqrt(mass.sum())
     largest = math.sqrt(max(_squared(mass, u) for u in motion.displacements))
@@ -119,13 +119,16 @@ def _squared(mass: Points, field: Points) -> float:
     return float(mass @ np.einsum("ij,ij->i", field, field))
 
 
-def largest_acceleration(problem: Problem, strain: Strain, outputs: Trajectory) -> float:
+def largest_acceleration(
+    problem: Problem, strain: Strain, outputs: Trajectory, element: Element = Element.LINEAR
+) -> float:
     """Bound of sqrt(a.M a) over the whole motion [m/s2 sqrt(kg)].
 
     Args:
         problem: With its time span, from rest.
         strain: Whose law the supports pull with.
         outputs: The motion at the outputs; looked at where supports move or tools press.
+        element: Whose tetrahedra the supports pull at.
     """
     assert problem.time is not None
     end, mass = problem.time.end_time, lumped_mass(problem)
@@ -134,7 +137,7 @@ def largest_acceleration(problem: Problem, strain: Strain, outputs: Trajectory) 
     for item in (*problem.loads, *problem.supports):
         first, varied = _variation(item, end)
         if isinstance(item, Support):
-            force = -body_of(problem, strain).internal(_moved_by(problem, item))
+            force = -body_of(problem, strain, element).internal(_moved_by(problem, item))
             by_supports += varied * _over_mass(force, mass, is_free)
         else:
             force = load_force(problem.mesh, item, np.zeros_like(problem.mesh.points), strain)
@@ -144,19 +147,22 @@ def largest_acceleration(problem: Problem, strain: Strain, outputs: Trajectory) 
         start += first * force
     by_loads += _over_mass(start, mass, is_free)
     if problem.tools:
-        return by_loads + _seen(problem, strain, outputs, mass)
+        return by_loads + _seen(problem, strain, outputs, mass, element)
     if by_supports > 0.0:
-        by_supports = min(by_supports, _seen(problem, strain, outputs, mass))
+        by_supports = min(by_supports, _seen(problem, strain, outputs, mass, element))
     return by_loads + by_supports
 
 
-def _seen(problem: Problem, strain: Strain, outputs: Trajectory, mass: Points) -> float:
+def _seen(
+    problem: Problem, strain: Strain, outputs: Trajectory, mass: Points, element: Element
+) -> float:
     """From the second differences of the outputs; infinite where they do not resolve the motion."""
     interval = float(outputs.times[1] - outputs.times[0])
     bends = np.diff(outputs.displacements, 2, axis=0)
     if len(bends) + 1 < _FEWEST_OUTPUTS:
         return math.inf
-    if not _OUTPUTS_PER_PERIOD * interval * content_frequency(problem, strain, outputs) <= 1.0:
+    content = content_frequency(problem, strain, outputs, element)
+    if not _OUTPUTS_PER_PERIOD * interval * content <= 1.0:
         return math.inf
     return _DRIVEN * math.sqrt(max(_squared(mass, bend) for bend in bends)) / interval**2
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import lumped_mass
 from palpate.validation.mechanics.body import body_of
 from palpate.validation.states import Trajectory
@@ -41,7 +41,12 @@ def too_coarse(motion: Trajectory, frequency: float) -> str:
 
 
 def may_be_alias(
-    problem: Problem, strain: Strain, motion: Trajectory, *, of: Trajectory | None = None
+    problem: Problem,
+    strain: Strain,
+    motion: Trajectory,
+    *,
+    element: Element = Element.LINEAR,
+    of: Trajectory | None = None,
 ) -> str:
     """Why a frequency that the states of a motion show may be another's; "" where it is not.
 
@@ -49,10 +54,11 @@ def may_be_alias(
         problem: With mass, stiffness, supports and loads.
         strain: Whose law pulls the body back.
         motion: The states.
+        element: Whose tetrahedra pull it back: those of the candidate.
         of: The motion whose content is looked at, the reference's; `motion` where None.
     """
     gap = largest_gap(motion)
-    content = content_frequency(problem, strain, of or motion)
+    content = content_frequency(problem, strain, of or motion, element)
     if content <= 0.5 / gap:
         return ""
     return (
@@ -62,14 +68,17 @@ def may_be_alias(
 
 
 @lru_cache(maxsize=4)
-def content_frequency(problem: Problem, strain: Strain, motion: Trajectory) -> float:
+def content_frequency(
+    problem: Problem, strain: Strain, motion: Trajectory, element: Element = Element.LINEAR
+) -> float:
     """How fast the body has to swing to be in these states [Hz]: Rayleigh's quotient.
 
     sum over states of (u - mean).(internal force - load) over that of (u - mean).M (u - mean),
     over what is free and out of the tools' reach; its root over 2 pi. A mean over all modes in
-    the motion by how much they move. Linear tetrahedra make it too high rather than too low.
+    the motion by how much they move. Linear tetrahedra make it too high rather than too low;
+    smoothed ones are never stiffer, and close to the body itself.
     """
-    body, mass = body_of(problem, strain), lumped_mass(problem)[:, None]
+    body, mass = body_of(problem, strain, element), lumped_mass(problem)[:, None]
     about = motion.displacements - motion.displacements.mean(axis=0)
     stiff, inert = 0.0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):

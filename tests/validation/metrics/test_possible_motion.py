@@ -14,7 +14,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.bricks import brick_box
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.validation.exchange.time_reading import read_at
 from palpate.validation.metrics import make_state, possible_motion
 from palpate.validation.metrics.possible_motion import (
@@ -131,6 +131,21 @@ def test_the_bound_of_a_weight_is_gravity_on_what_is_free() -> None:
     # 4000 N/m3 on 1000 kg/m3: 4 m/s2 on 24 cm3 less what hangs at the clamp.
     assert bound < 4.0 * math.sqrt(0.024)
     assert bound > 0.9 * 4.0 * math.sqrt(0.024)
+
+
+def test_supports_pull_smoothed_tetrahedra_no_harder_than_they_are_stiff() -> None:
+    problem = moving("shaken", 1)
+    rest = Trajectory(np.array([0.0, 0.5]), np.zeros((2, *MESH.points.shape)))
+    plain, smoothed = (
+        largest_acceleration(problem, Strain.LINEAR, rest, element) for element in Element
+    )
+    assert smoothed < 0.9 * plain
+    found = simulate(problem, element=Element.SMOOTHED)
+    state = make_state(
+        MESH, found.displacements[-1], label="x", simulator="x", strain=Strain.GREEN,
+        trajectory=Trajectory(found.times, found.displacements), element=Element.SMOOTHED,
+    )  # fmt: skip
+    assert state_out_of_reach(problem, state) == ""
 
 
 def test_a_pressure_that_follows_has_room_and_one_that_does_not_has_none() -> None:
