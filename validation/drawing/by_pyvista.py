@@ -14,6 +14,8 @@ import pyvista
 from palpate.validation.drawing.scene import Marks, Panel, Surface, extent
 
 _SIZE = (680, 780)
+# Of each of many panels, whose words must be read when they stand side by side on a page.
+_MANY, _SMALL = 4, (480, 560)
 _EDGES = "#6e6660"
 
 
@@ -21,7 +23,8 @@ def main() -> None:
     """Draw NAME.png for each picture."""
     source, folder = Path(sys.argv[1]), Path(sys.argv[2])
     for name, panels in pickle.loads(source.read_bytes()).items():
-        size = (_SIZE[0] * len(panels), _SIZE[1])
+        width, height = _size(panels)
+        size = (width * len(panels), height)
         plotter = pyvista.Plotter(
             off_screen=True, shape=(1, len(panels)), window_size=size, border=False
         )
@@ -34,6 +37,10 @@ def main() -> None:
         plotter.close()
 
 
+def _size(panels: Sequence[Panel]) -> tuple[int, int]:
+    return _SIZE if len(panels) < _MANY else _SMALL
+
+
 def _draw(plotter: Any, panel: Panel, panels: Sequence[Panel]) -> None:
     plotter.set_background("white")
     for surface in panel.surfaces:
@@ -41,9 +48,12 @@ def _draw(plotter: Any, panel: Panel, panels: Sequence[Panel]) -> None:
     for marks in panel.marks:
         _add_marks(plotter, marks)
     title = panel.title if len(panel.title) < 80 else panel.title[:77] + "..."
-    plotter.add_text(title, font_size=11, color="black")
+    height = _size(panels)[1]
+    # At a place, not in a corner: words in corners shrink with the panel.
+    where = {} if height == _SIZE[1] else {"position": (8, height - 32)}
+    plotter.add_text(title, font_size=11 if not where else 10, color="black", **where)
     for row, (words, colour) in enumerate(panel.legend, 1):
-        place = (6, _SIZE[1] - 30 - 24 * row)
+        place = (6, height - 30 - 24 * row)
         plotter.add_text(words, position=place, font_size=10, color=colour)
     if panel.unit:
         titles = {f"{axis}title": f"{axis} [{panel.unit}]" for axis in "xyz"}

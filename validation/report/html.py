@@ -28,11 +28,12 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import OF_ELEMENT
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.environment import page_environment
+from palpate.validation.report.looks import looks_of
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import budget_svg, checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
-from palpate.validation.report.viewer_data import compared_pairs, viewer_json
+from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.states import Verdict, gravest
 
 INDEX = "index.html"
@@ -103,14 +104,14 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "table": state_table(result),
         "pictures": {name: _data_url(path) for name, path in pictures.items()},
         "scene": Markup(viewer_json(result)) if result.states else "",
-        "pairs": compared_pairs(result),
+        "looks": [look.name(result.states) for look in looks_of(result)],
         "plot": _drawn(checks_svg, result),
         "time": problem.time,
         "is_motion": problem.time is not None,
         "slider": "fraction of the displacement" if problem.time is None else "time",
         "quality": measure_quality(problem.mesh),
         "material": problem.material,
-        "green": result.state(result.candidates[0].name, Strain.GREEN),
+        "green": [s for s in result.states if not s.is_reference and s.strain is Strain.GREEN],
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in problem.loads],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],

@@ -13,12 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
 from palpate.meshes.arrays import Points
+from palpate.validation.report.colours import COLOURS
 from palpate.validation.report.plots import figure_svg, plot_style, tidy
 from palpate.validation.report.study_page import Figure
-
-BLUE, RED, OCHRE, GREEN, PURPLE, GREY = COLOURS = (
-    "#2f6f8f", "#b5332e", "#c98a12", "#2f8f4e", "#6b4c9a", "#4d4d4d",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)

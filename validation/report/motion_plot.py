@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -12,6 +13,8 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.motion import swinging_most
+from palpate.validation.report.colours import OCHRE
+from palpate.validation.report.looks import STRAIN_NAMES, colours_of, looks_of
 from palpate.validation.report.plots import figure_svg, plot_style, tidy
 from palpate.validation.states import State
 
@@ -38,17 +41,26 @@ def motion_svg(result: CaseResult) -> str:
             height_ratios=(2, 1, 1.4)[: 2 + has_tools],
         )  # fmt: skip
         above, below = panels[:2]
+        colours, looks = colours_of(result), looks_of(result)
+        compared = [
+            (result.states[one], result.states[other])
+            for look in looks
+            if look.strain is Strain.GREEN
+            for one, other in look.pairs
+        ]
         for state in (*references, *candidates):
-            name = f"{state.label}, {'Green' if state.strain is Strain.GREEN else 'linear'} strain"
-            above.plot(*_path(state, point, axis), **_look(state), label=name)
+            name = f"{state.label}, {STRAIN_NAMES[state.strain]}"
+            style = _style(state, colours, compared)
+            above.plot(*_path(state, point, axis), **style, label=name)
             if has_tools:
-                _draw_forces(panels[2], state, name)
-            for other in references if not state.is_reference else ():
-                if state.strain is Strain.GREEN:
-                    _draw_error(below, state, other, point)
+                _draw_forces(panels[2], state, name, style)
+        # Of several candidates the truth's distances, which rounding errors would flatten.
+        true = [pair for pair in compared if not _is_on_mesh(pair[1])] if len(colours) > 1 else []
+        for candidate, reference in true or compared:
+            _draw_error(below, candidate, reference, point, colours)
         above.set_ylabel("displacement [mm]")
         below.set_ylabel("error [mm]")
-        below.set_yscale("log")
+        below.set_yscale("linear" if true else "log")
         if has_tools:
             panels[2].set_ylabel("force on tool [N]")
         panels[-1].set_xlabel(f"time [s]; at ({place}) mm along ({along})")
@@ -56,7 +68,7 @@ def motion_svg(result: CaseResult) -> str:
             tidy(axes)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(
-                    frameon=False, fontsize=8, ncols=4,
+                    frameon=False, fontsize=8, ncols=4 if len(colours) == 1 else 3,
                     loc="lower center", bbox_to_anchor=(0.5, 0.98),
                 )  # fmt: skip
         figure.tight_layout()
@@ -68,24 +80,34 @@ def _is_on_mesh(reference: State) -> bool:
     return reference.degree == 1
 
 
-def _look(state: State) -> dict[str, Any]:
-    """Of a state's line: the reference on the same mesh is broad and grey, the truth black."""
+def _style(
+    state: State, colours: Mapping[str, str], compared: Sequence[tuple[State, State]]
+) -> dict[str, Any]:
+    """Of a state's line: a candidate has its colour, with linear strain one of its own if alone.
+
+    The truth is black; the reference on the same mesh is broad and grey, or, where there are
+    several, of the colour of its candidate.
+    """
+    if state.is_reference and not _is_on_mesh(state):
+        return {"color": "black", "lw": 1.6}
     if state.is_reference:
-        is_on_mesh = _is_on_mesh(state)
-        colour, width = ("#888888", 3.0) if is_on_mesh else ("black", 1.6)
-        return {"color": colour, "lw": width, "alpha": 0.6 if is_on_mesh else 1.0}
-    colour, line = ("#2f6f8f", "-") if state.strain is Strain.GREEN else ("#c98a12", "--")
-    return {"color": colour, "lw": 1.3, "ls": line}
+        own = [colours[candidate.label] for candidate, other in compared if other is state]
+        colour = own[0] if own and len(colours) > 1 else "#888888"
+        return {"color": colour, "lw": 3.5, "alpha": 0.35 if len(colours) > 1 else 0.6}
+    colour = colours[state.label]
+    if state.strain is Strain.GREEN:
+        return {"color": colour, "lw": 1.3}
+    return {"color": OCHRE if len(colours) == 1 else colour, "lw": 1.3, "ls": "--"}
 
 
-def _draw_forces(axes: mpl.axes.Axes, state: State, name: str) -> None:
+def _draw_forces(axes: mpl.axes.Axes, state: State, name: str, style: Mapping[str, Any]) -> None:
     """Size of the mean force on each tool from output to output."""
     forces = state.tool_forces
     if state.trajectory is None or forces is None or forces.ndim != 3:
         return
     for number, history in enumerate(np.linalg.norm(forces, axis=2), start=1):
         times = state.trajectory.times[1:]
-        axes.plot(times, history[1:], **_look(state), label=f"tool {number}, {name}")
+        axes.plot(times, history[1:], **style, label=f"tool {number}, {name}")
 
 
 def _path(state: State, point: int, axis: Points) -> tuple[Points, Points]:
@@ -95,13 +117,14 @@ def _path(state: State, point: int, axis: Points) -> tuple[Points, Points]:
     return state.trajectory.times, path
 
 
-def _draw_error(axes: mpl.axes.Axes, state: State, other: State, point: int) -> None:
+def _draw_error(
+    axes: mpl.axes.Axes, state: State, other: State, point: int, colours: Mapping[str, str]
+) -> None:
     assert state.trajectory is not None
     assert other.trajectory is not None
     ours, theirs = state.trajectory.displacements, other.trajectory.displacements
-    if ours.shape != theirs.shape:
-        return
     apart = _MILLI * np.linalg.norm(ours[:, point] - theirs[:, point], axis=1)
-    colour = "#888888" if _is_on_mesh(other) else "black"
     shown = np.where(apart > 0.0, apart, np.nan)
-    axes.plot(state.trajectory.times, shown, color=colour, lw=1.1, label=f"to {other.label}")
+    label = f"to {other.label}" if len(colours) == 1 else f"{state.label} to {other.label}"
+    line = "--" if _is_on_mesh(other) else "-"
+    axes.plot(state.trajectory.times, shown, line, color=colours[state.label], lw=1.1, label=label)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Strain
 from palpate.validation.drawing.scene import GREEN, Panel, Surface, boundary, draw, joined
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.looks import Look, looks_of
 
 _MILLI = 1e3
 
@@ -28,48 +30,70 @@ def draw_pictures(result: CaseResult, folder: Path) -> dict[str, Path]:
 
 
 def _pictures(result: CaseResult) -> dict[str, list[Panel]]:
-    """The boundary, its states and their errors, in millimetres."""
-    mesh, problem = result.problem.mesh, result.problem
+    """The boundary, its states and their errors, in millimetres.
+
+    Of one candidate both strain measures; of several Green strain, beside the best reference.
+    """
+    mesh, problem, states = result.problem.mesh, result.problem, result.states
     points, facets = mesh.points * _MILLI, mesh.boundary_facets
-    answers = {s: result.state(result.candidates[0].name, s) for s in Strain}
-    moved = {s: state.displacement * _MILLI for s, state in answers.items() if state is not None}
-    side = _side(np.vstack([points, *(points + u for u in moved.values())]))
-    largest = max((float(np.linalg.norm(u, axis=1).max()) for u in moved.values()), default=1.0)
+    looks = [look for look in looks_of(result) if look.strain is Strain.GREEN]
+    candidates = [state for state in states if not state.is_reference]
+    several = len(result.candidates) > 1
+    if several:
+        shown = [state for state in candidates if state.strain is Strain.GREEN]
+        shown += [states[k] for look in looks[:1] for k in look.references]
+    else:
+        shown = sorted(candidates, key=lambda state: state.strain is Strain.GREEN)
+    moved = [state.displacement * _MILLI for state in shown]
+    side = _side(np.vstack([points, *(points + u for u in moved)]))
+    largest = max((float(np.linalg.norm(u, axis=1).max()) for u in moved), default=1.0)
     held = joined([support.facets for support in problem.supports])
     pushed = joined([getattr(load, "facets", None) for load in problem.loads])
     original = Surface(points, facets, GREEN, opacity=0.55, is_wireframe=True)
     words = "original (blue: held, red: pushed)"
-    states = [Panel(words, boundary(points, facets, held, pushed), side)]
-    for strain, u in moved.items():
+    panels = [Panel(words, boundary(points, facets, held, pushed), side)]
+    for column, (state, u) in enumerate(zip(shown, moved, strict=True)):
         lengths = np.linalg.norm(u, axis=1)
-        shown = Surface(
-            points + u, facets, values=lengths, values_name="displacement [mm]", largest=largest
-        )
-        states.append(Panel(f"{strain} strain (green: original)", [shown, original], side))
-    pictures = {"states": states}
-    if Strain.GREEN in moved:
-        places = points + moved[Strain.GREEN]
-        errors = [
-            Panel(
-                name.removesuffix(", green"),
-                [
-                    Surface(
-                        places,
-                        facets,
-                        values=_MILLI * error,
-                        values_name=f"error [mm]{' ' * column}",
-                        largest=_MILLI * float(error.max()),
-                        colours="magma_r",
-                    )
-                ],
-                side,
+        # Bars of one picture need names of their own.
+        name = f"displacement [mm]{' ' * column}"
+        coloured = Surface(points + u, facets, values=lengths, values_name=name, largest=largest)
+        title = f"{state.label if several else f'{state.strain} strain'} (green: original)"
+        panels.append(Panel(title, [coloured, original], side))
+    errors = [
+        Panel(f"{states[one].label} - {states[other].label}", [surface], side)
+        for (one, other), surface in _errors(result, _best(looks), facets)
+    ]
+    return {"states": panels} | ({"errors": errors} if errors else {})
+
+
+def _best(looks: Sequence[Look]) -> list[Look]:
+    """The same mesh, then the best truth, which comes first of all."""
+    own, true = ([look for look in looks if look.is_truth is kind][:1] for kind in (False, True))
+    return own + true
+
+
+def _errors(
+    result: CaseResult, looks: Sequence[Look], facets: Indices
+) -> Iterator[tuple[tuple[int, int], Surface]]:
+    """Length of the error of each pair on the candidate's shape, a look's on one scale [mm]."""
+    column = 0
+    for look in looks:
+        pairs = [(result.states[one], result.states[other]) for one, other in look.pairs]
+        lengths = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in pairs]
+        largest = _MILLI * max(float(length.max()) for length in lengths)
+        for numbers, (candidate, _), length in zip(look.pairs, pairs, lengths, strict=True):
+            yield (
+                numbers,
+                Surface(
+                    (result.problem.mesh.points + candidate.displacement) * _MILLI,
+                    facets,
+                    values=_MILLI * length,
+                    values_name=f"error [mm]{' ' * column}",
+                    largest=largest,
+                    colours="magma_r",
+                ),
             )
-            for column, (name, error) in enumerate(
-                pair for pair in result.error_fields.items() if pair[0].endswith("green")
-            )
-        ]
-        pictures |= {"errors": errors} if errors else {}
-    return pictures
+            column += 1
 
 
 def _side(everything: Points) -> tuple[float, float, float]:

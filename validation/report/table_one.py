@@ -31,8 +31,9 @@ class StateTable:
 
 def state_table(result: CaseResult) -> StateTable:
     """Columns: the paper where the case has its numbers, then every simulator; mm3 and mm2."""
-    labels = list(dict.fromkeys(s.label for s in result.states if s.is_reference))
-    labels.sort(reverse=True)
+    references = [s for s in result.states if s.is_reference]
+    references.sort(key=lambda s: (s.degree, s.label), reverse=True)
+    labels = list(dict.fromkeys(s.label for s in references))
     labels += dict.fromkeys(s.label for s in result.states if not s.is_reference)
     published = result.published
     has_paper = all(

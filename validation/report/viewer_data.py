@@ -14,13 +14,12 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.looks import STRAIN_NAMES, looks_of
 from palpate.validation.states import State
 
 _MILLI = 1e3
-_STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
 _COLOURS = 32
 
 
@@ -36,6 +35,7 @@ def viewer_json(result: CaseResult) -> str:
         "marks": _packed(_marks(result, used), np.int8),
         "solutions": [_solution(state, used) for state in result.states],
         "errors": _errors(result, used),
+        "looks": _looks(result),
         "times": _times(result),
         "colours": _colours(),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
@@ -59,35 +59,37 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
     }
 
 
-def compared_pairs(result: CaseResult) -> list[str]:
-    """What the view's list offers, in the order of the scene's errors."""
-    states = result.states
-    return [
-        f"{_name(states[candidate])} with {states[reference].label}"
-        for candidate, reference in _pairs(result)
-    ]
+def _looks(result: CaseResult) -> list[dict[str, Any]]:
+    """What the list offers, each with its views: states and errors, on one scale each.
 
-
-def _pairs(result: CaseResult) -> list[tuple[int, int]]:
-    """Every candidate with its own same mesh and the truth of its strain, Green strain first."""
-    numbered = list(enumerate(result.states))
-    pairs = [
-        (number, other)
-        for number, candidate in numbered
-        for other, reference in numbered
-        if not candidate.is_reference
-        and reference.is_reference
-        and candidate.strain is reference.strain
-        and (reference.degree > 1 or candidate.element is reference.element)
-        and candidate.displacements.shape == reference.displacements.shape
-    ]
-    return sorted(pairs, key=lambda pair: result.states[pair[0]].strain is not Strain.GREEN)
+    The original and the candidates come before references and errors, so that of two candidates
+    each stands above its own error.
+    """
+    offered: list[dict[str, Any]] = []
+    states, first = result.states, 0
+    for look in looks_of(result):
+        numbers = range(first, first + len(look.pairs))
+        first += len(look.pairs)
+        moved = [{"solution": one} for one, _ in look.pairs]
+        moved += [{"solution": other} for other in look.references]
+        wrong = [
+            {"error": k, "name": "length of the error"}
+            if len(look.pairs) == 1
+            else {"error": k, "name": f"error of {states[one].label}"}
+            for k, (one, _) in zip(numbers, look.pairs, strict=True)
+        ]
+        offered.append({"name": look.name(states), "views": [*moved, *wrong]})
+    if not offered:
+        own = [k for k, state in enumerate(states) if not state.is_reference]
+        views = [{"solution": k} for k in (own or [0])[:1]]
+        offered.append({"name": "the candidate alone", "views": views})
+    return offered
 
 
 def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
-    """Length of the error of every compared pair."""
+    """Length of the error of every compared pair, look by look."""
     errors = []
-    for number, other in _pairs(result):
+    for number, other in (pair for look in looks_of(result) for pair in look.pairs):
         candidate, reference = result.states[number], result.states[other]
         apart = (candidate.displacements - reference.displacements)[:, used]
         length = np.linalg.norm(apart, axis=2) * _MILLI
@@ -109,7 +111,7 @@ def _times(result: CaseResult) -> list[float] | None:
 
 
 def _name(state: State) -> str:
-    return f"{state.label}, {_STRAIN_NAMES[state.strain]}"
+    return f"{state.label}, {STRAIN_NAMES[state.strain]}"
 
 
 def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:

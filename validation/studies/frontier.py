@@ -23,6 +23,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.problem import Element, Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.metrics import l2_norm
@@ -44,13 +45,32 @@ STVK = "Saint-Venant-Kirchhoff"
 # Largest distance from fastsim on the same mesh, over the largest displacement: seven digits of a
 # text file, or a motion that was stopped at a residual of 1e-7.
 SAME_MESH = 1e-4
-# Adapter, the module its interpreter must have, and its largest number of divisions here.
-_ADAPTERS = (
-    ("numpy_dense", "numpy", 2),
-    ("calculix", "numpy", 8),
-    ("felupe_svk", "felupe", 6),
-    ("mujoco_flex", "mujoco", 6),
-    ("newton_neo_hookean", "newton", 4),
+
+
+class Adapter(NamedTuple):
+    """A simulator of the folder of adapters.
+
+    Attributes:
+        name: Of its file.
+        module: That its interpreter must have.
+        most: Its largest number of divisions here.
+        is_quadratic: Whether it has quadratic tetrahedra on the mesh it is given.
+    """
+
+    name: str
+    module: str
+    most: int
+    is_quadratic: bool = False
+
+
+ADAPTERS = (
+    Adapter("numpy_dense", "numpy", 2),
+    Adapter("calculix", "numpy", 12),
+    Adapter("calculix_quadratic", "numpy", 8, is_quadratic=True),
+    Adapter("felupe_svk", "felupe", 6),
+    Adapter("felupe_quadratic", "felupe", 4, is_quadratic=True),
+    Adapter("mujoco_flex", "mujoco", 6),
+    Adapter("newton_neo_hookean", "newton", 4),
 )
 
 
@@ -59,7 +79,7 @@ class Row(NamedTuple):
 
     `seconds` is the processor's time of the solve; `error` the relative L2 distance from the
     quadratic reference; `same_mesh` the largest distance from fastsim on the same mesh, over the
-    largest displacement.
+    largest displacement, None of quadratic tetrahedra, whose equations are others.
     """
 
     tool: str
@@ -69,7 +89,7 @@ class Row(NamedTuple):
     num_cells: int
     seconds: float
     error: float
-    same_mesh: float
+    same_mesh: float | None
 
 
 class Runs(NamedTuple):
@@ -94,16 +114,15 @@ class Truth:
     problem: Problem
     displacement: Points
 
-    def error_of(self, problem: Problem, displacement: Points) -> float:
+    def error_of(self, other: TetMesh, displacement: Points) -> float:
         """Relative L2 distance of an answer on another mesh [-]."""
         mesh = self.problem.mesh
-        there = read_at(problem, displacement, mesh.points)
+        there = read_at(other, displacement, mesh.points)
         return l2_norm(mesh, there - self.displacement) / l2_norm(mesh, self.displacement)
 
 
-def read_at(problem: Problem, displacement: Points, places: Points) -> Points:
+def read_at(mesh: TetMesh, displacement: Points, places: Points) -> Points:
     """A linear field at places of its body [m]."""
-    mesh = problem.mesh
     return locate(mesh.points, mesh.cells, places).read(mesh.cells, displacement)
 
 
@@ -113,7 +132,7 @@ def compute(progress: Progress) -> Runs:
     finest, half = problems[DIVISIONS[-1]], problems[3]
     truth = Truth(finest, solve_state(finest, Strain.GREEN, 2, progress).displacement)
     coarser = solve_state(half, Strain.GREEN, 2, progress).displacement
-    at_coarser = read_at(finest, truth.displacement, half.mesh.points)
+    at_coarser = read_at(finest.mesh, truth.displacement, half.mesh.points)
     bar = l2_norm(half.mesh, coarser - at_coarser) / l2_norm(half.mesh, at_coarser)
     rows: list[Row] = []
     left_out: list[str] = []
@@ -126,7 +145,7 @@ def compute(progress: Progress) -> Runs:
     us = ("fastsim", version_of("palpate"), STVK, "Newton, conjugate gradients")
     for n, problem in problems.items():
         seconds, answers[n] = time_fastsim(problem)
-        error = truth.error_of(problem, answers[n])
+        error = truth.error_of(problem.mesh, answers[n])
         rows.append(Row(*us, problem.mesh.num_cells, seconds, error, 0.0))
     rows += run_installed(problems, answers, truth, progress, leave_out)
     return Runs(rows, left_out, bar)
@@ -138,6 +157,7 @@ def run_installed(
     truth: Truth,
     progress: Progress,
     leave_out: Progress,
+    quadratic: Mapping[int, Problem] | None = None,
 ) -> list[Row]:
     """Every other simulator that is installed, on meshes that it can take.
 
@@ -147,30 +167,45 @@ def run_installed(
         truth: What errors are measured against.
         progress: Called before each run.
         leave_out: Called with what is not run to its end, and why.
+        quadratic: Those for quadratic tetrahedra, likewise; the same ones where None.
     """
     rows = []
-    for name, module, most in _ADAPTERS:
+    for name, module, most, is_quadratic in ADAPTERS:
         interpreter = interpreter_with(module)
         if interpreter is None:
             leave_out(f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)")
             continue
         file = Path(adapters.__file__).parent / f"{name}.py"
         simulator = OutsideSimulator(f"{interpreter} {file} {{case}} {{result}}", TIME_LIMIT)
-        for n in (n for n in problems if n <= most):
+        given = problems if quadratic is None or not is_quadratic else quadratic
+        for n, problem in given.items():
+            if n > most:
+                break
+            ours = None if is_quadratic else answers[n]
             try:
-                rows.append(_run_adapter(simulator, problems[n], answers[n], truth, progress))
+                rows.append(_run_adapter(simulator, problem, ours, truth, progress))
             except CandidateFailedError as failure:
-                leave_out(f"{name}, {problems[n].mesh.num_cells} cells: {failure}")
+                leave_out(f"{name}, {problem.mesh.num_cells} cells: {failure}")
                 break
     return rows
 
 
 def _run_adapter(
-    simulator: OutsideSimulator, problem: Problem, ours: Points, truth: Truth, progress: Progress
+    simulator: OutsideSimulator,
+    problem: Problem,
+    ours: Points | None,
+    truth: Truth,
+    progress: Progress,
 ) -> Row:
+    """`ours` is fastsim's answer on the same mesh, None where the equations are others."""
     answer, seconds = simulator.run(problem, Strain.GREEN, progress)
     about: Mapping[str, object] = answer.about
-    found = place(answer, problem).displacement[0]
+    placed = place(answer, problem)
+    found = placed.displacement[0]
+    if placed.own_mesh is None or placed.own_displacement is None:
+        error = truth.error_of(problem.mesh, found)
+    else:
+        error = truth.error_of(placed.own_mesh, placed.own_displacement[0])
     law = str(about["law"])
     return Row(
         str(about["tool"]),
@@ -179,8 +214,8 @@ def _run_adapter(
         str(about.get("method", "Newton, dense matrices")),
         problem.mesh.num_cells,
         float(str(about.get("seconds", seconds))),
-        truth.error_of(problem, found),
-        float(np.abs(found - ours).max() / np.abs(ours).max()),
+        error,
+        None if ours is None else float(np.abs(found - ours).max() / np.abs(ours).max()),
     )
 
 
@@ -199,12 +234,12 @@ def time_fastsim(problem: Problem, element: Element = Element.LINEAR) -> tuple[f
 def judge(runs: Runs) -> list[Finding]:
     """Claims that the figure rests on; another law is told, and judged by nobody."""
     same_law = [row for row in runs.rows if row.law == STVK]
-    worst = max(same_law, key=lambda row: row.same_mesh)
+    apart, worst = max((row.same_mesh, row) for row in same_law if row.same_mesh is not None)
     findings = [
         judged(
-            f"simulators of the same law agree on the same mesh to {SAME_MESH:g}",
-            f"largest distance {worst.same_mesh:.2g} ({worst.tool}, {worst.num_cells} cells)",
-            worst.same_mesh <= SAME_MESH,
+            f"simulators of the same law and element agree on the same mesh to {SAME_MESH:g}",
+            f"largest distance {apart:.2g} ({worst.tool}, {worst.num_cells} cells)",
+            apart <= SAME_MESH,
         )
     ]
     for tool in dict.fromkeys(row.tool for row in same_law):
@@ -219,7 +254,8 @@ def judge(runs: Runs) -> list[Finding]:
     return findings + [
         judged(
             f"{row.tool} ({row.law}), {row.num_cells} cells: another law, judged apart",
-            f"model term {100 * row.same_mesh:.1f} % of the largest displacement, on this mesh",
+            f"model term {100 * (row.same_mesh or 0.0):.1f} % of the largest displacement, on "
+            "this mesh",
             True,
         )
         for row in runs.rows

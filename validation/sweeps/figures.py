@@ -9,7 +9,8 @@ from pathlib import Path
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.report.line_plot import COLOURS, Line, Panel, line_figure
+from palpate.validation.report.colours import COLOURS
+from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure
 from palpate.validation.solving import Simulator
 from palpate.validation.sweeps.runs import Run, linear_error

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
 from palpate.validation.report.pdf import find_browser, print_pdf
+from palpate.validation.simulators.candidate import fastsim_candidate
 
 pytestmark = pytest.mark.browser
 
@@ -61,6 +63,12 @@ def kidney() -> CaseResult:
     return judge_case(load_case("kidney"))
 
 
+@pytest.fixture(scope="module")
+def both() -> CaseResult:
+    candidates = [fastsim_candidate(element=element) for element in Element]
+    return judge_case(load_case("block"), candidate=candidates)
+
+
 def picture(browser: Any) -> np.ndarray:
     """The canvas as it is on the screen, grey values."""
     from matplotlib import image
@@ -91,6 +99,24 @@ def open_page(browser: Any, page: Path) -> None:
     wait_until(browser, "document.querySelector('.viewer').dataset.state !== undefined")
 
 
+def choose(browser: Any, name: str) -> None:
+    """What is compared, by its words in the list."""
+    browser.execute_script(
+        "const s = document.querySelector('.viewer select');"
+        "s.value = [...s.options].find((o) => o.text === arguments[0]).value;"
+        "s.dispatchEvent(new Event('change'));"
+        "return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));",
+        name,
+    )
+
+
+def texts(browser: Any, selector: str) -> list[str]:
+    """Words of all elements that a selector finds."""
+    script = "return [...document.querySelectorAll(arguments[0])].map((n) => n.textContent)"
+    found: list[str] = browser.execute_script(script, selector)
+    return found
+
+
 def move_slider(browser: Any, share: float) -> None:
     browser.execute_script(
         "const s = document.querySelector('.viewer input'); s.value = arguments[0];"
@@ -108,6 +134,7 @@ def test_the_view_draws_turns_and_moves(
     assert serious(browser) == []
     state = "document.querySelector('.viewer').dataset.state"
     assert browser.execute_script(f"return {state}") == "drawn"
+    choose(browser, "fastsim, Green strain with reference P1")
     whole = picture(browser)
     columns = np.array_split(whole, 4, axis=1)
     # A body in each of the four views, on white ground.
@@ -128,6 +155,29 @@ def test_the_view_draws_turns_and_moves(
     canvas = browser.find_element("css selector", ".viewer canvas")
     canvas.send_keys(Keys.ARROW_LEFT * 8)
     assert np.abs(picture(browser) - whole).mean() > 0.01
+    assert serious(browser) == []
+
+
+def test_two_candidates_stand_above_their_errors_beside_the_reference(
+    browser: Any, both: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    open_page(browser, html.write_report([both], tmp_path))
+    assert texts(browser, ".view:not([hidden]) .name") == [
+        "original: held blue, pushed red",
+        "fastsim, Green strain",
+        "fastsim (smoothed), Green strain",
+        "reference P2, refined, Green strain",
+        "error of fastsim",
+        "error of fastsim (smoothed)",
+    ]
+    # States on one scale, errors on one scale.
+    _, *states, one, other = texts(browser, ".view:not([hidden]) .most")
+    assert len(set(states)) == 1
+    assert one == other
+    own = "fastsim with reference P1, fastsim (smoothed) with reference smoothed"
+    choose(browser, f"Green strain: {own}")
+    assert len(texts(browser, ".view:not([hidden]) .name")) == 7
     assert serious(browser) == []
 
 

@@ -20,8 +20,9 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
 from palpate.validation.report.credibility import credibility
+from palpate.validation.report.looks import looks_of
 from palpate.validation.report.table_one import state_table
-from palpate.validation.report.viewer_data import compared_pairs, viewer_json
+from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.states import Verdict
 
 
@@ -108,9 +109,16 @@ def test_the_scene_is_the_solution(kidney: CaseResult) -> None:
         difference = np.abs(displacement - state.displacement[used] * 1e3).max()
         assert difference <= 0.5 * drawn["step"] * (1 + 1e-9)
         assert drawn["is_reference"] == (state.simulator == "reference")
-    assert len(scene["errors"]) == len(compared_pairs(kidney)) == 6
+    names = [look["name"] for look in scene["looks"]]
+    assert names == [look.name(kidney.states) for look in looks_of(kidney)]
+    assert len(scene["errors"]) == len(names) == 6
+    # The best truth of Green strain comes first, and the same mesh after all truths.
+    assert names[0] == "fastsim, Green strain with reference P2, refined"
+    assert names[2] == "fastsim, Green strain with reference P1"
+    assert [list(view) for view in scene["looks"][0]["views"]] == [
+        ["solution"], ["solution"], ["error", "name"],
+    ]  # fmt: skip
     first = scene["errors"][0]
-    assert compared_pairs(kidney)[0] == "fastsim, Green strain with reference P1"
     candidate, reference = (kidney.states[first[k]] for k in ("candidate", "reference"))
     length = np.linalg.norm((candidate.displacement - reference.displacement)[used], axis=1) * 1e3
     assert unpack(first["length"], "<f4", 1)[:, 0] == pytest.approx(length, rel=1e-6)

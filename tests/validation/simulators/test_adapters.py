@@ -39,7 +39,7 @@ def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
         lighter = Traction(problem.loads[0].facets, (x / 10, y / 10, z / 10))  # type: ignore[union-attr]
         problem = dataclasses.replace(problem, loads=(lighter,))
     answer = solve_static(problem).displacement
-    module = {adapter: module for adapter, module, _ in frontier._ADAPTERS}[name]
+    module = next(adapter.module for adapter in frontier.ADAPTERS if adapter.name == name)
     interpreter = interpreter_with(module)
     if interpreter is None or (name == "calculix" and shutil.which("ccx") is None):
         pytest.skip(f"{name}: its tool is not installed in {interpreters()}")

@@ -21,7 +21,7 @@ from palpate.validation.studies.elements.meshes import (
     read_pressures,
 )
 from palpate.validation.studies.elements.modes import Modes, judge_modes
-from palpate.validation.studies.frontier import STVK, time_fastsim
+from palpate.validation.studies.frontier import STVK, Adapter, time_fastsim
 
 LINEAR, SMOOTHED = OURS[Element.LINEAR], OURS[Element.SMOOTHED]
 
@@ -170,7 +170,7 @@ def test_without_the_reference_there_is_no_truth(monkeypatch: pytest.MonkeyPatch
 def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(frontier, "_ADAPTERS", (("none", "no_such_module", 8),))
+    monkeypatch.setattr(frontier, "ADAPTERS", (Adapter("none", "no_such_module", 8),))
     sizes = {Element.LINEAR: (2, 4), Element.SMOOTHED: (2, 4)}
 
     def follow(spoiled: bool) -> Bars:

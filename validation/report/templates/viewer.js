@@ -1,5 +1,5 @@
 "use strict";
-// The 3-D view of a report: original, candidate, reference and error side by side with one camera.
+// The 3-D view of a report: original, candidates, reference and errors side by side with one camera.
 // WebGL2 only, no library, nothing fetched: the page must open anywhere, offline, for years.
 
 const VERTEX = `#version 300 es
@@ -86,6 +86,7 @@ class Viewer {
     this.indices = this.elements(this.facets);
     this.edges = edgesOf(this.facets, this.count);
     this.lines = this.elements(this.edges);
+    this.makeViews();
     this.makeColours();
     this.marks = Float32Array.from(unpack(scene.marks, Int8Array));
     this.still = new Float32Array(3 * this.count);
@@ -99,7 +100,6 @@ class Viewer {
     this.measure();
     this.slider = root.querySelector("input[type=range]");
     this.choice = root.querySelector("select");
-    this.views = [...root.querySelectorAll(".view")];
     if (scene.times) Object.assign(this.slider, { min: 0, max: scene.times.length - 1, step: 1, value: scene.times.length - 1 });
     this.choose();
     this.listen();
@@ -137,6 +137,19 @@ class Viewer {
     return buffer;
   }
 
+  // A name and a bar of colours for each view of what shows most of them; the original has no bar.
+  makeViews() {
+    const count = 1 + Math.max(...this.scene.looks.map((look) => look.views.length));
+    this.root.querySelector(".stage").classList.toggle("many", count > 4);
+    this.views = Array.from({ length: count }, () => {
+      const view = document.createElement("div");
+      view.className = "view";
+      view.innerHTML = '<div class="name"></div><div class="scale"><span>0</span><span class="bar"></span><span class="most"></span></div>';
+      return view;
+    });
+    this.root.querySelector(".views").append(...this.views);
+  }
+
   makeColours() {
     const gl = this.gl, table = this.scene.colours;
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
@@ -148,20 +161,16 @@ class Viewer {
     for (const bar of this.root.querySelectorAll(".bar")) bar.style.background = `linear-gradient(to right,${stops})`;
   }
 
-  // What the four views show: a pair of candidate and reference of one strain.
+  // What the views show: the original, then states on one scale, then errors on one scale.
   choose() {
-    const scene = this.scene, pair = scene.errors[Number(this.choice.value)];
-    const solo = scene.solutions.findIndex((s) => !s.is_reference);
-    const candidate = pair ? pair.candidate : Math.max(solo, 0), reference = pair ? pair.reference : -1;
-    const largest = Math.max(...[candidate, reference].filter((k) => k >= 0).map((k) => scene.solutions[k].largest), 0);
-    const still = { name: "original: held blue, pushed red", motion: this.still, value: this.marks, mode: 0, largest: 1 };
-    const moved = (k) => ({ name: scene.solutions[k].name, motion: this.motions[k], value: null, mode: 1, largest });
-    this.shown = [still, moved(candidate)];
-    if (pair)
-      this.shown.push(moved(reference), {
-        name: "length of the error", motion: this.motions[candidate], mode: 1,
-        value: this.errorLengths[Number(this.choice.value)], largest: pair.largest,
-      });
+    const scene = this.scene, views = scene.looks[Number(this.choice.value)].views;
+    const all = (kind, of) => Math.max(0, ...views.filter((v) => kind in v).map((v) => of[v[kind]].largest));
+    const moved = all("solution", scene.solutions), wrong = all("error", scene.errors);
+    this.shown = [{ name: "original: held blue, pushed red", motion: this.still, value: this.marks, mode: 0, largest: 1 }];
+    for (const v of views)
+      this.shown.push("solution" in v
+        ? { name: scene.solutions[v.solution].name, motion: this.motions[v.solution], value: null, mode: 1, largest: moved }
+        : { name: v.name, motion: this.motions[scene.errors[v.error].candidate], value: this.errorLengths[v.error], mode: 1, largest: wrong });
     this.views.forEach((view, k) => {
       const shown = this.shown[k];
       view.hidden = !shown;
@@ -251,7 +260,7 @@ class Viewer {
     gl.enable(gl.DEPTH_TEST);
     // As many columns as make the body largest; each view's words lie in its lower part.
     const count = this.shown.length, words = 46 * dense;
-    const fits = [...new Set([count, Math.ceil(count / 2), 1])].map((columns) => {
+    const fits = [...new Set([count, Math.ceil(count / 2), Math.ceil(count / 3), 1])].map((columns) => {
       const w = wide / columns, h = high / Math.ceil(count / columns);
       return { columns, w, h, size: Math.min(w / this.half[0], (h - words) / this.half[1]) };
     });

@@ -29,9 +29,11 @@ class Static:
     """Newton's method, the load in `load_parts`: from rest it does not reach large deflections."""
 
     tool, version, precision = "FElupe", felupe.__version__, "float64"
+    kind, region = "tetra", felupe.RegionTetra
 
     def __init__(self, job: dict[str, Any]) -> None:
-        if job["points"].size > LARGEST:
+        self._body = self.body_of(job)
+        if self._body["points"].size > LARGEST:
             raise ValueError(f"direct factors of more than {LARGEST} unknowns take gigabytes")
         self._job = job
         is_linear = str(job["strain"]) == "linear"
@@ -43,26 +45,34 @@ class Static:
             lmbda, mu = lame(job)
             self._law = felupe.Hyperelastic(felupe.saint_venant_kirchhoff, mu=mu, lmbda=lmbda)
 
+    def body_of(self, job: dict[str, Any]) -> dict[str, Any]:
+        """Nodes, cells, what holds and pushes them."""
+        return job
+
+    def answer_of(self, displacement: Any) -> dict[str, Any]:
+        """From the displacement of the nodes [m]."""
+        return {"displacement": displacement}
+
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """Assembly and solve from rest."""
-        job = self._job
-        region = felupe.RegionTetra(felupe.Mesh(job["points"], job["cells"], "tetra"))
+        job, body = self._job, self._body
+        region = self.region(felupe.Mesh(body["points"], body["cells"], self.kind))
         field = felupe.FieldContainer([felupe.Field(region, dim=3)])
-        held, free = (np.flatnonzero(job["fixed"].ravel() == which) for which in (1, 0))
+        held, free = (np.flatnonzero(body["fixed"].ravel() == which) for which in (1, 0))
         solid = felupe.SolidBody(self._law, field)
         solve = getattr(felupe, "newtonraphson", None) or felupe.newtonrhapson
         num_iterations = 0
         for part in np.linspace(1.0 / self._num_parts, 1.0, self._num_parts):
             load = felupe.PointLoad(
-                field, np.arange(len(job["points"])), values=part * job["external_force"]
+                field, np.arange(len(body["points"])), values=part * body["external_force"]
             )
-            moved = part * job["prescribed_displacement"].ravel()[held]
+            moved = part * body["prescribed_displacement"].ravel()[held]
             found = solve(
                 items=[solid, load], dof0=held, dof1=free, ext0=moved, solver=spsolve,
                 tol=float(job.get("relative_tolerance", 1e-10)), verbose=0,
             )  # fmt: skip
             num_iterations += int(found.iterations)
-        self.answer = {"displacement": field[0].values.copy()}
+        self.answer = self.answer_of(field[0].values.copy())
         return {"method": f"Newton, {SOLVER}", "newton_iterations": num_iterations}
 
 

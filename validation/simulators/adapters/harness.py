@@ -29,7 +29,8 @@ def answer_case(adapter: Any) -> None:
     """
     case, result = (Path(word).absolute() for word in sys.argv[1:])
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
-    job = {**read_arrays(case / "rest.npz"), "strain": given["strain"]}
+    kinds = [load["kind"] for load in given["loads"]]
+    job = {**read_arrays(case / "rest.npz"), "strain": given["strain"], "load_kinds": kinds}
     if given["time"] or given["tools"] or len(job["pressure"]) or given["has_inclusions"]:
         raise SystemExit("time, tools, follower pressure and inclusions are not known here")
     os.chdir(result.parent)  # some write a log into the working folder

@@ -17,17 +17,8 @@ from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.metrics import l2_norm
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.line_plot import (
-    BLUE,
-    GREEN,
-    GREY,
-    OCHRE,
-    PURPLE,
-    RED,
-    Line,
-    Panel,
-    line_figure,
-)
+from palpate.validation.report.colours import BLUE, GREEN, GREY, OCHRE, PURPLE, RED
+from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Table, judged
 from palpate.validation.states import Progress, Verdict, gravest
 from palpate.validation.studies.frontier import (
@@ -46,6 +37,8 @@ NEARLY_INCOMPRESSIBLE = 0.49
 # Cells an edge of the bar's section. The linear element, being cheaper, gets one mesh more, so
 # that it has as much time; the truth is of degree 2, with its bar from a mesh half as fine.
 DIVISIONS = {Element.LINEAR: (2, 4, 8, 12, 16), Element.SMOOTHED: (2, 4, 8, 12)}
+# Of rivals with quadratic tetrahedra, which need fewer.
+QUADRATIC_DIVISIONS = (1, 2, 3, 4, 6, 8)
 TRUTH_DIVISIONS = 8
 FEWEST_FOR_RIVALS = 4
 # What a smoothed bar of so many cells an edge may be off, by Poisson's ratio.
@@ -141,7 +134,7 @@ def follow_bars(
         truth = truths[nu] = solve_truth(make_bar(truth_divisions, nu), progress)
         half = solve_truth(make_bar(truth_divisions // 2, nu), progress)
         mesh = half.problem.mesh
-        finer = read_at(truth.problem, truth.displacement, mesh.points)
+        finer = read_at(truth.problem.mesh, truth.displacement, mesh.points)
         changes[nu] = l2_norm(mesh, half.displacement - finer) / l2_norm(mesh, finer)
         plain: dict[int, Points] = {}
         for element, meshes in divisions.items():
@@ -150,14 +143,15 @@ def follow_bars(
                 cells = problem.mesh.num_cells
                 progress(f"{OURS[element]}, nu = {nu:g}, {cells} cells")
                 seconds, u = solve(problem, element)
-                error = truth.error_of(problem, u)
+                error = truth.error_of(problem.mesh, u)
                 runs.append(Run(nu, OURS[element], STVK, n, cells, seconds, error))
                 if element is Element.LINEAR:
                     plain[n] = u
         # Fewer are nobody's choice.
         rivals = {n: make_bar(n, nu) for n in plain if n >= FEWEST_FOR_RIVALS}
-        size = {problem.mesh.num_cells: n for n, problem in rivals.items()}
-        for row in run_installed(rivals, plain, truth, progress, leave_out):
+        quadratic = {n: make_bar(n, nu) for n in QUADRATIC_DIVISIONS if n <= max(plain)}
+        size = {p.mesh.num_cells: n for n, p in (rivals | quadratic).items()}
+        for row in run_installed(rivals, plain, truth, progress, leave_out, quadratic):
             who = f"{row.tool} {row.version}"
             n = size[row.num_cells]
             runs.append(Run(nu, who, row.law, n, row.num_cells, row.seconds, row.error))

@@ -15,7 +15,8 @@ from palpate.meshes.errors import InvertedCellError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.report.line_plot import BLUE, RED, Line, Panel, line_figure
+from palpate.validation.report.colours import BLUE, RED
+from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.elements.bar import WIDTH, make_bar
@@ -76,7 +77,7 @@ def follow_meshes(
         first, second = (measure_quality(p.mesh).smallest_dihedral_deg for p in problems)
         answers = {e: [solve_static(p, element=e).displacement for p in problems] for e in Element}
         linear, smoothed = (
-            [truth.error_of(p, u) for p, u in zip(problems, answers[e], strict=True)]
+            [truth.error_of(p.mesh, u) for p, u in zip(problems, answers[e], strict=True)]
             for e in Element
         )
         distortions.append(

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 
-from palpate.validation.report.line_plot import BLUE, COLOURS, GREY, RED, Line, Panel, line_figure
+from palpate.validation.report.colours import BLUE, COLOURS, GREY, RED
+from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Page, Table
 from palpate.validation.studies.validity.block import Mode, ModePoint
 from palpate.validation.studies.validity.rising import (

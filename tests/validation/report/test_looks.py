@@ -1,0 +1,95 @@
+"""Two candidates beside one another in a report: pairs, pictures, and lines told apart."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from palpate.meshes.problem import Element, Strain
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.colours import BLUE, OCHRE, RED
+from palpate.validation.report.looks import colours_of, looks_of
+from palpate.validation.report.motion_plot import motion_svg
+from palpate.validation.report.pictures import _pictures
+from palpate.validation.simulators.candidate import fastsim_candidate
+
+BOTH = [fastsim_candidate(element=element) for element in Element]
+
+
+@pytest.fixture(scope="module")
+def motion() -> CaseResult:
+    return judge_case(load_case("block-motion"), candidate=BOTH, diagnoses=False)
+
+
+@pytest.fixture(scope="module")
+def block() -> CaseResult:
+    return judge_case(load_case("block"), candidate=BOTH, diagnoses=False)
+
+
+def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(block: CaseResult) -> None:
+    for look in looks_of(block):
+        candidates = [block.states[one] for one, _ in look.pairs]
+        references = [block.states[other] for _, other in look.pairs]
+        assert [s.element for s in candidates] == [Element.LINEAR, Element.SMOOTHED]
+        assert {s.strain for s in (*candidates, *references)} == {look.strain}
+        if look.is_truth:
+            assert len(look.references) == 1
+            assert references[0].degree == 2
+        else:
+            assert [s.element for s in references] == [s.element for s in candidates]
+    # The finest truth comes first, linear strain last.
+    first, *_, last = looks_of(block)
+    assert block.states[first.references[0]].label == "reference P2, refined"
+    assert (first.strain, last.strain) == (Strain.GREEN, Strain.LINEAR)
+
+
+def test_pictures_show_both_and_the_reference_on_one_scale(block: CaseResult) -> None:
+    pictures = _pictures(block)
+    titles = [panel.title for panel in pictures["states"]]
+    assert titles[1:] == [
+        f"{name} (green: original)"
+        for name in ("fastsim", "fastsim (smoothed)", "reference P2, refined")
+    ]
+    assert len({panel.surfaces[0].largest for panel in pictures["states"][1:]}) == 1
+    errors = pictures["errors"]
+    assert [panel.title for panel in errors] == [
+        "fastsim - reference P1",
+        "fastsim (smoothed) - reference smoothed",
+        "fastsim - reference P2, refined",
+        "fastsim (smoothed) - reference P2, refined",
+    ]
+    plain, smoothed = (panel.surfaces[0] for panel in errors[2:])
+    assert plain.largest == smoothed.largest
+    assert plain.values is not None
+    assert smoothed.values is not None
+    assert plain.values.max() == pytest.approx(plain.largest)
+    assert smoothed.values.max() < 0.5 * plain.largest
+
+
+def lines_of(svg: str) -> set[str]:
+    """Colours of the lines."""
+    return set(re.findall(r"fill: none; (?:stroke-dasharray[^;]*;[^;]*; )?stroke: (#\w{6})", svg))
+
+
+def test_lines_of_two_candidates_have_colours_of_their_own(motion: CaseResult) -> None:
+    assert colours_of(motion) == {"fastsim": RED, "fastsim (smoothed)": BLUE}
+    svg = motion_svg(motion)
+    assert {RED, BLUE} <= lines_of(svg)
+    assert OCHRE not in lines_of(svg)
+    for words in ("fastsim, Green strain", "fastsim (smoothed), Green strain",
+                  "fastsim (smoothed) to reference P2, refined"):  # fmt: skip
+        assert words in svg
+
+
+def test_a_candidate_alone_looks_as_ever() -> None:
+    alone = judge_case(load_case("block-motion"), diagnoses=False)
+    assert colours_of(alone) == {"fastsim": BLUE}
+    svg = motion_svg(alone)
+    assert {BLUE, OCHRE} <= lines_of(svg)
+    assert "to reference P1" in svg
+    assert [panel.title for panel in _pictures(alone)["states"]][1:] == [
+        "linear strain (green: original)", "green strain (green: original)",
+    ]  # fmt: skip

@@ -1,0 +1,7 @@
+"""The colours of lines, in every plot the same ones."""
+
+from __future__ import annotations
+
+BLUE, RED, OCHRE, GREEN, PURPLE, GREY = COLOURS = (
+    "#2f6f8f", "#b5332e", "#c98a12", "#2f8f4e", "#6b4c9a", "#4d4d4d",
+)  # fmt: skip
