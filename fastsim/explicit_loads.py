@@ -114,7 +114,7 @@ def _moving_constraints(
 
 
 def _mark(support: Support, history: int, held: Points, of: NDArray[np.int32]) -> None:
-    points = np.union1d(support.points, support.facets)
+    points = support.points
     for axis in range(3):
         if not support.components[axis]:
             continue

@@ -72,7 +72,7 @@ def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[
     is_free = np.ones((problem.mesh.num_points, 3), dtype=np.uint8)
     held = np.zeros((problem.mesh.num_points, 3))
     for number, support in enumerate(problem.supports, start=1):
-        points = np.union1d(support.points, support.facets)
+        points = support.points
         for axis in range(3):
             if not support.components[axis]:
                 continue

@@ -25,7 +25,7 @@ class Support:
     """Points held at a given displacement, by component.
 
     Args:
-        points: Held points, shape (n,). Holds every vertex of `facets` too.
+        points: Held points, shape (n,); every vertex of `facets` is held, and named here, too.
         facets: Held boundary facets, shape (m, 3): a quadratic solve also holds their edges.
             Without facets only the points are held, which for a solid is a point support.
         components: Which of x, y, z are held.
@@ -42,6 +42,12 @@ class Support:
     components: tuple[bool, bool, bool] = (True, True, True)
     displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
     amplitude: TabularAmplitude | None = None
+
+    def __post_init__(self) -> None:
+        points, facets = np.asarray(self.points), np.asarray(self.facets)
+        if not points.size or not np.isin(facets, points).all():
+            points = np.union1d(points, facets).astype(np.int32)
+        object.__setattr__(self, "points", points)
 
 
 @dataclass(frozen=True, eq=False)

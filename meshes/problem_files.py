@@ -37,53 +37,33 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted_arrays import read_npz
 from palpate.meshes.untrusted_text import parse_json
 
-_KINDS: dict[str, type[Any]] = {
-    kind.__name__: kind
-    for kind in (
-        Support,
-        Traction,
-        Pressure,
-        PointForce,
-        BodyForce,
-        TabularAmplitude,
-        RigidTool,
-        SphereShape,
-        CapsuleShape,
-        BoxShape,
-        PlaneShape,
-        SurfaceShape,
-        TriSurface,
-        ToolPath,
-        ForceDrive,
-        Inclusion,
-        Material,
-    )
-}
 # Written as tables of plain values.
 _PLAIN = ("material", "time")
-# The fields that version 0.1 knew are always written. One that came later is left out at its
-# default: the arrays of a problem that does not use it, and with them its key, stay as they were.
-_FIRST_FIELDS: dict[str, frozenset[str]] = {
-    "Problem": frozenset({"supports", "loads", "material", "time"}),
-    "Material": frozenset({"youngs_modulus", "poissons_ratio", "density"}),
-    "TimeSpan": frozenset({"end_time", "time_step", "mass_damping", "num_outputs"}),
-    "Support": frozenset({"points", "facets", "components", "displacement", "amplitude"}),
-    "Traction": frozenset({"facets", "traction", "amplitude"}),
-    "Pressure": frozenset({"facets", "pressure", "amplitude"}),
-    "PointForce": frozenset({"points", "forces", "amplitude"}),
-    "BodyForce": frozenset({"force_density", "amplitude"}),
-    "TabularAmplitude": frozenset({"times", "factors", "is_smooth"}),
-    "RigidTool": frozenset({"shape", "path", "friction_coefficient", "contact_facets", "drive"}),
-    "SphereShape": frozenset({"radius"}),
-    "CapsuleShape": frozenset({"radius", "half_length"}),
-    "BoxShape": frozenset({"half_widths"}),
-    "PlaneShape": frozenset(),
-    "SurfaceShape": frozenset({"surface"}),
-    "TriSurface": frozenset({"points", "facets"}),
-    "ToolPath": frozenset({"times", "positions", "rotations"}),
-    "ForceDrive": frozenset({"direction", "force", "amplitude", "mass"}),
-    "Inclusion": frozenset({"cells", "material"}),
+# What a problem is made of. The fields that version 0.1 knew are always written. One that came
+# later is left out at its default: the arrays of a problem that does not use it, and with them its
+# key, stay as they were.
+_FIRST_FIELDS: dict[type[Any], str] = {
+    Problem: "supports loads material time",
+    Material: "youngs_modulus poissons_ratio density",
+    TimeSpan: "end_time time_step mass_damping num_outputs",
+    Support: "points facets components displacement amplitude",
+    Traction: "facets traction amplitude",
+    Pressure: "facets pressure amplitude",
+    PointForce: "points forces amplitude",
+    BodyForce: "force_density amplitude",
+    TabularAmplitude: "times factors is_smooth",
+    RigidTool: "shape path friction_coefficient contact_facets drive",
+    SphereShape: "radius",
+    CapsuleShape: "radius half_length",
+    BoxShape: "half_widths",
+    PlaneShape: "",
+    SurfaceShape: "surface",
+    TriSurface: "points facets",
+    ToolPath: "times positions rotations",
+    ForceDrive: "direction force amplitude mass",
+    Inclusion: "cells material",
 }
+_KINDS = {kind.__name__: kind for kind in _FIRST_FIELDS}
 
 
 def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
@@ -115,7 +95,7 @@ def problem_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
 
 
 def _written_fields(item: Any) -> Iterator[tuple[str, Any]]:
-    first = _FIRST_FIELDS[type(item).__name__]
+    first = _FIRST_FIELDS[_KINDS[type(item).__name__]].split()
     for part in dataclasses.fields(item):
         value = getattr(item, part.name)
         if part.name in first or not _is_default(part, value):

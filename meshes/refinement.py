@@ -75,11 +75,10 @@ def refine_problem(problem: Problem) -> Problem:
         The problem on eight cells for each; its mesh has the same volume.
     """
     midpoints = _EdgeMidpoints(problem.mesh)
-    supports = []
-    for support in problem.supports:
-        facets = midpoints.facets(support.facets)
-        held = np.union1d(support.points, facets) if len(facets) else np.asarray(support.points)
-        supports.append(dataclasses.replace(support, points=held.astype(np.int32), facets=facets))
+    supports = [
+        dataclasses.replace(support, facets=midpoints.facets(support.facets))
+        for support in problem.supports
+    ]
     loads: list[Load] = []
     for load in problem.loads:
         if isinstance(load, Traction | Pressure):

@@ -58,8 +58,7 @@ def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
         size = max(float(np.ptp(points, axis=0).max()), np.finfo(float).tiny)
         rows = []
         for support in supports:
-            held = np.union1d(support.points, support.facets)
-            held = held[inside[held]]
+            held = support.points[inside[support.points]]
             x, y, z = ((mesh.points[held] - centre) / size).T
             one, zero = np.ones_like(x), np.zeros_like(x)
             modes = np.array(

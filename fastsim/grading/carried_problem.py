@@ -7,7 +7,6 @@ import dataclasses
 import numpy as np
 
 from palpate.fastsim.grading.graded_mesh import GradedMesh
-from palpate.meshes.arrays import Indices
 from palpate.meshes.boundary_conditions import Load, Pressure, Support, Traction
 from palpate.meshes.problem import Inclusion, Problem
 from palpate.meshes.rigid_tool import RigidTool
@@ -25,7 +24,7 @@ def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
 
     def carried_support(support: Support) -> Support:
         facets = graded.carry_facets(support.facets) if len(support.facets) else support.facets
-        points: Indices = np.union1d(graded.carry_points(support.points), facets).astype(np.int32)
+        points = graded.carry_points(support.points)
         return dataclasses.replace(support, points=points, facets=facets)
 
     def carried_load(load: Load) -> Load:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.pairs import measures_of
+from palpate.validation.simulators.faults import Fault, spoil_displacement
 from palpate.validation.states import State, Trajectory
 
 _Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -48,24 +50,13 @@ def spoiled_answers(problem: Problem, reference: State) -> Iterator[State]:
     yield _from(problem, reference, "turned round", lambda u: -u)
     yield _from(problem, reference, "twice as large", lambda u: 2.0 * u)
     yield _from(problem, reference, "axes exchanged", lambda u: u[..., [1, 2, 0]])
-    if reference.trajectory is not None:
-        for label, spoil in (
-            ("last state repeated", _last_repeated),
-            ("every second state still", _every_second_still),
-        ):
+    for label, fault in (
+        ("last state repeated", Fault.LAST_STATE_REPEATED),
+        ("every second state still", Fault.EVERY_SECOND_STATE),
+    ):
+        if reference.trajectory is not None:
+            spoil = partial(spoil_displacement, problem.mesh, fault=fault)
             yield _from(problem, reference, label, spoil, keeps_tool_forces=True)
-
-
-def _last_repeated(states: NDArray[np.float64]) -> NDArray[np.float64]:
-    return states if states.ndim == 2 else np.broadcast_to(states[-1], states.shape).copy()
-
-
-def _every_second_still(states: NDArray[np.float64]) -> NDArray[np.float64]:
-    if states.ndim == 2:
-        return states
-    spoiled = states.copy()
-    spoiled[1:-1:2] = 0.0
-    return spoiled
 
 
 def _from(
@@ -76,17 +67,14 @@ def _from(
     *,
     keeps_tool_forces: bool = False,
 ) -> State:
-    motion, forces = reference.trajectory, reference.tool_forces
-    if motion is not None:
-        motion = Trajectory(motion.times, spoil(motion.displacements))
-    if forces is not None and not keeps_tool_forces:
-        forces = spoil(forces)
-    spoiled = measures_of(problem.mesh, spoil(reference.displacement))
+    states, motion, forces = spoil(reference.displacements), reference.trajectory, None
+    if reference.tool_forces is not None:
+        forces = reference.tool_forces if keeps_tool_forces else spoil(reference.tool_forces)
     return replace(
         reference,
         label=label,
         simulator="spoiled",
-        trajectory=motion,
+        trajectory=None if motion is None else Trajectory(motion.times, states),
         tool_forces=forces,
-        **spoiled,
+        **measures_of(problem.mesh, states[-1]),
     )

@@ -1,0 +1,36 @@
+"""A support names all that it holds, however it is given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
+from palpate.meshes.problem import Material, Problem
+from palpate.validation.exchange.nodal_loads import held_components
+from palpate.validation.mechanics.audit import audit_on_own_mesh
+
+
+def test_the_corners_of_held_facets_are_held_points() -> None:
+    facets = np.array([[4, 2, 7], [2, 4, 9]])
+    assert Support([], facets).points.tolist() == [2, 4, 7, 9]  # type: ignore[arg-type]
+    assert Support(np.array([5, 2]), facets).points.tolist() == [2, 4, 5, 7, 9]
+    # What is complete stays as it was given: the key of a problem depends on it.
+    given = np.array([9, 7, 4, 2], dtype=np.int32)
+    assert Support(given, facets).points is given
+    assert Support(given).points is given
+
+
+def test_whoever_reads_a_problem_sees_points_that_only_facets_name() -> None:
+    mesh = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
+    facets = mesh.boundary_facets
+    held = facets[(mesh.points[facets][:, :, 0] == 0.0).all(axis=1)]
+    loads = (BodyForce((0.0, 0.0, -50.0)),)
+    problem = Problem(mesh, Material(1e4, 0.3), (Support((), held),), loads)  # type: ignore[arg-type]
+    found = solve_static(problem)
+    assert (
+        np.flatnonzero(held_components(problem)[0].all(axis=1)).tolist() == np.unique(held).tolist()
+    )
+    audit = audit_on_own_mesh(problem, found.displacement, found.strain)
+    assert audit.relative_residual_norm < 1e-8
