@@ -21,7 +21,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain, require_no_tools
+from palpate.meshes.problem import Problem, Strain
 from palpate.reference.availability import versions
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.errors import ReferenceStepError
@@ -74,11 +74,13 @@ def simulate_implicit(
         The trajectory at the outputs; every number in it is finite.
 
     Raises:
-        InputError: No time span or step, outputs that are not whole steps apart, tools, or a load
-            or support that cannot be used.
+        InputError: No time span or step, outputs that are not whole steps apart, a tool with
+            friction, driven by a force, given by a surface or inside the body at the start, or a
+            load or support that cannot be used.
         ReferenceStepError: A step had no answer, however short; carries the last good state.
 
     Note:
+        Tools are frictionless and touch the body at nodes (see `contact_points`).
         Unconditionally stable for linear problems only; of what the time step does not resolve
         nothing is true. Halve the step to see how far it is resolved.
     """
@@ -87,7 +89,6 @@ def simulate_implicit(
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
     if is_mass_lumped and degree > 1:
         raise InputError("row sums of a quadratic mass matrix are negative; lump degree 1 only")
-    require_no_tools(problem, "implicit dynamics")
     body = ElasticBody(
         create_space(transfer(problem.mesh), degree),
         problem.material,
@@ -107,12 +108,15 @@ def simulate_implicit(
     tell(f"{3 * motion.body.space.num_global_blocks} degrees of freedom, {motion.solver.name}")
     space = body.space
     state = motion.start(_flat(space, displacement), _flat(space, velocity))
+    motion.tools.require_outside(state.u)
     states, smallest_det_f = [state], motion.sampler.smallest(state.u)
+    felt = [motion.tools.mean_forces(0.0)]
     for output in range(1, span.num_outputs + 1):
         for step in range(per_output):
             time = ((output - 1) * per_output + step) * dt
             state = _advance(motion, state, time, dt, _MAX_HALVINGS)
         states.append(state)
+        felt.append(motion.tools.mean_forces(per_output * dt))
         smallest_det_f = min(smallest_det_f, motion.sampler.smallest(state.u))
         tell(f"t = {output * per_output * dt:.4g} s of {span.end_time:g} s")
     return ImplicitResult(
@@ -128,6 +132,7 @@ def simulate_implicit(
         degree=degree,
         time_step=dt,
         newton_iterations=motion.iterations,
+        tool_forces=np.array(felt).swapaxes(0, 1),
         versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
     )
 

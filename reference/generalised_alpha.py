@@ -14,15 +14,22 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
+from palpate.reference.contact.implicit_tools import ImplicitTools
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.explicit import row_sums_of_mass
 from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.lagged_factors import LaggedFactors
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.loads_over_time import LoadsOverTime
 from palpate.reference.materials import by_cell
 
 _MAX_ITERATIONS = 12
+# Nodes come and go, and multipliers follow them.
+_MOST_WITH_TOOLS = 40
+# Of the force along a Newton step with tools, what may be left at its end.
+_NEARLY = 0.5
+_MOST_TRIALS = 6
 _EPS = float(np.finfo(float).eps)
 
 
@@ -70,6 +77,31 @@ class State:
     a: Floats
     external_work: float = 0.0
     damping_work: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A displacement at the end of a step: all flat, forces in N.
+
+    Attributes:
+        v: Velocity at the end [m/s].
+        a: Acceleration at the end [m/s2].
+        middle: Displacement where forces are balanced [m].
+        damped: lambda times the velocity there [m/s2].
+        external: Of the loads there.
+        balance: Without the tools' forces.
+        residual: With them.
+        scale: Norm of the largest of internal, external and inertial forces.
+    """
+
+    v: Floats
+    a: Floats
+    middle: Floats
+    damped: Floats
+    external: Floats
+    balance: Floats
+    residual: Floats
+    scale: float
 
 
 class StepLostError(Exception):
@@ -122,7 +154,14 @@ class Motion:
         self._tangent = fenicsx.form(tangent)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.solver = LinearSolver(space.coordinates, is_symmetric=not self.loads.has_followers)
+        self.tools = ImplicitTools(problem, space, loads.held)
+        is_symmetric = not self.loads.has_followers
+        # Multigrid does badly by contact, and factors serve many of its steps.
+        self.solver: LinearSolver | LaggedFactors = (
+            LaggedFactors(is_symmetric=is_symmetric)
+            if self.tools
+            else LinearSolver(space.coordinates, is_symmetric=is_symmetric)
+        )
         self.iterations = 0
 
     def inertia(self, acceleration: Floats) -> Floats:
@@ -139,9 +178,19 @@ class Motion:
         return 0.5 * float(fenicsx.total(float(velocity @ self.inertia(velocity))))
 
     def _solve(
-        self, u: Floats, rhs: Floats, gap: Floats, mass: float, stiffness: float, time: float
+        self,
+        u: Floats,
+        rhs: Floats,
+        gap: Floats,
+        mass: float,
+        stiffness: float,
+        time: float,
+        touching: Floats | None = None,
     ) -> Floats:
-        """Solve (mass M + stiffness K(u)) du = rhs, du = gap where held."""
+        """Solve (mass M + stiffness K(u)) du = rhs, du = gap where held.
+
+        With the stiffness of contact where the tools touch the body of another displacement.
+        """
         self.body.set_displacement(u)
         self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
         self._matrix.zeroEntries()
@@ -153,6 +202,8 @@ class Motion:
             diagonal.array[:] += mass * self._row_sums
             self._matrix.setDiagonal(diagonal)
             diagonal.destroy()
+        if touching is not None:
+            self.tools.add_tangent(self._matrix, touching)
         self.iterations += 1
         return self.solver.solve(
             self._matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance
@@ -172,55 +223,101 @@ class Motion:
         Raises:
             StepLostError: Newton's method found no answer.
         """
-        m = self.method
-        u, v, a = state.u, state.v, state.a
-        held, free = self.loads.held, self.loads.free
-        middle = time + (1.0 - m.alpha_f) * dt
+        m, held = self.method, self.loads.held
         mass = ((1.0 - m.alpha_m) / dt + (1.0 - m.alpha_f) * m.gamma * self.damping) / (m.beta * dt)
-        new = self.loads.at_supports(u + dt * v + 0.5 * dt**2 * a, time + dt)
+        new = self.loads.at_supports(state.u + dt * state.v + 0.5 * dt**2 * state.a, time + dt)
         if not self._is_sound(new):
-            new = self.loads.at_supports(u, time + dt)
+            new = self.loads.at_supports(state.u, time + dt)
+        self.tools.begin_step(time + dt, mass)
+        most = _MOST_WITH_TOOLS if self.tools else _MAX_ITERATIONS
         rounding, last = 0.0, math.inf
-        for iteration in range(_MAX_ITERATIONS + 1):
-            new_a = (new - u - dt * v) / (m.beta * dt**2) - (0.5 / m.beta - 1.0) * a
-            new_v = v + dt * ((1.0 - m.gamma) * a + m.gamma * new_a)
-            mid_u = (1.0 - m.alpha_f) * new + m.alpha_f * u
-            mid_v = (1.0 - m.alpha_f) * new_v + m.alpha_f * v
-            mid_a = (1.0 - m.alpha_m) * new_a + m.alpha_m * a
-            internal, external = self.body.internal_force(mid_u), self.loads.force(mid_u, middle)
-            damped = self.damping * mid_v
-            inertia = self.inertia(mid_a + damped)
-            residual = external - internal - inertia
-            norm = fenicsx.norm(residual[free])
-            scale = max(fenicsx.norm(x) for x in (internal, external, inertia))
+        for iteration in range(most + 1):
+            trial = self._trial(state, new, time, dt)
+            norm, scale = fenicsx.norm(trial.residual[self.loads.free]), trial.scale
             if not math.isfinite(norm):
                 raise StepLostError("the residual is not finite")
-            if norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding):
+            is_settled = self.tools.settle(new, norm / scale if scale else 0.0)
+            is_balanced = norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding)
+            if is_settled and is_balanced:
                 break
-            if iteration == _MAX_ITERATIONS:
-                raise StepLostError(f"no convergence in {_MAX_ITERATIONS} iterations")
+            if iteration == most:
+                raise StepLostError(f"no convergence in {most} iterations")
             last = norm
+            # Multipliers taken over have changed the forces.
+            residual = trial.balance + self.tools.force(new)
+            still, stiffness = np.zeros(len(held)), 1.0 - m.alpha_f
             try:
                 du = self._solve(
-                    mid_u, residual, np.zeros(len(held)), mass, 1.0 - m.alpha_f, middle
+                    trial.middle, residual, still, mass, stiffness, time + stiffness * dt, new
                 )
             except LinearSolveError as error:
                 raise StepLostError(str(error)) from None
             rounding = 4.0 * _EPS * float(self._matrix.norm()) * self._size(new)
-            new = new + du
+            if self.tools:
+                new = new + self._length(state, new, du, time, dt, residual) * du
+            else:
+                new = new + du
             if not self._is_sound(new):
                 raise StepLostError("a cell would invert")
-        moved = new - u
+        moved = new - state.u
         # What holds the supports does work too: all that is out of balance there.
-        work = float(external @ moved) - float(residual[held] @ moved[held])
-        lost = float(self.inertia(damped) @ moved) if self.damping else 0.0
+        work = float((trial.external + self.tools.force(new)) @ moved)
+        work -= float(trial.residual[held] @ moved[held])
+        lost = float(self.inertia(trial.damped) @ moved) if self.damping else 0.0
+
+        def momentum(dv: Floats, da: Floats) -> Floats:
+            # Over steps, M v = impulses + (alpha_f - 1/2) dt M a.
+            return self.inertia(dv + (0.5 - m.alpha_f) * dt * da)
+
+        v, a = self.tools.end_step(new, trial.v, trial.a, dt, momentum)
         return State(
             new,
-            new_v,
-            new_a,
+            v,
+            a,
             state.external_work + float(fenicsx.total(work)),
             state.damping_work + float(fenicsx.total(lost)),
         )
+
+    def _trial(self, state: State, new: Floats, time: float, dt: float) -> _Trial:
+        """What a displacement at the end of a step would leave out of balance in it."""
+        m = self.method
+        u, v, a = state.u, state.v, state.a
+        new_a = (new - u - dt * v) / (m.beta * dt**2) - (0.5 / m.beta - 1.0) * a
+        new_v = v + dt * ((1.0 - m.gamma) * a + m.gamma * new_a)
+        mid_u = (1.0 - m.alpha_f) * new + m.alpha_f * u
+        mid_v = (1.0 - m.alpha_f) * new_v + m.alpha_f * v
+        mid_a = (1.0 - m.alpha_m) * new_a + m.alpha_m * a
+        external = self.loads.force(mid_u, time + (1.0 - m.alpha_f) * dt)
+        internal = self.body.internal_force(mid_u)
+        damped = self.damping * mid_v
+        inertia = self.inertia(mid_a + damped)
+        balance = external - internal - inertia
+        scale = max(fenicsx.norm(x) for x in (internal, external, inertia))
+        residual = balance + self.tools.force(new)
+        return _Trial(new_v, new_a, mid_u, damped, external, balance, residual, scale)
+
+    def _length(
+        self, state: State, new: Floats, du: Floats, time: float, dt: float, residual: Floats
+    ) -> float:
+        """How far along a Newton step the balance of forces along it is nearly met, at most 1.
+
+        Full steps go to and fro where nodes come to a tool and leave it.
+        """
+        first = float(fenicsx.total(float(residual @ du)))
+        low, high, length = 0.0, 1.0, 1.0
+        for _ in range(_MOST_TRIALS):
+            further = new + length * du
+            if not self._is_sound(further):
+                high = length
+                length = 0.5 * (low + high)
+                continue
+            here = self._trial(state, further, time, dt).residual
+            along = float(fenicsx.total(float(here @ du)))
+            if abs(along) <= _NEARLY * abs(first) or (length == 1.0 and along > 0.0):
+                return length
+            low, high = (length, high) if along > 0.0 else (low, length)
+            length = 0.5 * (low + high)
+        return length
 
     def _is_sound(self, u: Floats) -> bool:
         return self.body.strain is Strain.LINEAR or self.sampler.smallest(u) > 0.0

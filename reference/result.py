@@ -184,7 +184,7 @@ class ImplicitResult:
         velocities: [m/s], the same shape.
         kinetic_energies: [J], shape (num_outputs + 1,).
         strain_energies: [J], likewise.
-        external_works: Done by loads and moving supports since the start [J], likewise.
+        external_works: Done by loads, moving supports and tools since the start [J], likewise.
         damping_works: Taken by mass damping since the start [J], likewise.
         smallest_det_f: Over the outputs [-]; see ReferenceResult.
         strain: Strain measure of the model.
@@ -192,6 +192,8 @@ class ImplicitResult:
         time_step: [s].
         newton_iterations: Linear solves in all.
         versions: Of Python and the parts of FEniCSx.
+        tool_forces: On each tool, mean since the output before [N], shape
+            (num_tools, num_outputs + 1, 3); the first is zero.
     """
 
     times: Values
@@ -207,6 +209,7 @@ class ImplicitResult:
     time_step: float
     newton_iterations: int
     versions: dict[str, str] = field(default_factory=dict)
+    tool_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     @property
     def energy_errors(self) -> Values:

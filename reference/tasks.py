@@ -80,6 +80,7 @@ class ImplicitTask:
     degree: int = 2
     spectral_radius: float = 0.8
     is_mass_lumped: bool = False
+    relative_tolerance: float = 1e-9
 
     answer = ImplicitResult
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
@@ -74,7 +74,8 @@ class ToolContact:
         self.tool = tool
         self.points = find_contact_points(space, tool.contact_facets, held)
         self._num_dofs = 3 * space.num_blocks
-        self._penalty = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
+        self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
+        self._penalty = self._at_rest
         self.pressure = np.zeros(len(self.points.areas))
         # A tool that just touches must not press by roundings.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
@@ -89,9 +90,33 @@ class ToolContact:
         """Raise InputError where the distance to the tool cannot be measured."""
         self._distance(np.zeros(self._num_dofs))
 
+    def held_along(self, displacement: Floats, dt: float) -> tuple[Indices, Points, Floats]:
+        """Nodes that the tool holds, its normals there, and its mean speed along them since dt.
+
+        Returns:
+            Blocked dofs, shape (n,), normals [-], shape (n, 3), and speeds [m/s], shape (n,).
+        """
+        distance = self._distance(displacement)
+        rows = np.flatnonzero(self.points.areas * self._tractions(distance) > 0.0)
+        places = self.points.places(displacement)[rows]
+        before, turned = self.tool.path.pose_at(self.time - dt)
+        local = (places - self.position) @ self.rotation
+        velocity = (places - before - local @ turned.T) / dt
+        normal = distance.normal[rows]
+        return self.points.nodes[rows], normal, np.sum(velocity * normal, axis=1)
+
     def set_time(self, time: float) -> None:
         """Put the tool where it is at a time of its path."""
+        self.time = time
         self.position, self.rotation = self.tool.path.pose_at(time)
+
+    def stiffen(self, inertia: float) -> None:
+        """Set the penalty against a step's inertia too, which short steps are made of.
+
+        Args:
+            inertia: Of the body, density over the square of time [kg/(m3 s2)].
+        """
+        self._penalty = self._at_rest + _STIFFNESS_RATIO * inertia * self.points.facet_size
 
     def keep(self, displacement: Floats) -> None:
         """Go on from an equilibrium: from its multipliers, and from where it has the nodes."""

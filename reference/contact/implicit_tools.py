@@ -1,0 +1,147 @@
+"""Rigid tools in implicit steps: no node inside a tool at the end of a step.
+
+The force that keeps it out is one over the whole step, as a multiplier of the constraint
+
+    g(u(t + dt), t + dt) >= 0,   t >= 0,   t g = 0
+
+at the nodes (`tool_contact`), beside forces and inertia balanced within the step. A multiplier may
+swing from step to step; what is told of a tool is its impulse over the time from output to output.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
+from palpate.reference import fenicsx
+from palpate.reference.contact.tool_contact import ToolContact, create_contacts
+from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.supports import HeldDofs
+
+# The multipliers carry all but this part of the forces on tools.
+_CARRIED = 1e-6
+# Multipliers are taken over where the rest of the step is balanced to this part.
+_ROUGH = 1e-2
+
+
+class ImplicitTools:
+    """The tools of one implicit run.
+
+    Args:
+        problem: With its tools.
+        space: Displacement space.
+        held: Degrees of freedom that are held, shape (n,).
+
+    Raises:
+        InputError: A tool with friction, driven by a force, or given by a surface.
+    """
+
+    def __init__(self, problem: Problem, space: TransferredSpace, held: Indices) -> None:
+        dofs = HeldDofs(held, np.zeros(len(held)))
+        self._contacts: Sequence[ToolContact] = create_contacts(problem, space, dofs)
+        materials = (problem.material, *(i.material for i in problem.inclusions))
+        self._density = max(material.density for material in materials)
+        self._impulses = np.zeros((len(self._contacts), 3))
+
+    def __bool__(self) -> bool:
+        return bool(self._contacts)
+
+    def require_outside(self, displacement: Floats) -> None:
+        """Raise InputError where a tool is in the body at the start."""
+        for number, contact in enumerate(self._contacts, start=1):
+            contact.set_time(0.0)
+            depth = contact.state(displacement).penetration
+            if depth > 0.0:
+                raise InputError(
+                    f"tool {number} is {depth:g} m deep in the body at the start; begin its path "
+                    "outside"
+                )
+            contact.keep(displacement)
+
+    def begin_step(self, time: float, mass_factor: float) -> None:
+        """Put the tools where they are at the end of a step, with what pressed in the last.
+
+        Args:
+            time: At its end [s].
+            mass_factor: Of the mass in the step's tangent [1/s2].
+        """
+        for contact in self._contacts:
+            contact.stiffen(mass_factor * self._density)
+            contact.set_time(time)
+            contact.go_back()
+
+    def end_step(
+        self,
+        displacement: Floats,
+        velocity: Floats,
+        acceleration: Floats,
+        dt: float,
+        momentum: Callable[[Floats, Floats], Floats],
+    ) -> tuple[Floats, Floats]:
+        """Go on from a step that is done.
+
+        Args:
+            displacement: At its end [m], flat.
+            velocity: By Newmark's formulas [m/s], flat.
+            acceleration: Likewise [m/s2].
+            dt: Its length [s].
+            momentum: What the body's momentum gains by changes of velocity and acceleration
+                [N s], flat.
+
+        Returns:
+            Velocity and acceleration, with those of the nodes that a tool holds along its normal.
+            Newmark's would have a node that was caught swing about the tool's velocity, and leave
+            it again. What the body gains by that the tool gave.
+        """
+        v, a = velocity.reshape(-1, 3).copy(), acceleration.reshape(-1, 3).copy()
+        for row, contact in zip(self._impulses, self._contacts, strict=True):
+            nodes, normal, speed = contact.held_along(displacement, dt)
+            dv, da = np.zeros_like(v), np.zeros_like(a)
+            dv[nodes] = (speed - np.sum(v[nodes] * normal, axis=1))[:, None] * normal
+            da[nodes] = -np.sum(a[nodes] * normal, axis=1)[:, None] * normal
+            given = momentum(dv.ravel(), da.ravel()).reshape(-1, 3).sum(axis=0)
+            row += dt * contact.state(displacement).force - fenicsx.total(given)
+            v, a = v + dv, a + da
+            contact.keep(displacement)
+        return v.ravel(), a.ravel()
+
+    def force(self, displacement: Floats) -> Floats:
+        """Nodal forces on the body at the end of the step [N], flat."""
+        force = np.zeros_like(displacement)
+        for contact in self._contacts:
+            force += contact.force(displacement)
+        return force
+
+    def add_tangent(self, matrix: Any, displacement: Floats) -> None:
+        """Add minus the derivative of the forces to a PETSc matrix."""
+        for contact in self._contacts:
+            contact.add_tangent(matrix, displacement)
+
+    def settle(self, displacement: Floats, relative_residual: float) -> bool:
+        """Take the forces over as multipliers where the step is nearly in balance.
+
+        Returns:
+            Whether they carry the forces, so that the step may end once it is balanced.
+        """
+        if not self._contacts:
+            return True
+        if relative_residual > _ROUGH:
+            return False
+        slid = [contact.let_go(displacement)[0] for contact in self._contacts]
+        changes = [contact.augment(displacement) for contact in self._contacts]
+        return not any(slid) and all(change <= _CARRIED * whole for change, whole in changes)
+
+    def mean_forces(self, duration: float) -> Points:
+        """On each tool since this was last asked [N], shape (num_tools, 3).
+
+        Args:
+            duration: Time since then [s]; at the start 0, when nothing was felt.
+        """
+        means: Points = self._impulses / duration if duration else self._impulses
+        self._impulses = np.zeros_like(means)
+        return means

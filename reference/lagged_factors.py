@@ -1,0 +1,107 @@
+"""Many systems that are nearly the same: conjugate gradients by the factors of one of the last.
+
+From step to step of a motion the tangent changes little, and by contact in a few nodes only. Then
+old factors leave few iterations, each of them far cheaper than to factor anew.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Indices
+from palpate.reference import fenicsx
+from palpate.reference.fenicsx import PETSc
+from palpate.reference.linear_solver import LinearSolveError
+
+# What a solve may take before the next one gets factors of its own.
+_FEW_ITERATIONS = 12
+# Newton's method goes on from what is left: no solve need be better than this.
+_ROUGH = 1e-4
+_MOST_ITERATIONS = 200
+_PREFIX = "palpate_reference_lagged_"
+
+
+class LaggedFactors:
+    """Solves A du = b with some entries of du prescribed, for one A after another.
+
+    Args:
+        is_symmetric: Whether the matrices are.
+    """
+
+    def __init__(self, *, is_symmetric: bool) -> None:
+        self._is_symmetric = is_symmetric
+        self._ksp = PETSc.KSP().create(fenicsx.COMM)
+        self._ksp.setOptionsPrefix(_PREFIX)
+        self._ksp.setType("cg" if is_symmetric else "fgmres")
+        pc = self._ksp.getPC()
+        pc.setType("cholesky" if is_symmetric else "lu")
+        pc.setFactorSolverType("mumps")
+        if is_symmetric:
+            self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        self._ksp.setFromOptions()
+        self._ksp.setTolerances(rtol=_ROUGH, atol=0.0, max_it=_MOST_ITERATIONS)
+        self._is_old = True
+
+    @property
+    def name(self) -> str:
+        """What solves, for the log."""
+        method, factors = ("CG", "LDL") if self._is_symmetric else ("FGMRES", "LU")
+        return f"{method} with an earlier {factors} (MUMPS)"
+
+    def solve(
+        self, matrix: Any, rhs: Floats, held: Indices, values: Floats, *, tolerance: float
+    ) -> Floats:
+        """Return du with matrix du = rhs on the free entries and du = values on the held ones.
+
+        Overwrites the held rows and columns of the matrix.
+
+        Args:
+            matrix: PETSc matrix, of the same size and pattern each time.
+            rhs: Right-hand side, the entries this rank owns, shape (num_dofs,).
+            held: Prescribed entries, shape (n,).
+            values: Their values, shape (n,).
+            tolerance: Relative residual at which to stop; 1e-4 where that is less.
+
+        Raises:
+            LinearSolveError: No finite solution was found.
+        """
+        x, b = matrix.createVecs()
+        b.array[:] = rhs
+        x.array[held] = values
+        diagonal = matrix.getDiagonal()
+        typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
+        diagonal.destroy()
+        first, _ = matrix.getOwnershipRange()
+        rows = np.asarray(held, dtype=PETSc.IntType) + first
+        matrix.zeroRowsColumns(rows, diag=typical, x=x, b=b)
+        if self._is_symmetric:
+            matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._ksp.setTolerances(rtol=max(tolerance, _ROUGH))
+        try:
+            self._run(matrix, b, x)
+            solution: Floats = np.array(x.array)
+        finally:
+            x.destroy()
+            b.destroy()
+        if not np.isfinite(fenicsx.norm(solution)):
+            raise LinearSolveError("the tangent stiffness is singular")
+        solution[held] = values
+        return solution
+
+    def _run(self, matrix: Any, b: Any, x: Any) -> None:
+        for is_new in (self._is_old, True):
+            self._ksp.setOperators(matrix)
+            self._ksp.getPC().setReusePreconditioner(not is_new)
+            try:
+                self._ksp.solve(b, x)
+            except PETSc.Error as error:
+                raise LinearSolveError(f"PETSc error {error.ierr} in {self.name}") from None
+            if self._ksp.getConvergedReason() > 0:
+                self._is_old = self._ksp.getIterationNumber() > _FEW_ITERATIONS
+                return
+            if is_new:
+                break
+            x.set(0.0)
+        raise LinearSolveError("the tangent stiffness is singular, or not positive definite")
