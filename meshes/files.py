@@ -168,14 +168,14 @@ def read_point_data(path: str | Path) -> tuple[Points, dict[str, NDArray[Any]]]:
     Raises:
         FileFormatError: Missing, damaged or of another kind.
     """
-    points, _, fields = read_answer(path)
+    points, _, fields, _ = read_answer(path)
     return points, fields
 
 
 def read_answer(
     path: str | Path, *, most_bytes: int = MOST_BYTES
-) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]]]:
-    """Points, tetrahedra and fields on points, as they stand: nothing is checked but the kind.
+) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+    """Points, tetrahedra and fields on both, as they stand: nothing is checked but the kind.
 
     Args:
         path: VTU, VTK or MSH.
@@ -183,7 +183,8 @@ def read_answer(
 
     Returns:
         Points, (num_points, 3); tetrahedra, (num_cells, 4), or (0, 0) where there are none;
-        fields by name, first dimension num_points.
+        fields of points by name, first dimension num_points; fields of the tetrahedra, first
+        dimension num_cells.
 
     Raises:
         FileFormatError: Missing, damaged, of another kind, or too large.
@@ -191,7 +192,12 @@ def read_answer(
     data = _read(path, MESH_SUFFIXES, most_bytes)
     points: Points = np.asarray(data.points, dtype=np.float64)
     fields = {name: np.asarray(field) for name, field in data.point_data.items()}
-    return points, _cells_of(data, "tetra"), fields
+    of_cells = {
+        name: np.concatenate([np.asarray(values) for values in blocks])
+        for name, of_blocks in data.cell_data.items()
+        if (blocks := [v for v, b in zip(of_blocks, data.cells, strict=True) if b.type == "tetra"])
+    }
+    return points, _cells_of(data, "tetra"), fields, of_cells
 
 
 def _known_suffix(path: str | Path, known: tuple[str, ...]) -> str:

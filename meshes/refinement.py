@@ -108,6 +108,22 @@ def refine_problem(problem: Problem) -> Problem:
     )
 
 
+def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means by cell of a refined mesh as means by cell of the mesh it came from.
+
+    Args:
+        values: (8 num_cells, ...), in the order of the cells of `refine_uniformly`.
+
+    Returns:
+        (num_cells, ...): the eight cut from one cell have the same volume.
+    """
+    half, rest = len(values) // 2, values.shape[1:]
+    corners = values[:half].reshape(4, -1, *rest).mean(axis=0)
+    inside = values[half:].reshape(-1, 4, *rest).mean(axis=1)
+    mean: NDArray[np.float64] = 0.5 * (corners + inside)
+    return mean
+
+
 class _EdgeMidpoints:
     """Numbers the midpoint of every edge of a mesh, after the mesh's own points."""
 

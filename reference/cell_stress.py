@@ -5,8 +5,10 @@ of Cauchy's stress (J. Bonet, R. D. Wood, 2nd ed. 2008, section 5.5)
 
     sigma = F S F^T / det F,
 
-which under linear strain is S itself. On linear tetrahedra, smoothed or not, both are constant in
-a cell; the smoothed ones' S already is an average over the cell's edges and nodes.
+which under linear strain is S itself, and of the first Piola-Kirchhoff stress P = F S, whose mean
+makes the nodal forces V P grad N of linear shape functions. On linear tetrahedra, smoothed or not,
+all are constant in a cell; the smoothed ones' S already is an average over the cell's edges and
+nodes.
 
 Note:
     At clamped edges and reentrant corners stresses grow without end as the mesh is refined: compare
@@ -36,15 +38,18 @@ def cauchy_stress(F: Any, S: Any) -> Any:
     return F * S * F.T / ufl.det(F)
 
 
-def measure_stresses(discrete: DiscreteProblem, displacement: Floats) -> tuple[Floats, Floats]:
-    """Mean of S and of sigma in each cell [Pa], in the TetMesh's order, shape (num_cells, 3, 3)."""
+def measure_stresses(
+    discrete: DiscreteProblem, displacement: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Mean of S, of sigma and of P in each cell [Pa], (num_cells, 3, 3), in the TetMesh's order."""
     discrete.set_displacement(displacement)
     S = discrete.stress
     if discrete.strain is Strain.LINEAR:
         mean = _cell_means(discrete, S)
-        return mean, mean
-    sigma = cauchy_stress(deformation_gradient(discrete.u), S)
-    return _cell_means(discrete, S), _cell_means(discrete, sigma)
+        return mean, mean, mean
+    F = deformation_gradient(discrete.u)
+    S_mean, sigma, P = (_cell_means(discrete, T) for T in (S, cauchy_stress(F, S), F * S))
+    return S_mean, sigma, P
 
 
 def _cell_means(discrete: DiscreteProblem, tensor: Any) -> Floats:

@@ -83,6 +83,7 @@ class ReferenceResult:
         second_piola_kirchhoff_stress: S, mean over each rest cell [Pa], shape (num_cells, 3, 3), in
             the mesh's order; the formulas stand in `cell_stress`.
         cauchy_stress: sigma = F S F^T / det F, likewise; S under linear strain.
+        first_piola_kirchhoff_stress: P = F S, likewise, not symmetric; S under linear strain.
         support_forces: Of each support on the body [N], shape (num_supports, 3): traction
             resultants, from nodal forces, so that they balance the loads and tools. What several
             supports hold counts for the first.
@@ -108,6 +109,7 @@ class ReferenceResult:
     element: Element = Element.LINEAR
     second_piola_kirchhoff_stress: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
     cauchy_stress: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    first_piola_kirchhoff_stress: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
     support_forces: Points = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property

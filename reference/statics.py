@@ -99,7 +99,7 @@ def solve_static(
         where = find_smallest_stretch(discrete, path.displacement)
         raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
     state = measure_state(discrete, path.displacement)
-    second_piola_kirchhoff, cauchy = measure_stresses(discrete, path.displacement)
+    second_piola_kirchhoff, cauchy, first = measure_stresses(discrete, path.displacement)
     return ReferenceResult(
         displacement=nodal,
         strain=discrete.strain,
@@ -121,6 +121,7 @@ def solve_static(
         element=element,
         second_piola_kirchhoff_stress=second_piola_kirchhoff,
         cauchy_stress=cauchy,
+        first_piola_kirchhoff_stress=first,
         support_forces=support_forces(discrete, path.displacement, problem.supports),
     )
 

@@ -129,10 +129,12 @@ class OwnMesh:
     Attributes:
         mesh: At rest, points [m].
         displacements: [m], (num_times, mesh.num_points, 3); one state in statics.
+        sent_stress: Cauchy's stress that it sent of the last of them [Pa], (mesh.num_cells, 3, 3).
     """
 
     mesh: TetMesh
     displacements: NDArray[np.float64]
+    sent_stress: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,7 @@ class CellStresses:
     Attributes:
         second_piola_kirchhoff: S, over the rest cell, in the rest frame [Pa], (num_cells, 3, 3).
         cauchy: sigma = F S F^T / det F, likewise; S itself under linear strain.
+        first_piola_kirchhoff: P = F S, likewise but not symmetric; of the reference only.
 
     >>> import palpate
     >>> problem = palpate.load_case("block").problem
@@ -152,6 +155,7 @@ class CellStresses:
 
     second_piola_kirchhoff: Floats
     cauchy: Floats
+    first_piola_kirchhoff: Floats | None = None
 
     @property
     def von_mises(self) -> Floats:
@@ -160,6 +164,22 @@ class CellStresses:
         s = self.cauchy - pressure[:, None, None] * np.eye(3)
         stress: Floats = np.sqrt(1.5 * (s * s).sum(axis=(1, 2)))
         return stress
+
+
+@dataclass(frozen=True, eq=False)
+class StressIntegrals:
+    """What a quadratic state, or one of a finer mesh, says of stress on the case's mesh.
+
+    Attributes:
+        cauchy: Mean of Cauchy's stress over each rest cell of the case [Pa], (num_cells, 3, 3).
+        internal_force: Integral of P grad N over the body [N], (num_points, 3), N the linear shape
+            functions of the case's points; sums to zero.
+        halvings: How often the case's cells were halved for the mesh that it was solved on.
+    """
+
+    cauchy: Floats
+    internal_force: Points
+    halvings: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +212,10 @@ class State:
         remarks: What was done to the answer to compare it, a sentence each.
         element: What its tetrahedra are; of an outside simulator what it says in its result.
         stresses: Of `displacement`, of each cell: fastsim's answers and the reference's equilibria
-            have them. Shown to people, never judged.
+            have them.
+        integrals: Of a reference that its displacement at the points does not tell the stress of.
+        sent_stress: Cauchy's stress that an outside simulator sent [Pa], (num_cells, 3, 3), of
+            `displacement` and the case's cells.
 
     >>> import palpate
     >>> state = palpate.solve(palpate.load_case("block").problem)
@@ -221,6 +244,8 @@ class State:
     remarks: tuple[str, ...] = ()
     element: Element = Element.LINEAR
     stresses: CellStresses | None = None
+    integrals: StressIntegrals | None = None
+    sent_stress: Floats | None = None
 
     @property
     def displacements(self) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_t
 from palpate.validation.case.errors import CaseError, explain
 from palpate.validation.case.filling import BuiltMesh
 from palpate.validation.case.geometry import build_mesh
+from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.problem import build_problem
 from palpate.validation.case.regions import point_at
 from palpate.validation.case.schema import CaseSpec, CheckSpec
@@ -160,7 +161,7 @@ class Case:
 
         Raises:
             InputError: A region that selects nothing, a body that floats, a bad value, a check
-                at a place where the mesh has no point.
+                at a place where the mesh has no point, or of a part that is not there.
         """
         units = self.spec.units
         try:
@@ -168,6 +169,7 @@ class Case:
             for number, check in enumerate(self.checks, 1):
                 if check.at is not None:
                     point_at(problem.mesh, check.at, units, f"check {number}")
+                part_of_check(check, problem, units, f"check {number}")
             return problem
         except InputError as error:
             error.args = (f"{self.path.name}: {units.in_case_units(str(error))}",)

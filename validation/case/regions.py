@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import InputError
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.validation.case.numbers import Vector
 from palpate.validation.case.region_schema import RegionSpec
 from palpate.validation.case.units import Units
@@ -38,12 +38,7 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
         raise InputError(f"{what}: `nearest` selects a point, not facets; use a ball or a box")
     facets = mesh.boundary_facets
     if region.group is not None:
-        if region.group not in mesh.facet_groups:
-            known = ", ".join(sorted(mesh.facet_groups)) or "none"
-            raise InputError(
-                f"{what}: no facet group {region.group!r} in the mesh (known: {known})"
-            )
-        inside = are_among(facets, mesh.facet_groups[region.group])
+        inside = are_among(facets, _group(mesh, region.group, what))
     else:
         inside = np.ones(len(facets), dtype=bool)
     inside &= _contains(mesh.points[facets].mean(axis=1), region, units)
@@ -54,15 +49,45 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
 
 
 def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
-    """Cells whose centroid lies in a box, ball or half space, shape (n,).
+    """Cells whose centroid lies in a box, ball or half space, and that have a named facet, (n,).
 
     Raises:
         EmptyRegionError: Nothing is selected; the message gives the body's extent.
+        InputError: An unknown group.
     """
     inside = _contains(mesh.points[mesh.cells].mean(axis=1), region, units)
+    if region.group is not None:
+        named = _group(mesh, region.group, what)
+        behind = are_among(mesh.cells[:, CELL_FACETS].reshape(-1, 3), named)
+        inside &= behind.reshape(-1, 4).any(axis=1)
     if not inside.any():
         raise EmptyRegionError(_nothing(mesh, units, what, "cell"))
     return np.flatnonzero(inside).astype(np.int32)
+
+
+def select_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
+    """Points in a box, ball or half space, and of the named facets, shape (n,).
+
+    Raises:
+        EmptyRegionError: Nothing is selected; the message gives the body's extent.
+        InputError: An unknown group.
+    """
+    inside = _contains(mesh.points, region, units)
+    if region.group is not None:
+        is_named = np.zeros(mesh.num_points, dtype=bool)
+        is_named[_group(mesh, region.group, what)] = True
+        inside &= is_named
+    if not inside.any():
+        raise EmptyRegionError(_nothing(mesh, units, what, "point"))
+    return np.flatnonzero(inside).astype(np.int32)
+
+
+def _group(mesh: TetMesh, name: str, what: str) -> Indices:
+    """The facets of a group by its name, (n, 3)."""
+    if name not in mesh.facet_groups:
+        known = ", ".join(sorted(mesh.facet_groups)) or "none"
+        raise InputError(f"{what}: no facet group {name!r} in the mesh (known: {known})")
+    return mesh.facet_groups[name]
 
 
 def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:

@@ -12,7 +12,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
 from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
 from palpate.validation.case.named_values import require_inputs
-from palpate.validation.case.numbers import Number, PlainData, Vector, plain_number
+from palpate.validation.case.numbers import Count, Number, PlainData, Vector, plain_number
 from palpate.validation.case.region_schema import RegionSpec, Table
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, Metric
@@ -191,6 +191,10 @@ class CheckSpec(Table):
     """Of a published_oscillation."""
     expected: Number | None = None
     """The published number [units.length, Hz or 1/s]; the reason names its source."""
+    region: RegionSpec | None = None
+    """Of stress_l2: cells looked at, away from clamped edges; of traction_resultant: one side."""
+    support: Annotated[Count, Field(ge=1)] | None = None
+    """Of a traction_resultant: the number of a [[support]], from 1, instead of a region."""
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
@@ -218,9 +222,35 @@ class CheckSpec(Table):
             raise ValueError(f"quantity goes with {swing}: {swing} needs one")
         if about.is_published and not self.expected:
             raise ValueError("expected = 0 gives no scale; choose another component or point")
+        self._looks_somewhere()
         if not about.is_own and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
+
+    def _looks_somewhere(self) -> None:
+        """Raise ValueError where a part of the body is missing, or given where it has no place."""
+        about = self.about
+        if self.support is not None and not about.is_of_surface:
+            surfaces = ", ".join(_names(lambda m: m.is_of_surface))
+            raise ValueError(f"support goes with {surfaces}")
+        if self.region is not None and about.of_part is None:
+            parts = ", ".join(_names(lambda m: m.of_part is not None))
+            raise ValueError(f"region goes with {parts}")
+        if about.of_part is None:
+            return
+        if about.is_of_surface and (self.region is None) == (self.support is None):
+            raise ValueError(
+                f"{self.metric} needs support, the number of one, or region, one side of a cut"
+            )
+        if not about.is_of_surface and self.region is None:
+            raise ValueError(
+                f"{self.metric} needs region: cells away from clamped edges, where stress has no "
+                "bound"
+            )
+        if self.region is not None and self.region.nearest is not None:
+            raise ValueError(
+                "the region of a check is a box, a ball, a half_space or a group, not a point"
+            )
 
     @property
     def about(self) -> Metric:

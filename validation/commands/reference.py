@@ -59,13 +59,16 @@ def build(
         Element | None,
         typer.Option(help="put this one's answers on the same mesh beside what was accepted"),
     ] = None,
+    stress: Annotated[
+        bool, typer.Option("--stress", help="put the truth's stresses beside what was accepted")
+    ] = False,
 ) -> None:
     """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx.
 
-    With --element only those states are solved, and the rest stays as it was accepted.
+    With --element or --stress only those states are solved, and the rest stays as it was accepted.
     """
     from palpate.validation.case import load_case
-    from palpate.validation.references.additions import with_element
+    from palpate.validation.references.additions import with_element, with_stresses
     from palpate.validation.references.changes import describe_changes
     from palpate.validation.references.sets import solve_for_storing
     from palpate.validation.references.stored import (
@@ -75,19 +78,30 @@ def build(
         store,
     )
 
+    if stress and element is not None:
+        raise InputError("--element and --stress are added one after the other: accept between")
     for name in _chosen(names):
         case = load_case(name)
         wanted = {spec.against for spec in case.checks}
-        asked = "" if element is None else f" --element {element}"
+        asked = " --stress" if stress else "" if element is None else f" --element {element}"
         about = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "command": f"palpate reference build {case.name}{asked}",
             "palpate": version_of("palpate"),
         }
         progress = progress_lines()
-        if element is None:
+        if stress:
+            if case.problem.time is not None or case.problem.tools:
+                print(for_terminal(f"{name}: its truth carries no stresses: nothing to build"))
+                continue
+            old = load_checked(accepted_path(case.name, case.beside), case.name, case.problem, name)
+            asking = (spec.strain for spec in case.checks if spec.about.of_part is not None)
+            strains = {case.strain, *(strain for strain in asking if strain is not None)}
+            found = with_stresses(case.problem, old, sorted(strains), about, progress)
+            provenance: dict[str, Any] = dict(found.provenance)
+        elif element is None:
             found = solve_for_storing(case.problem, progress, wanted=wanted)
-            provenance: dict[str, Any] = {**about, **found.provenance}
+            provenance = {**about, **found.provenance}
         elif "same_mesh" not in wanted:
             print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))
             continue

@@ -37,6 +37,8 @@ PUBLISHED_CASES = (("statics", "stretch"), ("motion", "wave"))
 _SAME_MESH, _FITTED = 1e-6, 1e-3
 # Of a mesh cut in eight, against the truth: what bends easily is a third off on the case's own.
 _OWN_MESH = 0.35
+# Of every case above, metres or millimetres.
+_EVERYWHERE = {"half_space": {"point": (-1e6, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
 # Found when the answer is read, whatever is checked.
 _NOT_TELLING = (Fault.NONE, Fault.NAN)
 
@@ -132,9 +134,13 @@ def _specs(case: Case, *, is_own: bool) -> Iterator[CheckSpec]:
 
 
 def _spec(metric: str, against: str, limit: float) -> CheckSpec:
-    return CheckSpec.model_validate(
-        {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
-    )
+    told = {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
+    about = CATALOGUE[metric]
+    if about.is_of_surface:
+        told["support"] = 1
+    elif about.of_part is not None:
+        told["region"] = _EVERYWHERE
+    return CheckSpec.model_validate(told)
 
 
 def row_check(row: Row) -> CheckResult:

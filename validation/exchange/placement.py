@@ -33,12 +33,14 @@ class Placed:
         notes: What was done to get there, for people.
         own_mesh: The result's own mesh, where it has another than the case.
         own_displacement: On it [m], (num_times, num_own_points, 3).
+        cauchy_stress: By the case's cells, or the own mesh's where there is one [Pa], (n, 3, 3).
     """
 
     displacement: NDArray[np.float64]
     notes: tuple[str, ...] = ()
     own_mesh: TetMesh | None = None
     own_displacement: NDArray[np.float64] | None = None
+    cauchy_stress: NDArray[np.float64] | None = None
 
 
 def place(result: ResultFile, problem: Problem) -> Placed:
@@ -49,11 +51,13 @@ def place(result: ResultFile, problem: Problem) -> Placed:
             be matched to the body.
         CandidateFailedError: NaN or infinity, or a body of quite another size: a unit error.
     """
-    rest = problem.mesh.points
+    mesh = problem.mesh
+    rest = mesh.points
     _require_finite(result)
     if result.original_id is not None:
         order = _by_id(result, len(rest))
-        return Placed(_displacement(result.values[:, order], rest, result))
+        moved = _displacement(result.values[:, order], rest, result)
+        return Placed(moved, cauchy_stress=_stress_of_cells(result, mesh, order))
     if result.points is None:
         if result.values.shape[1] != len(rest):
             raise ResultFileError(
@@ -61,10 +65,11 @@ def place(result: ResultFile, problem: Problem) -> Placed:
                 f"holds {result.values.shape[1]} points, the case {len(rest)}; send `original_id`, "
                 "or a .vtu with the tetrahedra",
             )
-        return Placed(_displacement(result.values, rest, result))
+        moved = _displacement(result.values, rest, result)
+        return Placed(moved, cauchy_stress=_stress_of_cells(result, mesh))
     _require_same_size(result, rest)
     if len(result.points) == len(rest):
-        found = _by_place(result, rest)
+        found = _by_place(result, mesh)
         if found is not None:
             return found
     return _on_other_mesh(result, problem)
@@ -75,6 +80,12 @@ def _require_finite(result: ResultFile) -> None:
     if bad.size:
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
+        )
+    stress = result.cauchy_stress
+    if stress is not None and not np.isfinite(stress).all():
+        bad = np.flatnonzero(~np.isfinite(stress).all(axis=(1, 2)))
+        raise CandidateFailedError(
+            f"its cauchy_stress holds NaN or infinity in {bad.size} cell(s), first {int(bad[0])}"
         )
     if result.points is not None and not np.isfinite(result.points).all():
         raise ResultFileError(result.path, "its points hold NaN or infinity")
@@ -113,21 +124,66 @@ def _require_same_size(result: ResultFile, rest: Points) -> None:
         )
 
 
-def _by_place(result: ResultFile, rest: Points) -> Placed | None:
+def _by_place(result: ResultFile, mesh: TetMesh) -> Placed | None:
     """Same points, in the case's order, in another order, or moved along with the body."""
     assert result.points is not None
+    rest = mesh.points
     tolerance = same_place(rest)
     if np.abs(result.points - rest).max() <= tolerance:
-        return Placed(_displacement(result.values, rest, result))
+        moved = _displacement(result.values, rest, result)
+        return Placed(moved, cauchy_stress=_stress_of_cells(result, mesh))
     last = result.values[-1] if result.are_positions else rest + result.values[-1]
     if np.abs(result.points - last).max() <= tolerance:
         note = "The result's points are moved ones; taken in the case's order."
-        return Placed(_displacement(result.values, rest, result), (note,))
+        moved = _displacement(result.values, rest, result)
+        return Placed(moved, (note,), cauchy_stress=_stress_of_cells(result, mesh))
     order = _match_places(result.points, rest, tolerance)
     if order is None:
         return None
     note = "The result's points are in another order; matched by place."
-    return Placed(_displacement(result.values[:, order], rest, result), (note,))
+    moved = _displacement(result.values[:, order], rest, result)
+    return Placed(moved, (note,), cauchy_stress=_stress_of_cells(result, mesh, order))
+
+
+def _stress_of_cells(
+    result: ResultFile, mesh: TetMesh, order: NDArray[np.int64] | None = None
+) -> NDArray[np.float64] | None:
+    """What the result says of stress, in the order of the case's cells; None where it says none.
+
+    Args:
+        result: With cells that name its own points, or the case's cells in their order.
+        mesh: The case's.
+        order: For each of the case's points the result's; the same where None.
+
+    Raises:
+        ResultFileError: Not one for each of the case's cells.
+    """
+    stress = result.cauchy_stress
+    if stress is None:
+        return None
+    if result.cells is None:
+        if len(stress) != mesh.num_cells:
+            raise ResultFileError(
+                result.path,
+                f"{len(stress)} rows of cauchy_stress, the case has {mesh.num_cells} cells; send "
+                "them in the order of the case's, or a .vtu with the tetrahedra",
+            )
+        return stress
+    number = np.arange(mesh.num_points)
+    if order is not None:
+        number[order] = np.arange(mesh.num_points)
+    theirs = np.sort(number[result.cells], axis=1)
+    ours = np.sort(mesh.cells, axis=1)
+    first, second = np.lexsort(theirs.T), np.lexsort(ours.T)
+    if len(theirs) != len(ours) or (theirs[first] != ours[second]).any():
+        raise ResultFileError(
+            result.path,
+            "its cauchy_stress is of other tetrahedra than the case's, on the same points; send "
+            "that of the case's cells, or none: it is then worked out from the displacement",
+        )
+    ordered = np.empty_like(stress)
+    ordered[second] = stress[first]
+    return ordered
 
 
 def _match_places(points: Points, rest: Points, tolerance: float) -> NDArray[np.int64] | None:
@@ -152,4 +208,5 @@ def _on_other_mesh(result: ResultFile, problem: Problem) -> Placed:
         f"The result is on a mesh of its own with {own.mesh.num_cells} cells; judged there, and at "
         f"the case's points ({outside} of them up to {distances.max():.2g} m outside of it)."
     )
-    return Placed(read, (note, *own.notes), own.mesh, own.displacement)
+    stress = result.cauchy_stress
+    return Placed(read, (note, *own.notes), own.mesh, own.displacement, stress)

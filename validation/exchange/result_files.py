@@ -28,9 +28,13 @@ _ALWAYS_ALLOWED = 256 * 1024**2
 # A mesh refined twice has 64 times as many points; so many times as many states.
 _TIMES_THE_CASES = 64
 # What is read of an .npz file; other arrays are left alone.
-_ARRAYS = ("displacement", "positions", "times", "points", "cells", "original_id")
+_ARRAYS = (
+    "displacement", "positions", "times", "points", "cells", "original_id", "cauchy_stress",
+)  # fmt: skip
 _TEXTS = ("length_unit", "case_key", "about")
 _MOST_CHARACTERS = 1_000_000
+# Relative to the largest component: single precision, and sums.
+_SYMMETRIC_TO = 1e-4
 _AXES = ("x", "y", "z")
 
 
@@ -50,6 +54,8 @@ class ResultFile:
         points: The result's own points [m], (num_points, 3), if it gives any.
         cells: Its own tetrahedra, (n, 4), if it gives any.
         original_id: Number in the case of each point, (num_points,), if given.
+        cauchy_stress: Of the last state [Pa], (n, 3, 3), by `cells`, or by the case's where it
+            gives none; symmetric to rounding.
         case_key: Of the case it answers, if given.
         about: Tool, version, law: what the simulator says of itself.
     """
@@ -61,6 +67,7 @@ class ResultFile:
     points: Points | None = None
     cells: NDArray[np.int64] | None = None
     original_id: NDArray[np.int64] | None = None
+    cauchy_stress: NDArray[np.float64] | None = None
     case_key: str = ""
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -155,9 +162,32 @@ def _from_arrays(file: Path, named: dict[str, Any]) -> ResultFile:
         points,
         cells,
         original,
+        _stress(file, named, cells),
         _text(file, named, "case_key", ""),
         _about(file, named),
     )
+
+
+def _stress(
+    file: Path, named: dict[str, Any], cells: NDArray[np.int64] | None
+) -> NDArray[np.float64] | None:
+    """Nine components row by row, flat or not; NaN is read, and the candidate's failure."""
+    if "cauchy_stress" not in named:
+        return None
+    stress = _numbers(file, "cauchy_stress", named["cauchy_stress"])
+    if stress.shape[1:] not in ((9,), (3, 3)):
+        raise ResultFileError(
+            file,
+            f"cauchy_stress has shape {stress.shape}; needs (num_cells, 9), row by row, or "
+            "(num_cells, 3, 3)",
+        )
+    stress = stress.reshape(-1, 3, 3)
+    if cells is not None and len(stress) != len(cells):
+        raise ResultFileError(file, f"{len(stress)} rows of cauchy_stress but {len(cells)} cells")
+    uneven = np.abs(stress - stress.transpose(0, 2, 1)).max(initial=0.0)
+    if uneven > _SYMMETRIC_TO * np.abs(stress).max(initial=0.0):
+        raise ResultFileError(file, "cauchy_stress is not symmetric; is it another stress?")
+    return stress
 
 
 def _scale(file: Path, named: dict[str, Any]) -> float:
@@ -206,8 +236,10 @@ def _whole(file: Path, name: str, array: Any) -> NDArray[np.int64]:
 
 
 def _read_vtu(file: Path, most_bytes: int) -> dict[str, Any]:
-    points, cells, fields = read_answer(file, most_bytes=most_bytes)
+    points, cells, fields, of_cells = read_answer(file, most_bytes=most_bytes)
     named: dict[str, Any] = {**fields, "points": points}
+    if "cauchy_stress" in of_cells:
+        named["cauchy_stress"] = of_cells["cauchy_stress"]
     return {**named, "cells": cells} if len(cells) else named
 
 

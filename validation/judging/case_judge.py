@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case import Case
+from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
-from palpate.validation.metrics import is_still
+from palpate.validation.metrics import is_still, tells_stress
 from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.stress_bars import bar_of_part
 from palpate.validation.states import State, Verdict
 
 
@@ -49,7 +51,10 @@ class CaseJudge:
         """Judge one check of an answer; `failure` says why there is none."""
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
-        bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
+        if spec.about.of_part is not None:
+            bar = self._bar_of_part(spec, strain)
+        else:
+            bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
         found = judge_check(
             spec,
             strain,
@@ -93,14 +98,33 @@ class CaseJudge:
 
     def _reference(self, spec: CheckSpec) -> State | None:
         strain = self.strain_of(spec)
-        if spec.against == "truth":
-            return self.references.truth(strain)
-        return self.references.same_mesh(strain)
+        if spec.against != "truth":
+            return self.references.same_mesh(strain)
+        truth = self.references.truth(strain)
+        is_mute = spec.about.of_part is not None and truth is not None and not tells_stress(truth)
+        return None if is_mute else truth
+
+    def _bar_of_part(self, spec: CheckSpec, strain: Strain) -> float:
+        """Of the truth in the part that a check names."""
+        if spec.against != "truth":
+            return 0.0
+        units = self.case.spec.units
+        part = part_of_check(spec, self.problem, units, f"check {spec.metric}")
+        assert part is not None
+        return bar_of_part(self.problem, self.references, strain, spec.metric, part)
 
     def _why_missing(self, spec: CheckSpec) -> str:
         """Why there is no reference for a check; "" where there is, or nobody knows."""
         references, strain = self.references, self.strain_of(spec)
         known = references.failure(spec.against, strain)
+        is_truth = spec.against == "truth" and references.truth(strain) is not None
+        if is_truth and self._reference(spec) is None:
+            called = case_name(self.case)
+            return (
+                "the stored truth of this case has no stresses: add them with `palpate reference "
+                f"build {called} --stress` where FEniCSx is installed, then `palpate reference "
+                f"accept {called} --reason TEXT`"
+            )
         is_there = spec.against != "same_mesh" or references.same_mesh(strain) is not None
         if known or is_there or references.element is Element.LINEAR:
             return known

@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
@@ -83,7 +84,8 @@ def judge_check(
     elif reference is None:
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     else:
-        difference = measure(spec.metric, problem, judged, reference)
+        part = part_of_check(spec, problem, units or Units(), f"check {spec.metric}")
+        difference = measure(spec.metric, problem, judged, reference, part)
         scale, bar = difference.scale_name, bar + difference.uncertainty
         verdict = decide(difference.value, bar, spec.limit)
         value = _number(difference.value)

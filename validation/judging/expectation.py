@@ -160,7 +160,7 @@ def named_checks(result: CaseResult, judged: Judged) -> Iterator[tuple[str, Chec
 
 def _is_compared(check: CheckResult) -> bool:
     metric = CATALOGUE[check.metric]
-    return metric.compare is not None or metric.is_published
+    return metric.is_compared or metric.is_published
 
 
 def errors_of(result: CaseResult, judged: Judged) -> dict[str, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 
 from palpate.validation.case import Case
+from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.judging.results import CheckResult
@@ -87,7 +88,9 @@ class PrecisionGrant:
         if base is None:
             return None
         metric = spec.metric if spec.about.is_fitted else metric_of_bar(spec)
-        return self._single.limit(metric, base) * self._scale(spec, base)
+        problem, units = self._case.problem, self._case.spec.units
+        part = part_of_check(spec, problem, units, f"check {spec.metric}")
+        return self._single.limit(metric, base, part) * self._scale(spec, base)
 
     def _ceiling(self, spec: CheckSpec) -> float:
         base = self._base(spec)

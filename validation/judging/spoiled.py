@@ -74,6 +74,8 @@ def _from(
         reference,
         label=label,
         simulator="spoiled",
+        stresses=None,
+        integrals=None,
         trajectory=None if motion is None else Trajectory(motion.times, states),
         tool_forces=forces,
         **measures_of(problem.mesh, states[-1]),

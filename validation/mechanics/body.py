@@ -160,6 +160,24 @@ class Body:
             return np.full_like(self.mesh.points, np.nan)
         return self.force_of(stress)
 
+    def stresses(self, displacement: Points) -> tuple[Array, Array]:
+        """Cauchy's and the first Piola-Kirchhoff stress of each cell [Pa], (num_cells, 3, 3).
+
+        P = F S with S as the element takes it, sigma = P F^T / det F; with engineering strain both
+        are S. Not finite where a cell is flat.
+        """
+        H = self.gradient(displacement)
+        E = strain_of(H, self.strain)
+        smoothing = self._smoothing
+        S = hooke(E, self.lmbda, self.mu) if smoothing is None else smoothing.stress(E)
+        if self.strain is Strain.LINEAR:
+            return S, S
+        F = np.eye(3) + H
+        P: Array = F @ S
+        with np.errstate(all="ignore"):
+            sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma, P
+
     @cached_property
     def stiffness_diagonal(self) -> Points:
         """Diagonal of the stiffness at rest [N/m], (num_points, 3).
@@ -240,9 +258,7 @@ class Body:
         The internal force less the dead loads at the held points: zero elsewhere in equilibrium.
         Follower pressure on held points is not subtracted.
         """
-        force = self.internal(displacement)
-        for load in self.problem.loads:
-            force -= factor_at_end(self.problem, load) * nodal_force(self.mesh, load)
+        force = self.internal(displacement) - dead_force(self.problem)
         force = np.where(self.held, force, 0.0)
         return np.array(
             [force[s.points].sum(axis=0) * np.array(s.components) for s in self.problem.supports]
@@ -263,6 +279,14 @@ def factor_at_end(problem: Problem, load: Load) -> float:
     if problem.time is None or load.amplitude is None:
         return 1.0
     return load.amplitude(problem.time.end_time)
+
+
+def dead_force(problem: Problem) -> Points:
+    """Sum of all dead loads at the end [N], (num_points, 3); pressures and tools left out."""
+    force = np.zeros_like(problem.mesh.points)
+    for load in problem.loads:
+        force += factor_at_end(problem, load) * nodal_force(problem.mesh, load)
+    return force
 
 
 def imbalance(internal: Points, external: Points, rows: Mask) -> float:

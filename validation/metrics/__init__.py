@@ -16,6 +16,7 @@ from palpate.validation.metrics.pairs import (
     surface_area,
     volume,
 )
+from palpate.validation.metrics.stress import Part, stress_integrals, tells_stress
 
 __all__ = [
     "CATALOGUE",
@@ -25,6 +26,7 @@ __all__ = [
     "SMALLEST_CHANGE",
     "Difference",
     "Metric",
+    "Part",
     "det_f",
     "displacement_l2",
     "displacement_max",
@@ -36,6 +38,8 @@ __all__ = [
     "measure",
     "most_inverted",
     "smallest_det_f",
+    "stress_integrals",
     "surface_area",
+    "tells_stress",
     "volume",
 ]

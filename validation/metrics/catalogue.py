@@ -16,12 +16,14 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics import fields, motion, own_mesh, pairs, surfaces
+from palpate.validation.metrics import fields, motion, own_mesh, pairs, stress, surfaces
 from palpate.validation.metrics.finite import are_measurable, is_still
 from palpate.validation.metrics.pairs import Difference
+from palpate.validation.metrics.stress import Part
 from palpate.validation.states import State
 
 Compare = Callable[[Problem, State, State], Difference]
+CompareInPart = Callable[[Problem, State, State, Part], Difference]
 
 
 @dataclass(frozen=True)
@@ -34,11 +36,13 @@ class Metric:
         scale: What the error is divided by.
         compare: Candidate and reference to a relative error; None of one state alone.
         on_own_mesh: The same on a candidate's own mesh; None where it depends on no mesh.
+        of_part: As `compare`, of a part of the body that a check names.
         own: Of the candidate alone.
         says: What was found and the limit, of the candidate alone.
         unit: Of the value.
         is_published: Held against a number of the case file: the candidate's, or the truth's own.
         is_alone: On its own mesh, without what it is at the case's points.
+        is_of_surface: Of a part: of a support or a cut, not of cells.
         is_fitted: To a motion, as good as its samples.
         is_lower_limit: The limit is the least that it may be, not the most.
         has_moving_truth: The truth of a motion is held to it: points over time, not integrals of
@@ -54,11 +58,13 @@ class Metric:
     scale: str
     compare: Compare | None = None
     on_own_mesh: own_mesh.Measure | None = None
+    of_part: CompareInPart | None = None
     own: Callable[[TetMesh, State], fields.Worst] | None = None
     says: str = ""
     unit: str = "-"
     is_published: bool = False
     is_alone: bool = False
+    is_of_surface: bool = False
     is_fitted: bool = False
     is_lower_limit: bool = False
     has_moving_truth: bool = False
@@ -70,6 +76,11 @@ class Metric:
     def is_own(self) -> bool:
         """Whether it is of the candidate alone, without any number to compare with."""
         return self.own is not None
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether it is an error between two states."""
+        return self.compare is not None or self.of_part is not None
 
 
 def _of_mesh(name: str) -> Compare:
@@ -184,6 +195,19 @@ _METRICS = (
         needs_same_mesh=True,
     ),
     Metric(
+        "stress_l2",
+        "error of Cauchy's stress in a region, turned back by each cell's rotation",
+        "L2 norm of the reference's stress there",
+        of_part=stress.stress_l2,
+    ),
+    Metric(
+        "traction_resultant",
+        "error of the force of a support, or through the cut that bounds a region",
+        "largest force of a load or support of the reference; 1 N where none has one",
+        of_part=stress.traction_resultant,
+        is_of_surface=True,
+    ),
+    Metric(
         "trajectory_l2",
         "largest error of displacement over time",
         "largest L2 norm of the reference's displacement over time",
@@ -242,22 +266,39 @@ CATALOGUE = {metric.name: metric for metric in _METRICS}
 MOVING_TRUTH_METRICS = tuple(m.name for m in _METRICS if m.has_moving_truth and m.compare)
 
 
-def measure(name: str, problem: Problem, candidate: State, reference: State) -> Difference:
+def _in_part(metric: Metric, part: Part | None) -> Compare:
+    of_part = metric.of_part
+    if of_part is None or part is None:
+        raise InputError(f"metric {metric.name!r} is of a part of the body: say which")
+    return lambda problem, candidate, reference: of_part(problem, candidate, reference, part)
+
+
+def measure(
+    name: str, problem: Problem, candidate: State, reference: State, part: Part | None = None
+) -> Difference:
     """A metric between two states of a problem; on its own mesh too where the candidate has one.
 
+    Args:
+        name: Of the metric.
+        problem: Of both.
+        candidate: Who is judged.
+        reference: What it is held against.
+        part: Of the body, for metrics of one.
+
     Raises:
-        InputError: No such metric, or one of the candidate alone.
+        InputError: No such metric, one of the candidate alone, or one of a part without the part.
     """
     metric = CATALOGUE.get(name)
-    if metric is None or metric.compare is None:
+    if metric is None or not metric.is_compared:
         raise InputError(f"no metric {name!r} between two states")
+    compare = metric.compare or _in_part(metric, part)
     if not are_measurable(*candidate.fields):
         return Difference(math.inf, math.nan, metric.scale)
     if not metric.needs_tools and all(is_still(problem.mesh, s) for s in (candidate, reference)):
         # Distances of surfaces and forces are then rounding, and nothing scales them.
         return Difference(0.0, 0.0, metric.scale)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = metric.compare(problem, candidate, reference)
+        found = compare(problem, candidate, reference)
         if candidate.own is not None and metric.on_own_mesh is not None:
             found = own_mesh.measure_on_own_mesh(
                 metric.on_own_mesh,
@@ -272,6 +313,6 @@ def measure(name: str, problem: Problem, candidate: State, reference: State) -> 
         # A fit is of the states as they were sent, not as they are read between them.
         if other is None or metric.is_fitted:
             return found
-        apart = metric.compare(problem, candidate, other)
+        apart = compare(problem, candidate, other)
         off = apart.value * apart.scale / found.scale if apart.value else 0.0
     return dataclasses.replace(found, uncertainty=found.uncertainty + off)

@@ -69,18 +69,20 @@ class OwnPair:
     @property
     def own_problem(self) -> Problem:
         """The own mesh with the case's materials, without loads and supports."""
-        if not self.problem.inclusions:
-            return dataclasses.replace(self.problem, mesh=self.mesh, supports=(), loads=())
-        case = self.problem.mesh
-        middles = self.mesh.points[self.mesh.cells].mean(axis=1)
-        held = locate(case.points, case.cells, middles).cells
-        inclusions = tuple(
-            Inclusion(np.flatnonzero(np.isin(held, part.cells)).astype(np.int32), part.material)
-            for part in self.problem.inclusions
-        )
-        return dataclasses.replace(
-            self.problem, mesh=self.mesh, supports=(), loads=(), inclusions=inclusions
-        )
+        return problem_on(self.mesh, self.problem)
+
+
+def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
+    """Another mesh of a case's body with the case's materials, without loads and supports."""
+    if not problem.inclusions:
+        return dataclasses.replace(problem, mesh=mesh, supports=(), loads=())
+    case = problem.mesh
+    held = locate(case.points, case.cells, mesh.points[mesh.cells].mean(axis=1)).cells
+    inclusions = tuple(
+        Inclusion(np.flatnonzero(np.isin(held, part.cells)).astype(np.int32), part.material)
+        for part in problem.inclusions
+    )
+    return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), inclusions=inclusions)
 
 
 @lru_cache(maxsize=2)

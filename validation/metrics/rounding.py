@@ -39,6 +39,7 @@ from palpate.validation.exchange.nodal_loads import held_components
 from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
 from palpate.validation.metrics.pairs import measures_of
+from palpate.validation.metrics.stress import Part
 from palpate.validation.states import State
 
 UNIT_ROUNDING = 2.0**-24
@@ -61,12 +62,13 @@ class SinglePrecision:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
 
-    def limit(self, metric: str, reference: State) -> float:
+    def limit(self, metric: str, reference: State, part: Part | None = None) -> float:
         """The error that a correct answer in single precision may have.
 
         Args:
             metric: One that compares with a reference on the same mesh.
             reference: That reference.
+            part: Of the body, for metrics of one.
 
         Returns:
             Relative to the metric's scale, at most LARGEST.
@@ -80,7 +82,7 @@ class SinglePrecision:
             found = SAFETY * (relative or self._of_tools(reference))
         else:
             answers = self._answers(reference, relative)
-            found = max(measure(metric, self._problem, a, reference).value for a in answers)
+            found = max(measure(metric, self._problem, a, reference, part).value for a in answers)
         return min(float(f"{found:.2g}"), LARGEST) if math.isfinite(found) else LARGEST
 
     def explain(self, reference: State) -> str:
@@ -117,7 +119,7 @@ class SinglePrecision:
                 size *= relative * largest / max(float(np.abs(field).max()), math.ulp(0.0))
             places = (mesh.points + reference.displacement + size * field).astype(np.float32)
             measures = measures_of(mesh, places - mesh.points)
-            states.append(dataclasses.replace(reference, simulator="", **measures))
+            states.append(dataclasses.replace(reference, simulator="", stresses=None, **measures))
         return states
 
     def _of_tools(self, reference: State) -> float:

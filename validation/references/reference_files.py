@@ -19,9 +19,11 @@ from palpate.validation.exchange.array_hash import array_hash
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.soundness import SCALARS
-from palpate.validation.states import REFERENCE, State, Trajectory
+from palpate.validation.states import REFERENCE, State, StressIntegrals, Trajectory
 
 SCHEMA = 1
+# Of a symmetric tensor: xx, yy, zz, yz, xz, xy.
+_UPPER = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])
 _HASH = "sha256"
 
 
@@ -64,10 +66,16 @@ def write_reference(
                 "degree": state.degree,
                 **({} if state.element is Element.LINEAR else {"element": state.element.value}),
                 "details": _details(state),
+                **({} if state.integrals is None else {"halvings": state.integrals.halvings}),
                 **{scalar: getattr(state, scalar) for scalar in SCALARS},
             }
         )
         arrays[f"displacement_{index}"] = state.displacement
+        if state.integrals is not None:
+            # Seven digits: its error bar allows for what is dropped.
+            stress = state.integrals.cauchy[:, *_UPPER].astype(np.float32)
+            arrays[f"cauchy_stress_{index}"] = stress
+            arrays[f"internal_force_{index}"] = state.integrals.internal_force
         if state.trajectory is not None:
             arrays[f"times_{index}"] = state.trajectory.times
             arrays[f"displacements_{index}"] = state.trajectory.displacements
@@ -137,6 +145,7 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
             tool_forces=None if forces is None else _numbers(forces),
             versions=versions,
             trajectory=motion,
+            integrals=_integrals(entry, arrays, index),
             **scalars,
         )
     bars = {}
@@ -147,6 +156,18 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
     if "versions" in provenance:
         provenance["versions"] = dict(provenance["versions"])
     return ReferenceSet(states, bars, str(header["origin"]), provenance=provenance)
+
+
+def _integrals(
+    entry: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], index: int
+) -> StressIntegrals | None:
+    if "halvings" not in entry:
+        return None
+    six = _numbers(arrays[f"cauchy_stress_{index}"])
+    stress = np.zeros((len(six), 3, 3))
+    stress[:, *_UPPER] = stress[:, *_UPPER[::-1]] = six
+    force = _numbers(arrays[f"internal_force_{index}"])
+    return StressIntegrals(stress, force, int(entry["halvings"]))
 
 
 def _numbers(values: Any) -> NDArray[np.float64]:

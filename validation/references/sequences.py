@@ -16,7 +16,7 @@ from typing import Any
 from numpy.linalg import norm
 
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics import COMPARISONS
+from palpate.validation.metrics import COMPARISONS, stress_integrals
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.states import State
@@ -32,13 +32,19 @@ SIGNED = ("volume", "surface_area", "max_displacement")
 
 
 def at_points_of(mesh: TetMesh, state: State, label: str) -> State:
-    """A state of a refined mesh at the points of the mesh it came from, which come first."""
+    """A state of a refined mesh at the points of the mesh it came from, which come first.
+
+    Its stresses, where the displacement at those points does not tell them, as integrals.
+    """
     at_points = state.displacement[: mesh.num_points]
+    stresses = None if state.degree == 1 else state.stresses
     return replace(
         state,
         label=label,
         displacement=at_points,
         max_displacement=float(norm(at_points, axis=1).max()),
+        stresses=None,
+        integrals=None if stresses is None else stress_integrals(mesh, stresses),
     )
 
 

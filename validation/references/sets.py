@@ -19,7 +19,7 @@ from palpate.reference.errors import (
     ReferenceUnavailableError,
 )
 from palpate.reference.result import Formulation
-from palpate.validation.metrics import COMPARISONS
+from palpate.validation.metrics import COMPARISONS, stress_integrals
 from palpate.validation.references.sequences import (
     as_data,
     assess_metrics,
@@ -112,6 +112,11 @@ def solve_state(
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
     task = StaticTask(strain, degree, formulation=formulation, element=element)
     result = run_task(task, problem, progress=progress)
+    stresses = CellStresses(
+        result.second_piola_kirchhoff_stress,
+        result.cauchy_stress,
+        result.first_piola_kirchhoff_stress,
+    )
     return State(
         label=label,
         simulator=REFERENCE,
@@ -131,7 +136,8 @@ def solve_state(
         tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
         versions=dict(result.versions),
         element=element,
-        stresses=CellStresses(result.second_piola_kirchhoff_stress, result.cauchy_stress),
+        stresses=stresses,
+        integrals=None if degree == 1 else stress_integrals(problem.mesh, stresses),
     )
 
 

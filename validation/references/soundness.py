@@ -28,6 +28,7 @@ from palpate.validation.references.sets import (
     TRUTH,
     ReferenceSet,
 )
+from palpate.validation.references.stress_soundness import wrong_stresses
 from palpate.validation.states import State
 
 SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
@@ -69,6 +70,7 @@ def find_contradictions(
                 *_wrong_numbers(problem, state),
                 *_wrong_motion(problem, state, thoroughly),
                 *_wrong_balance(problem, state),
+                *wrong_stresses(problem, state),
             ]
         found += [f"{label}, {strain} strain: {line}" for line in wrong]
     # Bars compare states with one another, which needs states that can be.
@@ -91,7 +93,7 @@ def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
 def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], float]:
     """The least bar that the kept sequences allow: their own, those of time and mesh together."""
     least: dict[tuple[str, Strain], float] = {}
-    statics = _table(provenance, "grid_convergence") if _is_of_three(provenance) else {}
+    statics = _table(provenance, "grid_convergence") if is_of_three(provenance) else {}
     motions = _table(provenance, "convergence")
     for strain in Strain:
         for table in (_table(statics, strain), *_table(motions, strain).values()):
@@ -102,7 +104,7 @@ def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], fl
     return least
 
 
-def _is_of_three(provenance: Mapping[str, Any]) -> bool:
+def is_of_three(provenance: Mapping[str, Any]) -> bool:
     """Whether the sequence kept is that of the truth itself."""
     return "degree 2" in str(provenance.get("sequence", ""))
 
@@ -133,7 +135,7 @@ def _far_truths(problem: Problem, references: ReferenceSet) -> Iterator[str]:
     Norms obey |coarse - fine| <= |coarse - middle| + |middle - fine|, and both are on record: the
     second is the bar times (2^p - 1) over its safety factor, the first 2^p times that.
     """
-    if not _is_of_three(references.provenance):
+    if not is_of_three(references.provenance):
         return
     for strain in Strain:
         coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))

@@ -52,12 +52,14 @@ def state_of_result(
         tool_forces=_tool_forces(result, said.pop("tool_forces", None)),
         element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
         says=said,
+        sent_stress=placed.cauchy_stress if placed.own_mesh is None else None,
     )
     if problem.time is not None:
         return _with_motion(state, problem.mesh, problem.time, result, placed)
     if placed.own_mesh is None or placed.own_displacement is None:
         return state
-    return with_own_mesh(state, problem.mesh, OwnMesh(placed.own_mesh, placed.own_displacement))
+    own = OwnMesh(placed.own_mesh, placed.own_displacement, placed.cauchy_stress)
+    return with_own_mesh(state, problem.mesh, own)
 
 
 def _with_motion(
@@ -87,7 +89,7 @@ def _with_motion(
         end = read_at(given, placed.own_displacement, wanted[-1:], slack=slack)
         for k, last in enumerate((end.states, end.others)):
             there = _to_the_end(given, placed.own_displacement, last, wanted[-1], slack)
-            own = OwnMesh(placed.own_mesh, there.displacements)
+            own = OwnMesh(placed.own_mesh, there.displacements, placed.cauchy_stress)
             states[k] = with_own_mesh(states[k], mesh, own)
     return dataclasses.replace(
         states[0],

@@ -44,6 +44,7 @@ def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(
     path, count = tmp_path / f"s.{kind}", problem.mesh.num_cells
     rng = np.random.default_rng(6)
     S, sigma = rng.normal(size=(2, count, 3, 3))
+    sigma += sigma.transpose(0, 2, 1)
     # A shear of 2 Pa: sqrt(3) of it; and hydrostatic stress: nothing.
     sigma[0] = 2.0 * np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     sigma[1] = 5.0 * np.eye(3)
@@ -59,7 +60,9 @@ def test_a_mesh_file_holds_the_stresses_of_cells_row_by_row(
     mises = fields["von_mises_stress"].reshape(count)
     assert mises[:2] == pytest.approx([2.0 * np.sqrt(3.0), 0.0], abs=1e-12)
     if kind == "vtu":  # the kind that is an answer too
-        np.testing.assert_allclose(read_result(path).values[0], state.displacement, atol=1e-18)
+        read = read_result(path)
+        np.testing.assert_allclose(read.values[0], state.displacement, atol=1e-18)
+        np.testing.assert_array_equal(read.cauchy_stress, sigma)
 
 
 def test_a_state_without_stresses_has_no_field_of_them(tmp_path: Path, problem: Problem) -> None:

@@ -50,7 +50,11 @@ def swinging(number: float | None = None, states: slice = slice(None)) -> State:
 def verdict_of(name: str, candidate: State) -> Verdict:
     metric = CATALOGUE[name]
     told = {"metric": name, "limit": 0.9, "reason": "r"}
-    if metric.compare is None:
+    if metric.is_of_surface:
+        told["support"] = 1
+    elif metric.of_part is not None:
+        told["region"] = {"half_space": {"point": (0.0, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
+    elif metric.compare is None:
         told["against"] = "candidate"
     if name in ("inverted_cells", "smallest_det_f"):
         told["limit"] = 0.0
@@ -74,7 +78,7 @@ def test_every_metric_passes_the_right_answer_and_fails_nan_and_what_cannot_be_m
 
 
 @pytest.mark.parametrize(
-    "name", [n for n, m in CATALOGUE.items() if m.compare or m.is_own or m.is_fitted]
+    "name", [n for n, m in CATALOGUE.items() if m.is_compared or m.is_own or m.is_fitted]
 )
 def test_a_single_state_that_is_no_number_fails_every_metric_that_sees_the_motion(
     name: str,

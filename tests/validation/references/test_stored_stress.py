@@ -1,0 +1,165 @@
+"""Stresses of the truth beside accepted references: kept, checked, asked for, not invented."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Element, Strain
+from palpate.validation.case import load_case
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.cli import main
+from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.references import additions
+from palpate.validation.references.errors import UnsoundReferenceError
+from palpate.validation.references.reference_files import read_reference
+from palpate.validation.references.sets import QUADRATIC, TRUTH
+from palpate.validation.references.soundness import find_contradictions
+from palpate.validation.references.stored import (
+    accepted_path,
+    load_stored,
+    pending_path,
+    references_folder,
+    store,
+)
+from palpate.validation.states import Verdict
+
+CASE = load_case("block")
+PLACES = [(label, Strain.GREEN) for label in (QUADRATIC, TRUTH)]
+EVERYWHERE = {"half_space": {"point": (0.0, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
+
+
+def spec(**more: object) -> CheckSpec:
+    told = {"metric": "stress_l2", "against": "truth", "limit": 1.5, "reason": "r", **more}
+    if "support" not in more:
+        told["region"] = EVERYWHERE
+    return CheckSpec.model_validate(told)
+
+
+def without_stress(references):
+    states = {
+        place: dataclasses.replace(state, integrals=None)
+        for place, state in references.states.items()
+    }
+    provenance = {**references.provenance, "added": {}}
+    return dataclasses.replace(references, states=states, provenance=provenance)
+
+
+@pytest.fixture
+def whole(tmp_path, monkeypatch):
+    """The block's references; the accepted ones are a copy without stresses."""
+    shutil.copy(references_folder() / "block.npz", tmp_path)
+    found = load_stored("block", CASE.problem)
+    monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
+    bare = without_stress(found)
+    store("block", CASE.problem, bare, dict(bare.provenance))
+    return found
+
+
+def palpate(monkeypatch, *arguments):
+    monkeypatch.setattr("sys.argv", ["palpate", *arguments])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code
+
+
+def test_a_file_keeps_them_to_seven_digits(whole):
+    path = store("block", CASE.problem, whole, dict(whole.provenance))
+    again = read_reference(path)[0]
+    for place in PLACES:
+        one, other = whole.states[place].integrals, again.states[place].integrals
+        assert np.array_equal(one.cauchy, other.cauchy)
+        assert np.array_equal(one.internal_force, other.internal_force)
+        assert np.array_equal(one.cauchy, one.cauchy.transpose(0, 2, 1))
+    assert [whole.states[place].integrals.halvings for place in PLACES] == [0, 2]
+    fine = dataclasses.replace(
+        whole.states[PLACES[0]].integrals, cauchy=whole.states[PLACES[0]].integrals.cauchy / 3.0
+    )
+    changed = {PLACES[0]: dataclasses.replace(whole.states[PLACES[0]], integrals=fine)}
+    store("block", CASE.problem, dataclasses.replace(whole, states={**whole.states, **changed}), {})
+    read = read_reference(path)[0].states[PLACES[0]].integrals.cauchy
+    assert 0.0 < np.abs(read - fine.cauchy).max() <= 6e-8 * np.abs(fine.cauchy).max()
+
+
+def test_a_truth_without_them_is_inconclusive_and_says_what_to_do(whole):
+    bare = load_stored("block", CASE.problem)
+    for element in Element:
+        judge = CaseJudge(CASE, bare.of_element(element))
+        answer = judge.references.same_mesh(Strain.GREEN)
+        for asked in (spec(), spec(metric="traction_resultant", support=1)):
+            found = judge.check(asked, answer)
+            assert found.verdict is Verdict.INCONCLUSIVE
+            assert "palpate reference build block --stress" in found.message
+        # On the same mesh the displacement tells it.
+        assert judge.check(spec(against="same_mesh"), answer).verdict is Verdict.PASSED
+        with_them = CaseJudge(CASE, whole.of_element(element))
+        found = with_them.check(spec(), answer)
+        assert found.verdict is Verdict.PASSED
+        assert 0.05 < found.value < 1.0
+        assert 0.0 < found.reference_error < 0.5
+
+
+def test_they_are_put_beside_what_was_accepted_and_wait(whole, monkeypatch, capsys):
+    before = read_reference(accepted_path("block"))[0]
+    asked = []
+
+    def solve(problem, strain, degree, _progress):
+        asked.append((problem.mesh.num_cells, strain, degree))
+        return whole.states[PLACES[len(asked) - 1]]
+
+    monkeypatch.setattr(additions, "solve_state", solve)
+    monkeypatch.setattr(additions, "at_points_of", lambda _mesh, state, _label: state)
+    assert palpate(monkeypatch, "reference", "build", "block", "--stress") == 0
+    assert asked == [(90, Strain.GREEN, 2), (64 * 90, Strain.GREEN, 2)]
+    shown = capsys.readouterr().out
+    assert "reference P2, refined, green strain: stresses new" in shown
+    assert "reference P2, refined, linear strain: unchanged" in shown
+    assert read_reference(accepted_path("block"))[0].states[PLACES[1]].integrals is None
+    arguments = ("--reason", "stresses too", "--by", "a tester")
+    assert palpate(monkeypatch, "reference", "accept", "block", *arguments) == 0
+    after = load_stored("block", CASE.problem)
+    assert after.states[PLACES[1]].integrals is not None
+    assert {**after.bars} == {**before.bars}
+    told = after.provenance["added"]["stress"]
+    assert told["command"] == "palpate reference build block --stress"
+    assert told["accepted"]["reason"] == "stresses too"
+    for place, state in before.states.items():
+        assert np.array_equal(after.states[place].displacement, state.displacement)
+
+
+def test_another_solution_is_not_given_the_accepted_ones_place(whole, monkeypatch, capsys):
+    def solve(_problem, _strain, _degree, _progress):
+        state = whole.states[PLACES[0]]
+        return dataclasses.replace(state, displacement=1.001 * state.displacement)
+
+    monkeypatch.setattr(additions, "solve_state", solve)
+    monkeypatch.setattr(additions, "at_points_of", lambda _mesh, state, _label: state)
+    assert palpate(monkeypatch, "reference", "build", "block", "--stress") == 2
+    assert "build the whole reference anew" in capsys.readouterr().err
+    assert not pending_path("block").exists()
+
+
+def test_stresses_that_do_not_balance_the_loads_are_refused(whole):
+    def with_change(place, **change):
+        state = whole.states[place]
+        kept = dataclasses.replace(state.integrals, **change)
+        changed = {**whole.states, place: dataclasses.replace(state, integrals=kept)}
+        return dataclasses.replace(whole, states=changed)
+
+    assert find_contradictions(CASE.problem, whole) == []
+    kept = whole.states[PLACES[1]].integrals
+    for change, word in (
+        ({"internal_force": 0.999 * kept.internal_force}, "at a free point"),
+        ({"internal_force": kept.internal_force[1:]}, "do not fit the mesh"),
+        ({"cauchy": np.full_like(kept.cauchy, np.nan)}, "do not fit the mesh"),
+        ({"cauchy": kept.cauchy[:, :2]}, "do not fit the mesh"),
+        ({"halvings": -1}, "halved -1 times"),
+    ):
+        (line,) = find_contradictions(CASE.problem, with_change(PLACES[1], **change))
+        assert line.startswith("reference P2, refined, green strain: ")
+        assert word in line
+    with pytest.raises(UnsoundReferenceError):
+        store("block", CASE.problem, with_change(PLACES[1], halvings=-1), {})

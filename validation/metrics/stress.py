@@ -1,0 +1,242 @@
+"""Metrics of stress in a part of the body, and of the force through a support or a cut.
+
+Stress is compared by means over the case's rest cells, volume by volume: of a linear or smoothed
+tetrahedron its own constant, of a quadratic or finer reference the mean of its field. What varies
+inside a cell does not count: a mesh of that size cannot say it. Nor are pressures of nodes ever
+looked at: those of smoothed tetrahedra may checkerboard from node to node, their cells' averages
+do not.
+
+Cauchy's stress is turned back into the rest frame by the rotation of its cell, R^T sigma R with
+F = R U (J. Bonet, R. D. Wood, 2nd ed. 2008, sections 3.5 and 5.5), so that a body that was turned
+too far as a whole has the right stress: how far it is turned is what displacements tell. Linear
+strain knows no rotation, and is compared as it is.
+
+The force through a surface is a sum of nodal forces, integral of P grad w over the body with w = 1
+at the points of the surface and 0 one layer of cells beyond, not an integral of traction: its
+error goes with the square of that of stress (I. Babuska, A. Miller, Int. J. Numer. Meth. Engng 20,
+1984, 1085-1109, "extraction"; T. J. R. Hughes et al., J. Comput. Phys. 163, 2000, 467-488).
+
+Note:
+    At clamped edges and reentrant corners stress grows without end as the mesh is refined: take
+    parts away from there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.refinement import mean_over_parents, refine_uniformly
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.exchange.point_location import locate
+from palpate.validation.mechanics.body import (
+    Body,
+    body_of,
+    dead_force,
+    factor_at_end,
+    load_force,
+    shape_gradients,
+    sum_at_points,
+)
+from palpate.validation.metrics.finite import are_measurable
+from palpate.validation.metrics.own_mesh import problem_on
+from palpate.validation.metrics.pairs import Difference, ratio
+from palpate.validation.states import CellStresses, OwnMesh, State, StressIntegrals
+
+# A resultant below this part of the sum of all nodal forces' sizes is none: a pressure all around,
+# read on the flat facets of the case. A plate bent over a span of 100 times its height has 3e-3.
+_NO_FORCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Where a check looks.
+
+    Attributes:
+        cells: Whose stress is compared, (n,); none for a force.
+        weights: How much of each component of a nodal force counts, 0 or 1, (num_points, 3).
+        is_support: Whether dead loads on those points are left out, so that what is left is the
+            support's own force.
+    """
+
+    cells: Indices
+    weights: Points
+    is_support: bool = False
+
+
+def tells_stress(state: State) -> bool:
+    """Whether a state's stress is known: a quadratic displacement at the corners does not tell."""
+    return state.degree == 1 or state.integrals is not None
+
+
+def stress_integrals(mesh: TetMesh, stresses: CellStresses) -> StressIntegrals | None:
+    """Means over the cells of a mesh, from those of the same mesh or of it cut in eight.
+
+    Args:
+        mesh: The case's.
+        stresses: Of the cells of that mesh, or refined once or more by `refine_uniformly`.
+
+    Returns:
+        None where the first Piola-Kirchhoff stress is not told.
+    """
+    sigma, P = stresses.cauchy, stresses.first_piola_kirchhoff
+    if P is None:
+        return None
+    halvings = 0
+    while len(sigma) > mesh.num_cells:
+        sigma, P, halvings = mean_over_parents(sigma), mean_over_parents(P), halvings + 1
+    return StressIntegrals(sigma, _nodal_force(mesh, P), halvings)
+
+
+def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) -> Difference:
+    """L2 norm over the part of the error of Cauchy's stress, over that of the reference's stress.
+
+    Frobenius norms |sigma|^2 = sigma : sigma of the cells' means, weighted by rest volume.
+    """
+    volumes = signed_volumes(problem.mesh.points, problem.mesh.cells)[part.cells]
+
+    def norm(stress: Floats) -> float:
+        return math.sqrt(float(volumes @ np.einsum("cij,cij->c", stress, stress)))
+
+    ours, doubt = _read(problem, candidate)
+    theirs, _ = _read(problem, reference)
+    expected = turned_back(problem.mesh, reference, theirs.cauchy, part.cells)
+    found = turned_back(problem.mesh, candidate, ours.cauchy, part.cells)
+    name = "L2 norm of the reference's stress there"
+    if not are_measurable(found):
+        return Difference(math.inf, math.nan, name)
+    compared = ratio(norm(found - expected), norm(expected), name)
+    if doubt is None or not compared.scale > 0.0:
+        return compared
+    off = norm(doubt.cauchy[part.cells]) / compared.scale
+    return dataclasses.replace(compared, uncertainty=off)
+
+
+def traction_resultant(
+    problem: Problem, candidate: State, reference: State, part: Part
+) -> Difference:
+    """Size of the error of the force through a support or a cut.
+
+    Over the largest resultant of a load or support in the reference; where each of them is balanced
+    in itself it is the error in newtons, and so is the limit.
+    """
+    ours, doubt = _read(problem, candidate)
+    theirs, _ = _read(problem, reference)
+    error = resultant(problem, ours, part) - resultant(problem, theirs, part)
+    scale = _largest_resultant(problem, reference, theirs)
+    name = "the reference's largest force of a load or support"
+    if scale == 0.0:
+        scale, name = 1.0, "1 N, since no load or support has a force of its own"
+    compared = ratio(float(np.linalg.norm(error)), scale, name)
+    if doubt is None:
+        return compared
+    off = float(np.linalg.norm((part.weights * doubt.internal_force).sum(axis=0)))
+    return dataclasses.replace(compared, uncertainty=off / scale)
+
+
+def resultant(problem: Problem, integrals: StressIntegrals, part: Part) -> NDArray[np.float64]:
+    """Force through a support or a cut [N], (3,).
+
+    Of a support what it exerts on the body in its held components, follower pressure on its points
+    counted in, as `reaction_force` has it; of a cut what acts on the part in the region from
+    outside of the body, which is minus the force that the rest of the body pulls on it with.
+    """
+    force = integrals.internal_force
+    if part.is_support:
+        force = force - dead_force(problem)
+    total: NDArray[np.float64] = (part.weights * force).sum(axis=0)
+    return total
+
+
+def turned_back(mesh: TetMesh, state: State, sigma: Floats, cells: Indices) -> Floats:
+    """R^T sigma R of some cells, R the rotation of each by the state's displacement."""
+    if state.strain is Strain.LINEAR:
+        return sigma[cells]
+    corners = state.displacement[mesh.cells[cells]].transpose(0, 2, 1)
+    F = np.eye(3) + corners @ shape_gradients(mesh)[cells]
+    U, _, Vt = np.linalg.svd(F)
+    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
+    R = U @ Vt
+    turned: Floats = R.transpose(0, 2, 1) @ sigma[cells] @ R
+    return turned
+
+
+def _largest_resultant(problem: Problem, state: State, integrals: StressIntegrals) -> float:
+    """Largest total force of a load or a support [N]; 0 where each is balanced in itself."""
+    mesh, force = problem.mesh, integrals.internal_force
+    totals = [np.zeros(3)]
+    left = force.copy()
+    for load in problem.loads:
+        at_points = load_force(mesh, load, state.displacement, state.strain)
+        at_points = factor_at_end(problem, load) * at_points
+        totals.append(at_points.sum(axis=0))
+        left -= at_points
+    for support in problem.supports:
+        totals.append(left[support.points].sum(axis=0) * np.array(support.components))
+    found = float(np.linalg.norm(totals, axis=1).max())
+    return found if found > _NO_FORCE * float(np.linalg.norm(force, axis=1).sum()) else 0.0
+
+
+def _read(problem: Problem, state: State) -> tuple[StressIntegrals, StressIntegrals | None]:
+    """A state's stress over the case's cells; on a mesh of its own what that may be off by too."""
+    if state.integrals is not None:
+        return state.integrals, None
+    if state.own is not None:
+        return _read_own(problem, state, state.own)
+    body = body_of(problem, state.strain, state.element)
+    sigma, P = body.stresses(state.displacement)
+    if state.sent_stress is not None:
+        sigma = state.sent_stress
+    elif state.stresses is not None:
+        sigma = state.stresses.cauchy
+    return StressIntegrals(sigma, body.force_of(P)), None
+
+
+@lru_cache(maxsize=2)
+def _read_own(
+    problem: Problem, state: State, own: OwnMesh
+) -> tuple[StressIntegrals, StressIntegrals]:
+    """Means over the case's cells of stresses by own cells, read at eight places of each.
+
+    They are the middles of the eight that the cell is cut into. The doubt is half of how far apart
+    the means of two sets of four are, whose own mean the reading is.
+    """
+    sigma, P = Body(problem_on(own.mesh, problem), state.strain, state.element).stresses(
+        own.displacements[-1]
+    )
+    if own.sent_stress is not None:
+        sigma = own.sent_stress
+    held = _own_cells(problem.mesh, own.mesh)
+    # Two of the four at the corners and two of the four inside, and the others.
+    is_first = np.concatenate(
+        [np.repeat([True, True, False, False], len(held) // 8), np.arange(len(held) // 2) % 4 < 2]
+    )
+    sign = np.where(is_first, 1.0, -1.0)[:, None, None]
+    means, halves = (
+        StressIntegrals(
+            mean_over_parents(weights * sigma[held]),
+            _nodal_force(problem.mesh, mean_over_parents(weights * P[held])),
+        )
+        for weights in (np.ones_like(sign), sign)
+    )
+    return means, halves
+
+
+@lru_cache(maxsize=2)
+def _own_cells(case: TetMesh, own: TetMesh) -> NDArray[np.int64]:
+    """Which own cell holds the middle of each of the eight cut from a cell, (8 num_cells,)."""
+    finer = refine_uniformly(case)
+    return locate(own.points, own.cells, finer.points[finer.cells].mean(axis=1)).cells
+
+
+def _nodal_force(mesh: TetMesh, P: Floats) -> Points:
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    by_corner = volumes[:, None, None] * shape_gradients(mesh) @ P.transpose(0, 2, 1)
+    return sum_at_points(mesh.cells, by_corner, mesh.num_points)
