@@ -9,18 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.boundary_conditions import Traction
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Element, Problem
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units
 from palpate.validation.exchange.facets import are_among, facet_areas
 from palpate.validation.preview.acting import acting
+from palpate.validation.preview.bending_rule import STUDY, expected_error
 from palpate.validation.preview.costs import Costs, expected_costs
-from palpate.validation.preview.thickness import expected_errors, measure_thickness
+from palpate.validation.preview.thickness import measure_thickness
 
 _SMALL_ANGLE = 5.0
 _NEAR_INCOMPRESSIBLE = 0.45
 _LARGE_PART = 0.05
+# Missing in bending, above which it is a warning: smoothed tetrahedra are there to be accurate;
+# linear ones are known to be stiff, and a third is more than that.
+_TOO_STIFF = {Element.SMOOTHED: 0.05, Element.LINEAR: 1.0 / 3.0}
 # Longest sides of what is simulated here [m]; beyond, the unit is mostly another.
 _USUAL_SIZES = (5e-3, 2.0)
 
@@ -74,10 +78,21 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         )
     through = measure_thickness(mesh, held=_held(problem))
     cells = f"about {through.num_cells:.2g} cell(s)"
-    look.say("thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}")
-    errors = expected_errors(through)
-    if errors:
-        look.warnings.append(f"{cells} through the thickness: {errors}; make edge_length smaller")
+    shape = f"{through.slenderness:.2g} times as long as high"
+    look.say("thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}, {shape}")
+    errors = {
+        element: expected_error(
+            through.num_cells, through.slenderness, problem.material.poissons_ratio, element
+        )
+        for element in Element
+    }
+    told = ", ".join(f"{element} {100.0 * error:.2g} %" for element, error in errors.items())
+    look.say("bending", f"across that, misses of the displacement: {told} (rule of `{STUDY}`)")
+    if any(errors[element] > most for element, most in _TOO_STIFF.items()):
+        look.warnings.append(
+            f"{cells} through the thickness, {shape}: bent across them, tetrahedra are too stiff "
+            f"({told}); make edge_length smaller"
+        )
     if quality.smallest_dihedral_deg < _SMALL_ANGLE:
         look.warnings.append(
             f"a dihedral angle of {quality.smallest_dihedral_deg:.1f} degrees, below "

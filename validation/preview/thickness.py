@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
+from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
 from palpate.validation.exchange.facets import are_among
 
 _MOST_RAYS = 400
@@ -16,21 +16,6 @@ _MOST_RAYS = 400
 # to side; and as many equal-sided ones in a height of theirs, in the mean: a mean chord is 4 V / S
 # (Cauchy), a third of the height 3 V / (S / 4).
 _CROSSED_IN_A_CELL = 3.0
-# Up to how many cells, and what built-in cases with as many are off: their displacement, relative
-# L2 against the truth, as `palpate gate CASE --element both` says. No rule is known between them.
-_EXPECTED = (
-    (
-        2.5,
-        "in bending linear tetrahedra lock (41 to 94 % from the truth in the built-in cases "
-        "cantilever and sze, two cells thick), and smoothed ones may stay too stiff (1.3 % in "
-        "cantilever, 54 % in sze, whose cells are ten times as long as high)",
-    ),
-    (
-        4.5,
-        "in bending linear tetrahedra are much too stiff (41 % from the truth in the built-in "
-        "cases csm1 and csm2, four cells thick), smoothed ones less (2.1 to 2.2 %)",
-    ),
-)
 
 
 @dataclass(frozen=True)
@@ -40,10 +25,13 @@ class Thickness:
     Attributes:
         length: From side to side [m].
         num_cells: Layers of cells between the sides [-], a third of the tetrahedra crossed.
+        slenderness: How many times as long as high a cell is there [-], the median: the side of a
+            square on which six of them fill a brick of a layer's height, over that height.
     """
 
     length: float
     num_cells: float
+    slenderness: float
 
 
 def measure_thickness(
@@ -68,7 +56,8 @@ def measure_thickness(
     drawn = rng.choice(len(owners), size=_MOST_RAYS, p=size / size.sum())
     origin, direction = corners[drawn].mean(axis=1), -areas[drawn] / size[drawn, None]
     cell, entered = owners[drawn, 0].copy(), owners[drawn, 1].copy()
-    length, count = np.zeros(len(drawn)), np.zeros(len(drawn))
+    length, count, volume = (np.zeros(len(drawn)) for _ in range(3))
+    volumes = signed_volumes(mesh.points, mesh.cells)
     first, last = mesh.cells[cell[:, None], CELL_FACETS[entered]], np.zeros((len(drawn), 3), int)
     inside = np.arange(len(drawn))
     for _ in range(mesh.num_cells):
@@ -76,6 +65,7 @@ def measure_thickness(
             break
         here = cell[inside]
         count[inside] += 1
+        volume[inside] += volumes[here]
         face, length[inside] = _leave(
             mesh, here, entered[inside], origin[inside], direction[inside]
         )
@@ -88,14 +78,12 @@ def measure_thickness(
     if held is not None and len(held):
         is_free = ~(are_among(first, held) | are_among(last, held))
         if is_free.any():
-            length, count = length[is_free], count[is_free]
+            length, count, volume = length[is_free], count[is_free], volume[is_free]
     layers = count / _CROSSED_IN_A_CELL
-    return Thickness(float(np.quantile(length, 0.25)), float(np.quantile(layers, 0.25)))
-
-
-def expected_errors(thickness: Thickness) -> str | None:
-    """What bodies as thin for their mesh were off, in words; None where they are thick enough."""
-    return next((words for most, words in _EXPECTED if thickness.num_cells < most), None)
+    num_cells = float(np.quantile(layers, 0.25))
+    height = length / layers
+    slenderness = np.sqrt(6.0 * volume / count / height**3)[layers <= num_cells]
+    return Thickness(float(np.quantile(length, 0.25)), num_cells, float(np.median(slenderness)))
 
 
 def _leave(

@@ -11,6 +11,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem
 from palpate.meshes.quality import measure_quality
 from palpate.reference.errors import ReferenceUnavailableError
+from palpate.validation.preview.bending_rule import expected_error
 from palpate.validation.states import Verdict
 from palpate.validation.studies import elements, frontier
 from palpate.validation.studies.elements import Found, bar, meshes, modes, present
@@ -21,6 +22,7 @@ from palpate.validation.studies.elements.meshes import (
     read_pressures,
 )
 from palpate.validation.studies.elements.modes import Modes, judge_modes
+from palpate.validation.studies.elements.thin import Thin, follow_thin, judge_thin
 from palpate.validation.studies.frontier import STVK, Adapter, time_fastsim
 
 LINEAR, SMOOTHED = OURS[Element.LINEAR], OURS[Element.SMOOTHED]
@@ -48,17 +50,28 @@ def test_a_time_to_an_error_lies_between_meshes_on_a_power() -> None:
     assert bar.orders(FAST) == [None, pytest.approx(2.0), pytest.approx(2.0)]
 
 
-def test_an_error_after_a_time_likewise() -> None:
-    assert bar.error_after(FAST, math.sqrt(0.1)) == pytest.approx(0.05)
-    assert bar.error_after(FAST, 0.05) is None
-    assert bar.error_after(FAST, 100.0) == pytest.approx(0.00625)
-
-
 def sooner(who: str) -> str:
-    return f"nu = 0.49: smoothed tetrahedra are nearer the truth than {who} in the same time"
+    claim = f"smoothed tetrahedra are quicker than {who} at every error from 10 to 1 %"
+    return f"nu = 0.49: {claim}"
 
 
-def test_what_is_nearer_in_the_same_time_passes() -> None:
+def test_who_is_quicker_is_told_error_by_error() -> None:
+    same = curve(LINEAR, [0.4, 4.0, 40.0], [0.1, 0.025, 0.00625])
+    assert list(bar.quickness(same, FAST).values()) == pytest.approx([4.0] * 91)
+    # Half a decade of error in a decade and a half of time: level at 1 s, slower before it.
+    crossing = curve(LINEAR, [0.01, 1.0, 100.0], [0.1, 0.025, 0.00625])
+    found = bar.quickness(crossing, FAST)
+    assert all((ratio > 1.0) == (level < 0.025) for level, ratio in found.items())
+    told = bar._told(found)
+    assert told == "10 to 2.5 %: 1 to 10 times slower; 2.4 to 1 %: 1 to 4.6 times as quick"
+    assert verdicts(crossing, FAST)[sooner(LINEAR)] is Verdict.FAILED
+    # Who gets only so far is beaten from there on.
+    short = curve(LINEAR, [0.4, 4.0, 5.0], [0.1, 0.025, 0.02])
+    assert min(bar.quickness(short, FAST).items())[1] == math.inf
+    assert bar._told(bar.quickness(short, FAST)).endswith("below 2 % the other never get there")
+
+
+def test_what_gets_there_sooner_passes() -> None:
     found = verdicts(SLOW, FAST)
     assert len(found) == 2
     assert set(found.values()) == {Verdict.PASSED}
@@ -70,14 +83,15 @@ def test_a_smoothed_bar_that_locks_fails_its_limit() -> None:
     assert list(found.values()) == [Verdict.FAILED, Verdict.PASSED]
 
 
-def test_who_is_nearer_in_the_same_time_makes_the_claim_fail() -> None:
+def test_who_gets_there_sooner_makes_the_claim_fail() -> None:
     quick = curve(LINEAR, [0.01, 0.1, 1.0], [0.1, 0.025, 0.00625])
     assert verdicts(quick, FAST)[sooner(LINEAR)] is Verdict.FAILED
 
 
-def test_who_has_no_run_of_comparable_time_is_neither_beaten_nor_ahead() -> None:
-    brief = curve(LINEAR, [0.0001, 0.001, 0.01], [0.8, 0.4, 0.2])
-    assert verdicts(brief, FAST)[sooner(LINEAR)] is Verdict.INCONCLUSIVE
+def test_where_nobody_gets_nothing_is_said() -> None:
+    stiff = [run._replace(error=8.0 * run.error) for run in SLOW]
+    locked = [run._replace(error=8.0 * run.error, who=SMOOTHED) for run in SLOW]
+    assert verdicts(stiff, locked)[sooner(LINEAR)] is Verdict.INCONCLUSIVE
 
 
 def test_a_faster_rival_is_a_failed_finding_and_on_the_figure() -> None:
@@ -197,3 +211,35 @@ def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
     assert 0.0 < bars.truth_changes[0.49] < 0.03
     assert judge_bars(bars)[0].verdict is Verdict.PASSED
     assert judge_bars(follow(spoiled=True))[0].verdict is Verdict.FAILED
+
+
+def test_the_rule_for_thin_bodies_is_put_to_the_test() -> None:
+    # One bar of four cells at nu = 0.3: x = 1.5, k = (2 + 1.4 + 1.5) / 16, and smoothed
+    # 0.5 / 64 + 1.4 * 1.5 / 29.5 / 16.
+    k, smooth = 4.9 / 16, 0.5 / 64 + 1.4 * 1.5 / 29.5 / 16
+    rules = [expected_error(4, 1, 0.3, element) for element in Element]
+    assert rules == pytest.approx([k / (1 + k), smooth / (1 + smooth)])
+    sound = Thin(0.3, 4, 1, 0.9 * rules[0], 0.7 * rules[1], *rules)
+    assert [f.verdict for f in judge_thin([sound])] == [Verdict.PASSED] * 2
+    for spoiled, which in (
+        (sound._replace(linear=1.3 * rules[0]), 0),
+        (sound._replace(linear=0.7 * rules[0]), 0),
+        (sound._replace(smoothed=2.0 * rules[1]), 1),
+        (sound._replace(smoothed=0.2 * rules[1]), 1),
+    ):
+        assert judge_thin([sound, spoiled])[which].verdict is Verdict.FAILED
+    page = present(Found(Bars([*SLOW, *FAST], {0.49: 0.001}, ()), thin=[sound]))
+    assert "smoothed, rule" in page.figures["thin"].svg
+    assert page.tables["thin"].texts[0][:3] == ["0.3", "4", "1"]
+
+
+@pytest.mark.dolfinx
+def test_thin_bars_miss_what_the_rule_says() -> None:
+    truth = bar.solve_truth(bar.make_bar(4, 0.3), lambda _line: None)
+    found = follow_thin({0.3: truth}, lambda _line: None, through=(1, 2), slenderness=(1, 4))
+    assert [(one.num_cells, one.slenderness) for one in found] == [(1, 1), (2, 1), (1, 4), (2, 4)]
+    assert {finding.verdict for finding in judge_thin(found)} == {Verdict.PASSED}
+    # Cells four times as long as high are worse than half as many that are not.
+    by = {(one.num_cells, one.slenderness): one for one in found}
+    assert by[2, 4].linear > by[1, 1].linear
+    assert by[2, 4].smoothed > by[1, 1].smoothed > 5.0 * by[2, 1].smoothed
