@@ -147,6 +147,7 @@ def mesh_surface(
     boundary_distance: float | None = None,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
+    report: Callable[[MeshingReport], None] | None = None,
 ) -> TetMesh:
     """Fill a closed surface with tetrahedra, keeping its points and facets.
 
@@ -164,13 +165,13 @@ def mesh_surface(
             `surface_remesher`.
         seed: Of the jitter; the same seed gives the same mesh.
         progress: Called with one line per attempt.
+        report: Called with what was done, when it is.
 
     Returns:
         A mesh whose first points are the surface's and whose boundary facets are the
         surface's; every cell is positive by the exact predicate, and the volume is the
         surface's. Only where a point had to be left on a facet is that facet cut at it: seen on
-        Chazelle's polyhedra with hundreds of facets in common planes, and said by
-        `mesh_surface_with_report`.
+        Chazelle's polyhedra with hundreds of facets in common planes, and said in the report.
 
     Raises:
         InputError: A size field that gives no size, or asks for too many cells.
@@ -178,32 +179,6 @@ def mesh_surface(
         MeshingError: This mesher does not manage it; the message says what is in the way.
         RemeshError: No free boundary within the distance.
     """
-    return mesh_surface_with_report(
-        surface,
-        edge_length=edge_length,
-        size_field=size_field,
-        lattice=lattice,
-        improve=improve,
-        boundary=boundary,
-        boundary_distance=boundary_distance,
-        seed=seed,
-        progress=progress,
-    )[0]
-
-
-def mesh_surface_with_report(
-    surface: TriSurface,
-    *,
-    edge_length: float | None = None,
-    size_field: SizeField | None = None,
-    lattice: Lattice = Lattice.BODY_CENTRED,
-    improve: bool = True,
-    boundary: Boundary = Boundary.KEPT,
-    boundary_distance: float | None = None,
-    seed: int = 0,
-    progress: Callable[[str], None] | None = None,
-) -> tuple[TetMesh, MeshingReport]:
-    """Do as `mesh_surface` does, and say what was done."""
     remesh = None
     if boundary is Boundary.FREE:
         if boundary_distance is None:
@@ -224,7 +199,7 @@ def mesh_surface_with_report(
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
     jitter = 0.1 if lattice is Lattice.PAPER else 0.01
     failure: MeshingError | None = None
-    second_best: tuple[TetMesh, MeshingReport] | None = None
+    best: tuple[TetMesh, MeshingReport] | None = None
     for attempt, (shift, clearance, factor) in enumerate(_ATTEMPTS, start=1):
         if progress:
             progress(f"meshing {len(facets)} facets, edge length {size:.3g} m, try {attempt}")
@@ -252,16 +227,18 @@ def mesh_surface_with_report(
             failure = FlatCellError(error.cells)
             continue
         counts = {name: getattr(made, name) for name in _COUNTS}
-        report = MeshingReport(**counts, attempts=attempt, remesh=remesh)
-        if made.boundary_steiner_points == 0:
+        is_kept = made.boundary_steiner_points == 0
+        if is_kept or best is None:
+            best = mesh, MeshingReport(**counts, attempts=attempt, remesh=remesh)
+        if is_kept:
             _require_boundary(facets, mesh)
-            return mesh, report
-        if second_best is None:
-            second_best = mesh, report
-    if second_best is not None:
-        return second_best
-    assert failure is not None
-    raise failure
+            break
+    if best is None:
+        assert failure is not None
+        raise failure
+    if report:
+        report(best[1])
+    return best[0]
 
 
 def delaunay(points: Points) -> tuple[Indices, list[int]]:

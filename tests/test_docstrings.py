@@ -27,7 +27,7 @@ OFFERED = {
     "fastsim.dynamics": ["DynamicResult", "simulate"],
     "fastsim.explicit_body": ["ExplicitBody"],
     "fastsim.grading.graded_mesh": ["GradedMesh"],
-    "fastsim.mesher": ["MeshingReport", "mesh_surface", "mesh_surface_with_report", "delaunay"],
+    "fastsim.mesher": ["MeshingReport", "mesh_surface", "delaunay"],
     "fastsim.statics": ["StaticResult", "solve_static"],
     "fastsim.surface_remesher": ["remesh_surface"],
     "meshes.files": ["read_mesh", "read_surface", "write_mesh", "write_surface"],

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.mesher import MeshingReport, mesh_surface_with_report
+from palpate.fastsim.mesher import MeshingReport, mesh_surface
 from palpate.meshes.errors import SurfaceError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
@@ -310,7 +310,9 @@ def draw(family: str, seed: int) -> TriSurface | None:
 
 def require_kept(surface: TriSurface) -> tuple[TetMesh, MeshingReport]:
     """Meshes a surface; its points, facets and volume are those of the mesh."""
-    mesh, report = mesh_surface_with_report(surface)
+    reports: list[MeshingReport] = []
+    mesh = mesh_surface(surface, report=reports.append)
+    (report,) = reports
     assert report.boundary_steiner_points == 0
     np.testing.assert_array_equal(mesh.points[: len(surface.points)], surface.points)
     turned = [

@@ -16,7 +16,7 @@ from palpate.fastsim.grading.size_fields import (
     grow_with_distance,
     refine_to_size,
 )
-from palpate.fastsim.mesher import Boundary, MeshingError, mesh_surface_with_report
+from palpate.fastsim.mesher import Boundary, MeshingError, MeshingReport, mesh_surface
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
@@ -93,17 +93,18 @@ def _fill_graded(
 ) -> BuiltMesh:
     """Facets and cells as small as the grades ask, made at once."""
     assert spec.boundary_distance is not None
-    mesh, report = mesh_surface_with_report(
+    done: list[MeshingReport] = []
+    mesh = mesh_surface(
         surface,
         edge_length=size,
         size_field=_size_field(surface, spec.grade, units),
         boundary=Boundary.FREE,
         boundary_distance=units.metres(spec.boundary_distance),
+        report=done.append,
     )
-    assert report.remesh is not None
-    return BuiltMesh(
-        mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {report.remesh.line()}"
-    )
+    remesh = done[0].remesh
+    assert remesh is not None
+    return BuiltMesh(mesh, f"meshed by fastsim, graded: {mesh.num_cells} cells; {remesh.line()}")
 
 
 def grade(mesh: TetMesh, grades: Sequence[GradeSpec], units: Units) -> TetMesh:
@@ -138,8 +139,9 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> Built
     refusal = ""
     if spec.mesher in ("auto", "fastsim"):
         try:
-            mesh, report = mesh_surface_with_report(surface, edge_length=size)
-            cut = report.boundary_steiner_points
+            done: list[MeshingReport] = []
+            mesh = mesh_surface(surface, edge_length=size, report=done.append)
+            cut = done[0].boundary_steiner_points
             added = f", {cut} point(s) added on the surface's facets" if cut else ""
             return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells{added}")
         except MeshingError as error:

@@ -25,16 +25,14 @@ LENGTH_UNITS = {
 _PLAIN = (0.0, 2.0, 0.5)
 # A factor that was found is taken for a known one within this part of it.
 _SNAP = 1e-5
-_SNAP_SINGLE = 1e-4
 
 
-def snapped(factor: float, *, is_single: bool = False) -> float | None:
+def snapped(factor: float) -> float | None:
     """The known factor that this is, of either sign; None where it is none of them."""
-    near = _SNAP_SINGLE if is_single else _SNAP
     for known in (1.0, *_PLAIN[1:], *UNIT_FACTORS, *LENGTH_UNITS):
-        if abs(abs(factor) - known) <= near * known:
+        if abs(abs(factor) - known) <= _SNAP * known:
             return known if factor > 0.0 else -known
-    return 0.0 if abs(factor) <= near else None
+    return 0.0 if abs(factor) <= _SNAP else None
 
 
 def load_name(index: int, load: Load) -> str:

@@ -12,7 +12,7 @@ from palpate.fastsim.grading.size_fields import (
     grow_with_distance,
     mean_edges,
 )
-from palpate.fastsim.mesher import Boundary, Lattice, mesh_surface, mesh_surface_with_report
+from palpate.fastsim.mesher import Boundary, Lattice, MeshingReport, mesh_surface
 from palpate.meshes.errors import InputError
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.shapes import shape_box
@@ -51,15 +51,17 @@ def test_a_mesh_follows_the_field(boundary: Boundary) -> None:
     box = shape_box((1.0, 0.7, 0.5), edge_length=0.2)
     place = CORNER if boundary is Boundary.FREE else 0.5 * CORNER
     field = grow_with_distance(distance_to_points(place), smallest=0.01, growth=0.4)
-    mesh, report = mesh_surface_with_report(
+    reports: list[MeshingReport] = []
+    mesh = mesh_surface(
         box,
         edge_length=0.2,
         size_field=field,
         boundary=boundary,
         boundary_distance=0.005 if boundary is Boundary.FREE else None,
+        report=reports.append,
     )
     assert mesh.volume == pytest.approx(box.volume, rel=1e-12)
-    assert (report.remesh is None) == (boundary is Boundary.KEPT)
+    assert (reports[0].remesh is None) == (boundary is Boundary.KEPT)
     asked = np.minimum(field(mesh.points[mesh.cells].mean(axis=1)), 0.2)
     share = mean_edges(mesh.points, mesh.cells) / asked
     # Cubes go by octaves, so sizes scatter by one about what is asked.
