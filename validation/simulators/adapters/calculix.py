@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mechanics import Points
 
 # Residual over the mean force, and correction over displacement; ccx's own are 5e-3 and 1e-2.
 _TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-9, 1e-6, , , 1e-9, , ,"
@@ -31,7 +32,7 @@ class Static:
     """One run of the program a solve; it reads its input file, and writes every point."""
 
     tool, precision = "CalculiX", "float64"
-    kind = "C3D4"
+    kind, nodes_of = "C3D4", Points
 
     def __init__(self, job: dict[str, Any]) -> None:
         program = shutil.which("ccx")
@@ -41,18 +42,11 @@ class Static:
         self.version = (re.findall(r"[\d.]+\d", said) or ["?"])[0]
         self._program = program
         self._solver = str(job.get("solver", "SPOOLES"))
-        body = self.body_of(job)
+        self._nodes = self.nodes_of(job)
+        body = self._nodes.arrays
         self._num_points = len(body["points"])
         self._input = _input_file({**job, **body}, self.kind, self._solver)
         self.answer: dict[str, Any] = {}
-
-    def body_of(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Nodes, cells, what holds and pushes them."""
-        return job
-
-    def answer_of(self, displacement: Any) -> dict[str, Any]:
-        """From the displacement of the nodes [m]."""
-        return {"displacement": displacement}
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """Run it to the full load."""
@@ -68,7 +62,7 @@ class Static:
         if done.returncode or len(rows) != self._num_points or "time  0.1000000E+01" not in last:
             raise SystemExit(f"ccx ended with {done.returncode} before the full load")
         numbered = np.array(rows, dtype=float)
-        self.answer = self.answer_of(numbered[numbered[:, 0].argsort(), 1:])
+        self.answer = self._nodes.answer(numbered[numbered[:, 0].argsort(), 1:])
         iterations = re.findall(r"^ iteration +\d+", done.stdout, re.MULTILINE)
         return {
             "newton_iterations": max(1, len(iterations)),

@@ -11,7 +11,7 @@ from typing import Any
 
 import felupe
 import numpy as np
-from mechanics import lame
+from mechanics import Points, lame
 
 try:
     from pypardiso import spsolve
@@ -29,10 +29,11 @@ class Static:
     """Newton's method, the load in `load_parts`: from rest it does not reach large deflections."""
 
     tool, version, precision = "FElupe", felupe.__version__, "float64"
-    kind, region = "tetra", felupe.RegionTetra
+    kind, region, nodes_of = "tetra", felupe.RegionTetra, Points
 
     def __init__(self, job: dict[str, Any]) -> None:
-        self._body = self.body_of(job)
+        self._nodes = self.nodes_of(job)
+        self._body = self._nodes.arrays
         if self._body["points"].size > LARGEST:
             raise ValueError(f"direct factors of more than {LARGEST} unknowns take gigabytes")
         self._job = job
@@ -44,14 +45,6 @@ class Static:
         else:
             lmbda, mu = lame(job)
             self._law = felupe.Hyperelastic(felupe.saint_venant_kirchhoff, mu=mu, lmbda=lmbda)
-
-    def body_of(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Nodes, cells, what holds and pushes them."""
-        return job
-
-    def answer_of(self, displacement: Any) -> dict[str, Any]:
-        """From the displacement of the nodes [m]."""
-        return {"displacement": displacement}
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """Assembly and solve from rest."""
@@ -72,7 +65,7 @@ class Static:
                 tol=float(job.get("relative_tolerance", 1e-10)), verbose=0,
             )  # fmt: skip
             num_iterations += int(found.iterations)
-        self.answer = self.answer_of(field[0].values.copy())
+        self.answer = self._nodes.answer(field[0].values.copy())
         return {"method": f"Newton, {SOLVER}", "newton_iterations": num_iterations}
 
 
