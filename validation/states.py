@@ -141,6 +141,10 @@ class OwnMesh:
 class CellStresses:
     """Means over each cell of a mesh; symmetric, tension positive.
 
+    A pressure is minus a third of a cell's trace. Smoothed tetrahedra's pressures of nodes may
+    alternate from node to node like a checkerboard: read the cells, not what a viewer makes of
+    them at the nodes.
+
     Attributes:
         second_piola_kirchhoff: S, over the rest cell, in the rest frame [Pa], (num_cells, 3, 3).
         cauchy: sigma = F S F^T / det F, likewise; S itself under linear strain.

@@ -12,6 +12,7 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference.availability import is_available
 from palpate.reference.result import Formulation
 from palpate.validation.case import load_case
+from palpate.validation.metrics import Part, measure
 from palpate.validation.solving import Simulator, solve
 
 if is_available():
@@ -143,6 +144,11 @@ def test_fastsim_and_the_reference_find_the_same_stresses_on_the_same_mesh(box, 
         one, other = getattr(ours, name), getattr(theirs, name)
         assert len(other) == problem.mesh.num_cells
         assert np.abs(one - other).max() <= 1e-8 * np.abs(other).max()
+    everywhere = np.ones_like(problem.mesh.points)
+    cells = np.arange(problem.mesh.num_cells, dtype=np.int32)
+    weights = everywhere * (problem.mesh.points[:, :1] > 0.25)
+    assert measure("stress_l2", problem, *found, Part(cells, everywhere)).value <= 1e-8
+    assert measure("traction_resultant", problem, *found, Part(cells, weights)).value <= 1e-8
     true = solve_static(problem, strain=strain, element=element)
     assert np.abs(true.von_mises_stress - ours.von_mises).max() <= 1e-8 * ours.von_mises.max()
 

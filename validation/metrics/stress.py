@@ -48,6 +48,7 @@ from palpate.validation.mechanics.body import (
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.own_mesh import problem_on
 from palpate.validation.metrics.pairs import Difference, ratio
+from palpate.validation.metrics.stress_slips import slip_in_stress
 from palpate.validation.states import CellStresses, OwnMesh, State, StressIntegrals
 
 # A resultant below this part of the sum of all nodal forces' sizes is none: a pressure all around,
@@ -113,6 +114,10 @@ def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) 
     if not are_measurable(found):
         return Difference(math.inf, math.nan, name)
     compared = ratio(norm(found - expected), norm(expected), name)
+    if candidate.sent_stress is not None and candidate.own is None:
+        body = body_of(problem, candidate.strain, candidate.element)
+        slip = slip_in_stress(body, candidate.displacement, candidate.sent_stress, part.cells)
+        compared = dataclasses.replace(compared, remark=slip)
     if doubt is None or not compared.scale > 0.0:
         return compared
     off = norm(doubt.cauchy[part.cells]) / compared.scale

@@ -17,7 +17,7 @@ from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.exchange.point_location import locate_points
-from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.body import Body, body_of
 from palpate.validation.metrics import Part, make_state, measure, stress_integrals
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.result_states import with_own_mesh
@@ -125,6 +125,28 @@ def test_the_second_piola_kirchhoff_stress_sent_for_cauchys_is_seen(
     sent = found.stresses.second_piola_kirchhoff
     wrong = state_of(problem, answer, sent_stress=sent)
     assert measure("stress_l2", problem, wrong, right, cells_of(problem)).value > 0.05
+    sigma = found.stresses.cauchy
+    F = np.eye(3) + body_of(problem, Strain.GREEN).gradient(answer)
+    deviator = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+    for slip, words in (
+        (sent, "second Piola-Kirchhoff stress"),
+        (-sigma, "compression positive"),
+        (sigma / 1000.0, "in kPa"),
+        (sigma / 1e6, "in MPa"),
+        (deviator, "deviator"),
+        (np.linalg.det(F)[:, None, None] * sigma, "Kirchhoff stress, det F"),
+        (sigma, ""),
+        (1.03 * sigma, ""),
+    ):
+        told = measure(
+            "stress_l2",
+            problem,
+            state_of(problem, answer, sent_stress=slip),
+            right,
+            cells_of(problem),
+        )
+        assert words in told.remark
+        assert bool(words) == bool(told.remark)
     broken = sent.copy()
     broken[5] = math.nan
     unusable = state_of(problem, answer, sent_stress=broken)
