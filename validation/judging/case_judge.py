@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case import Case
@@ -52,7 +53,7 @@ class CaseJudge:
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
         if spec.about.of_part is not None:
-            bar = self._bar_of_part(spec, strain)
+            bar = self._bar_of_part(spec)
         else:
             bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
         found = judge_check(
@@ -104,14 +105,21 @@ class CaseJudge:
         is_mute = spec.about.of_part is not None and truth is not None and not tells_stress(truth)
         return None if is_mute else truth
 
-    def _bar_of_part(self, spec: CheckSpec, strain: Strain) -> float:
-        """Of the truth in the part that a check names."""
+    def _bar_of_part(self, spec: CheckSpec) -> float:
+        """Of the truth in the part that a check names; every answer is held against the same."""
         if spec.against != "truth":
             return 0.0
-        units = self.case.spec.units
-        part = part_of_check(spec, self.problem, units, f"check {spec.metric}")
-        assert part is not None
-        return bar_of_part(self.problem, self.references, strain, spec.metric, part)
+        if spec not in self._bars_of_parts:
+            problem, units, strain = self.problem, self.case.spec.units, self.strain_of(spec)
+            part = part_of_check(spec, problem, units, f"check {spec.metric}")
+            assert part is not None
+            bar = bar_of_part(problem, self.references, strain, spec.metric, part)
+            self._bars_of_parts[spec] = bar
+        return self._bars_of_parts[spec]
+
+    @cached_property
+    def _bars_of_parts(self) -> dict[CheckSpec, float]:
+        return {}
 
     def _why_missing(self, spec: CheckSpec) -> str:
         """Why there is no reference for a check; "" where there is, or nobody knows."""

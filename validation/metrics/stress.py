@@ -106,10 +106,8 @@ def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) 
     def norm(stress: Floats) -> float:
         return math.sqrt(float(volumes @ np.einsum("cij,cij->c", stress, stress)))
 
-    ours, doubt = _read(problem, candidate)
-    theirs, _ = _read(problem, reference)
-    expected = turned_back(problem.mesh, reference, theirs.cauchy, part.cells)
-    found = turned_back(problem.mesh, candidate, ours.cauchy, part.cells)
+    doubt = _read(problem, candidate)[1]
+    found, expected = (_turned_back(problem, s)[part.cells] for s in (candidate, reference))
     name = "L2 norm of the reference's stress there"
     if not are_measurable(found):
         return Difference(math.inf, math.nan, name)
@@ -160,16 +158,19 @@ def resultant(problem: Problem, integrals: StressIntegrals, part: Part) -> NDArr
     return total
 
 
-def turned_back(mesh: TetMesh, state: State, sigma: Floats, cells: Indices) -> Floats:
-    """R^T sigma R of some cells, R the rotation of each by the state's displacement."""
+# Each state is looked at in several parts, and beside several others.
+@lru_cache(maxsize=4)
+def _turned_back(problem: Problem, state: State) -> Floats:
+    """R^T sigma R of each cell, R its rotation by the state's displacement."""
+    sigma, mesh = _read(problem, state)[0].cauchy, problem.mesh
     if state.strain is Strain.LINEAR:
-        return sigma[cells]
-    corners = state.displacement[mesh.cells[cells]].transpose(0, 2, 1)
-    F = np.eye(3) + corners @ shape_gradients(mesh)[cells]
+        return sigma
+    corners = state.displacement[mesh.cells].transpose(0, 2, 1)
+    F = np.eye(3) + corners @ shape_gradients(mesh)
     U, _, Vt = np.linalg.svd(F)
     U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
     R = U @ Vt
-    turned: Floats = R.transpose(0, 2, 1) @ sigma[cells] @ R
+    turned: Floats = R.transpose(0, 2, 1) @ sigma @ R
     return turned
 
 
@@ -189,6 +190,7 @@ def _largest_resultant(problem: Problem, state: State, integrals: StressIntegral
     return found if found > _NO_FORCE * float(np.linalg.norm(force, axis=1).sum()) else 0.0
 
 
+@lru_cache(maxsize=4)
 def _read(problem: Problem, state: State) -> tuple[StressIntegrals, StressIntegrals | None]:
     """A state's stress over the case's cells; on a mesh of its own what that may be off by too."""
     if state.integrals is not None:
@@ -204,7 +206,6 @@ def _read(problem: Problem, state: State) -> tuple[StressIntegrals, StressIntegr
     return StressIntegrals(sigma, body.force_of(P)), None
 
 
-@lru_cache(maxsize=2)
 def _read_own(
     problem: Problem, state: State, own: OwnMesh
 ) -> tuple[StressIntegrals, StressIntegrals]:
