@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,8 @@ from palpate.meshes.boundary_conditions import Load, Pressure, Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
 
-_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+# Local corners of the edges of a cell.
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # The octahedron left inside is cut along one of three diagonals, given as the midpoints of
 # opposite edges; around it the four other midpoints in turn.
 _DIAGONALS = (
@@ -31,7 +34,7 @@ def refine_uniformly(mesh: TetMesh) -> TetMesh:
     """
     midpoints = _EdgeMidpoints(mesh)
     corners = mesh.cells.astype(np.int64)
-    m = midpoints.of(corners[:, _EDGES].reshape(-1, 2)).reshape(-1, 6)
+    m = midpoints.of(corners[:, EDGES].reshape(-1, 2)).reshape(-1, 6)
     points = midpoints.points
     c0, c1, c2, c3 = corners.T
     m01, m02, m03, m12, m13, m23 = m.T
@@ -75,23 +78,40 @@ def refine_problem(problem: Problem) -> Problem:
         The problem on eight cells for each; its mesh has the same volume.
     """
     midpoints = _EdgeMidpoints(problem.mesh)
+    # In the order of the cells of `refine_uniformly`: four corners, then four inside.
+    given = np.arange(problem.mesh.num_cells)
+    given_cell = np.concatenate([np.tile(given, 4), np.repeat(given, 4)])
+    return carry_problem(problem, refine_uniformly(problem.mesh), given_cell, midpoints.facets)
+
+
+def carry_problem(
+    problem: Problem,
+    mesh: TetMesh,
+    given_cell: NDArray[Any],
+    carry_facets: Callable[[Indices], Indices],
+) -> Problem:
+    """A problem on a finer mesh of its body that has its points first.
+
+    Args:
+        problem: On the coarser mesh.
+        mesh: The finer one.
+        given_cell: The coarser mesh's cell that each of the finer one lies in.
+        carry_facets: From facets of the coarser mesh to their parts.
+    """
     supports = [
-        dataclasses.replace(support, facets=midpoints.facets(support.facets))
+        dataclasses.replace(support, facets=carry_facets(support.facets))
         for support in problem.supports
     ]
     loads: list[Load] = []
     for load in problem.loads:
         if isinstance(load, Traction | Pressure):
-            loads.append(dataclasses.replace(load, facets=midpoints.facets(load.facets)))
+            loads.append(dataclasses.replace(load, facets=carry_facets(load.facets)))
         else:
             loads.append(load)
     tools = [
-        dataclasses.replace(tool, contact_facets=midpoints.facets(tool.contact_facets))
+        dataclasses.replace(tool, contact_facets=carry_facets(tool.contact_facets))
         for tool in problem.tools
     ]
-    # In the order of the cells of `refine_uniformly`: four corners, then four inside.
-    given = np.arange(problem.mesh.num_cells)
-    given_cell = np.concatenate([np.tile(given, 4), np.repeat(given, 4)])
     inclusions = [
         dataclasses.replace(
             one, cells=np.flatnonzero(np.isin(given_cell, one.cells)).astype(np.int32)
@@ -100,7 +120,7 @@ def refine_problem(problem: Problem) -> Problem:
     ]
     return dataclasses.replace(
         problem,
-        mesh=refine_uniformly(problem.mesh),
+        mesh=mesh,
         supports=tuple(supports),
         loads=tuple(loads),
         tools=tuple(tools),
@@ -129,7 +149,7 @@ class _EdgeMidpoints:
 
     def __init__(self, mesh: TetMesh) -> None:
         self._stride = mesh.num_points
-        pairs = mesh.cells[:, _EDGES].reshape(-1, 2).astype(np.int64)
+        pairs = mesh.cells[:, EDGES].reshape(-1, 2).astype(np.int64)
         self._keys = np.unique(self._key(pairs))
         first, second = np.divmod(self._keys, self._stride)
         middle: Points = 0.5 * (mesh.points[first] + mesh.points[second])

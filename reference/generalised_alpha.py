@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -154,7 +155,7 @@ class Motion:
         self._tangent = fenicsx.form(tangent)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        self.tools = ImplicitTools(problem, space, loads.held)
+        self.tools = ImplicitTools(problem, space, loads.held, tolerance)
         is_symmetric = not self.loads.has_followers
         # Multigrid does badly by contact, and factors serve many of its steps.
         self.solver: LinearSolver | LaggedFactors = (
@@ -163,6 +164,8 @@ class Motion:
             else LinearSolver(space.coordinates, is_symmetric=is_symmetric)
         )
         self.iterations = 0
+        # Of a linear body: the factors of mass and stiffness, and their matrix.
+        self._linear: tuple[tuple[float, float], Any] | None = None
 
     def inertia(self, acceleration: Floats) -> Floats:
         """M a [N], flat."""
@@ -193,8 +196,7 @@ class Motion:
         """
         self.body.set_displacement(u)
         self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
-        self._matrix.zeroEntries()
-        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        self._assemble(mass, stiffness)
         if stiffness:
             self.loads.add_tangent(self._matrix, stiffness, time)
         if self._row_sums is not None:
@@ -208,6 +210,19 @@ class Motion:
         return self.solver.solve(
             self._matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance
         )
+
+    def _assemble(self, mass: float, stiffness: float) -> None:
+        """Without followers, lumped mass and tools; of a linear body once for each time step."""
+        if self.body.strain is Strain.LINEAR and self._linear is not None:
+            factors, kept = self._linear
+            if factors == (mass, stiffness):
+                kept.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+                return
+            kept.destroy()
+        self._matrix.zeroEntries()
+        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        if self.body.strain is Strain.LINEAR:
+            self._linear = (mass, stiffness), self._matrix.copy()
 
     def start(self, u: Floats, v: Floats) -> State:
         """The state at time 0, with the acceleration that balances it."""

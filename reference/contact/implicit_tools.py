@@ -23,8 +23,8 @@ from palpate.reference.contact.tool_contact import ToolContact, create_contacts
 from palpate.reference.mesh_transfer import TransferredSpace
 from palpate.reference.supports import HeldDofs
 
-# The multipliers carry all but this part of the forces on tools.
-_CARRIED = 1e-6
+# The multipliers carry all but this many times the tolerance of the forces on tools.
+_OVER_TOLERANCE = 100.0
 # Multipliers are taken over where the rest of the step is balanced to this part.
 _ROUGH = 1e-2
 
@@ -36,12 +36,16 @@ class ImplicitTools:
         problem: With its tools.
         space: Displacement space.
         held: Degrees of freedom that are held, shape (n,).
+        tolerance: Relative residual of a step [-].
 
     Raises:
         InputError: A tool with friction, driven by a force, or given by a surface.
     """
 
-    def __init__(self, problem: Problem, space: TransferredSpace, held: Indices) -> None:
+    def __init__(
+        self, problem: Problem, space: TransferredSpace, held: Indices, tolerance: float
+    ) -> None:
+        self._carried = _OVER_TOLERANCE * tolerance
         dofs = HeldDofs(held, np.zeros(len(held)))
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, dofs)
         materials = (problem.material, *(i.material for i in problem.inclusions))
@@ -134,7 +138,7 @@ class ImplicitTools:
             return False
         slid = [contact.let_go(displacement)[0] for contact in self._contacts]
         changes = [contact.augment(displacement) for contact in self._contacts]
-        return not any(slid) and all(change <= _CARRIED * whole for change, whole in changes)
+        return not any(slid) and all(change <= self._carried * whole for change, whole in changes)
 
     def mean_forces(self, duration: float) -> Points:
         """On each tool since this was last asked [N], shape (num_tools, 3).

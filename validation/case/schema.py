@@ -354,8 +354,4 @@ class CaseSpec(Table):
                     f'check {check.metric} against = "same_mesh" is judged step by step: give '
                     'time_step in [time], the same for all, or check against = "truth"'
                 )
-            if check.against == "truth" and self.tool:
-                raise ValueError(
-                    'a case with [time] and [tool] has no truth; check against = "same_mesh"'
-                )
         return self

@@ -100,7 +100,10 @@ def build(
             found = with_stresses(case.problem, old, sorted(strains), about, progress)
             provenance: dict[str, Any] = dict(found.provenance)
         elif element is None:
-            found = solve_for_storing(case.problem, progress, wanted=wanted)
+            judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
+            found = solve_for_storing(
+                case.problem, progress, wanted=wanted, truth_strains=sorted(judged)
+            )
             provenance = {**about, **found.provenance}
         elif "same_mesh" not in wanted:
             print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))

@@ -182,7 +182,7 @@ _METRICS = (
         "largest error of the force on a tool",
         "largest force of the reference on a tool",
         fields.tool_force,
-        needs_same_mesh=True,
+        has_moving_truth=True,
         needs_tools=True,
     ),
     Metric(

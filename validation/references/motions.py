@@ -9,26 +9,21 @@ It asks nothing of the candidate's step, mesh or method.
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
-
-import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-from palpate.validation.metrics import MOVING_TRUTH_METRICS, measure
-from palpate.validation.metrics.finite import largest
-from palpate.validation.metrics.grid_convergence import (
-    Convergence,
-    GridConvergence,
-    assess_grid_convergence,
-)
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
 from palpate.validation.references.motion_runs import solve_explicit, solve_implicit
+from palpate.validation.references.motion_sequences import (
+    assess_sequence,
+    difference,
+    truth_metrics,
+)
 from palpate.validation.references.sequences import SAFETY_FACTOR, as_data, bar_of
 from palpate.validation.references.sets import (
     BOTH,
@@ -38,18 +33,15 @@ from palpate.validation.references.sets import (
     TRUTH,
     ReferenceSet,
 )
+from palpate.validation.references.tool_truths import solve_tool_truth
 from palpate.validation.states import REFERENCE, Progress, State
 
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
 STORED_STEPS = (1, 2, 4)
 LIVE_STEPS = (1, 2)
-# Of generalised-alpha in the time step; in the mesh less at clamped edges, more inside.
-_ORDER = 2.0
 # Cells of the finest of three meshes that are still stepped through.
 _LARGEST_MOVING = 6_000
-# Relative: seven digits kept, and solves to 1e-9 of the forces, step upon step.
-_NOISE = 1e-6
 
 
 def solve_motion_set(
@@ -60,6 +52,7 @@ def solve_motion_set(
     stored: ReferenceSet | None = None,
     is_for_storing: bool = False,
     elements: Collection[Element] = (Element.LINEAR,),
+    truth_strains: Collection[Strain] = tuple(Strain),
 ) -> ReferenceSet:
     """The explicit runs and the truth of a dynamic case, one for each strain measure.
 
@@ -71,12 +64,13 @@ def solve_motion_set(
         is_for_storing: Three time steps and a refined mesh for the error bars; otherwise two
             steps, and linear tetrahedra for the mesh's part, an upper estimate.
         elements: Of the explicit runs.
+        truth_strains: Of the truth.
 
     Returns:
         States, bars, and why one is missing: a run that found no answer leaves the others be.
 
     Raises:
-        InputError: Tools, which the reference's motions do not have yet.
+        InputError: A tool that the reference cannot move.
         ReferenceUnavailableError: No FEniCSx here.
         ReferenceFailedError: A run failed, and the set is for storing: nothing incomplete is.
     """
@@ -103,14 +97,18 @@ def solve_motion_set(
         states |= held
         bars |= stored.bars
     elif "truth" in wanted:
-        solve = _truth_for_storing if is_for_storing else _truth_here
-        for strain in Strain:
+        solve = _truth_here
+        if is_for_storing:
+            solve = solve_tool_truth if problem.tools else _truth_for_storing
+        for strain in truth_strains:
             with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
                 truth, found, details = solve(problem, strain, progress)
                 states[truth.label, strain] = truth
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
                 convergence[strain.value] = details
-        cut = " cut in eight" if (TRUTH, Strain.GREEN) in states else ""
+        cut = ""
+        if (TRUTH, Strain.GREEN) in states:
+            cut = " refined by the tools" if problem.tools else " cut in eight"
         origin.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
         if not is_for_storing:
             origin.append(f"its error bars: differences from a longer step and P1, {SHARPER}")
@@ -161,13 +159,13 @@ def _truth_for_storing(
         meshes = assess_sequence(problem, (finest, runs[0], coarsest))
         details["mesh"] = as_data(meshes)
         in_space = {
-            metric: bar_of(meshes[metric]) + _difference(metric, problem, runs[0], finest)
-            for metric in MOVING_TRUTH_METRICS
+            metric: bar_of(meshes[metric]) + difference(metric, problem, runs[0], finest)
+            for metric in truth_metrics(problem)
         }
     else:
         in_space = {
-            metric: SAFETY_FACTOR * _difference(metric, problem, runs[0], beside[0])
-            for metric in MOVING_TRUTH_METRICS
+            metric: SAFETY_FACTOR * difference(metric, problem, runs[0], beside[0])
+            for metric in truth_metrics(problem)
         }
     bars = {metric: bar_of(in_time[metric]) + in_space[metric] for metric in in_space}
     truth = runs[-1]
@@ -183,9 +181,9 @@ def _truth_here(
     coarse, fine = (solve_implicit(problem, strain, steps, progress) for steps in LIVE_STEPS)
     linear = solve_implicit(problem, strain, LIVE_STEPS[0], progress, degree=1)
     bars = {
-        metric: _difference(metric, problem, coarse, fine)
-        + _difference(metric, problem, linear, coarse)
-        for metric in MOVING_TRUTH_METRICS
+        metric: difference(metric, problem, coarse, fine)
+        + difference(metric, problem, linear, coarse)
+        for metric in truth_metrics(problem)
     }
     try:
         _, uncertainty = oscillation_offsets((fine,))
@@ -194,45 +192,3 @@ def _truth_here(
     for metric in OSCILLATION:
         bars[metric] += float(getattr(uncertainty, metric.removeprefix("oscillation_")))
     return fine, bars, {}
-
-
-def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridConvergence]:
-    """How each metric settles with the time step, or with the mesh: second order inside both.
-
-    What an oscillation's fit cannot tell, because other modes leak into it, counts as noise.
-
-    Args:
-        problem: Whose points the runs are read at.
-        runs: Three, the shortest step or the finest mesh first, each half the next.
-    """
-    try:
-        offsets, uncertainty = oscillation_offsets(runs)
-    except InputError:  # nothing swings: nothing to be said of it
-        offsets, uncertainty = (), None
-    found = {}
-    for metric in MOVING_TRUTH_METRICS:
-        noise = _NOISE
-        if metric in OSCILLATION:
-            if uncertainty is None:
-                found[metric] = GridConvergence(0.0, Convergence.DIVERGING)
-                continue
-            word = metric.removeprefix("oscillation_")
-            values = [float(getattr(offset, word)) for offset in offsets]
-            noise = largest((noise, float(getattr(uncertainty, word))))
-        else:
-            last = _difference(metric, problem, runs[1], runs[0])
-            values = [0.0, last, last + _difference(metric, problem, runs[2], runs[1])]
-        found[metric] = (
-            assess_grid_convergence(values, (1.0, 2.0, 4.0), expected_order=_ORDER, noise=noise)
-            if np.isfinite(values).all()
-            else GridConvergence(0.0, Convergence.DIVERGING)
-        )
-    return found
-
-
-def _difference(metric: str, problem: Problem, one: State, other: State) -> float:
-    """Infinite where the metric has nothing to measure: no swing, no displacement."""
-    try:
-        return measure(metric, problem, one, other).value
-    except InputError:
-        return math.inf

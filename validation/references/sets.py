@@ -248,7 +248,11 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
 
 
 def solve_for_storing(
-    problem: Problem, progress: Progress, *, wanted: Collection[str] = BOTH
+    problem: Problem,
+    progress: Progress,
+    *,
+    wanted: Collection[str] = BOTH,
+    truth_strains: Collection[Strain] = tuple(Strain),
 ) -> ReferenceSet:
     """Both elements on the case's mesh, P2 on finer ones for the truth, and what sequences tell.
 
@@ -257,7 +261,7 @@ def solve_for_storing(
     against P1 on three: where that sequence oscillates or has no believable order the bar is
     infinite, and where the two do not meet it is wide enough that they do. Refined meshes keep the
     case's points first, so nothing is interpolated. Of a motion: see `motions`, and only what is
-    `wanted`.
+    `wanted`; of one with tools the truth's `truth_strains` only.
 
     Raises:
         ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
@@ -265,8 +269,14 @@ def solve_for_storing(
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
+        # With tools a run takes minutes: none for a strain measure that no check asks of.
         return solve_motion_set(
-            problem, progress, wanted=wanted, is_for_storing=True, elements=tuple(Element)
+            problem,
+            progress,
+            wanted=wanted,
+            is_for_storing=True,
+            elements=tuple(Element),
+            truth_strains=truth_strains if problem.tools else tuple(Strain),
         )
     if problem.tools:
         return solve_tool_set(problem, progress)

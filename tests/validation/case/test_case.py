@@ -173,7 +173,6 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
             ("time_step = 1e-4\nmass_damping = 2.0\nnum_outputs = 5\n", SAME_STEPS),
             ["step by step", "give time_step", 'against = "truth"'],
         ),
-        (("[[tool]]", TRUTH.format("trajectory_l2")), ["[tool]", "has no truth"]),
         (("[[tool]]", TRUTH.format("volume")), ["trajectory_l2", "volume", "same_mesh"]),
         (("[[tool]]", TRUTH.format("published_oscillation")), ["all three"]),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),

@@ -18,7 +18,8 @@ from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.grid_convergence import Convergence
 from palpate.validation.references import motions
-from palpate.validation.references.motions import assess_sequence, solve_motion_set
+from palpate.validation.references.motion_sequences import assess_sequence
+from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
 from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
 from palpate.validation.simulators.faults import Fault

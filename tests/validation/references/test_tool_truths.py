@@ -1,0 +1,89 @@
+"""The truth of a motion with tools: where its meshes are refined, and what its bars are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case import load_case
+from palpate.validation.metrics import make_state, measure
+from palpate.validation.references import tool_truths
+from palpate.validation.references.sets import TRUTH
+from palpate.validation.references.tool_truths import rough_cells, solve_tool_truth
+from palpate.validation.states import State, Trajectory
+
+SLIDE = load_case("slide")
+PROBLEM = SLIDE.problem
+
+
+def motion(problem: Problem, displacements: np.ndarray, force: float) -> State:  # type: ignore[type-arg]
+    times = np.linspace(0.0, 0.4, len(displacements))
+    felt = np.zeros((1, len(displacements), 3))
+    felt[0, 1:, 2] = force
+    return make_state(
+        problem.mesh,
+        displacements[-1],
+        label="a run",
+        simulator="reference",
+        strain=Strain.GREEN,
+        tool_forces=felt,
+        trajectory=Trajectory(times, displacements),
+    )
+
+
+def test_the_cells_where_the_gradient_changes_are_marked() -> None:
+    points = PROBLEM.mesh.points
+    fold = points[:, 0].mean()
+    bent = np.zeros((3, *points.shape))
+    bent[2, :, 2] = np.maximum(0.0, points[:, 0] - fold)
+    straight = np.zeros_like(bent)
+    straight[1:] = points @ np.array([[0.1, 0.2, 0.0], [0.0, 0.1, 0.3], [0.0, 0.0, -0.1]])
+    state = motion(PROBLEM, straight + bent, 1.0)
+    marked = rough_cells(PROBLEM.mesh, state, 0.7)
+    x = points[PROBLEM.mesh.cells, 0]
+    size = np.ptp(x, axis=1).max()
+    assert 0 < marked.sum() < 0.5 * len(marked)
+    # A gradient that changes nowhere marks nothing beyond; rounding aside, all is at the fold.
+    assert np.all(np.abs(x[marked] - fold).min(axis=1) < 1.5 * size)
+
+
+def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs that err by c h^2 + b dt^2: the truth's distance from the limit is within the bar."""
+    told = []
+
+    def solve_implicit(problem: Problem, strain: Strain, steps: int, _say: object) -> State:
+        told.append((problem.mesh.num_cells, steps))
+        level = len({cells for cells, _ in told if cells < problem.mesh.num_cells})
+        error = 0.08 * 0.25**level + 0.02 * 0.25 ** np.log2(steps)
+        way = problem.mesh.points[:, [2, 2, 2]] * np.linspace(0.0, 1.0, 41)[:, None, None]
+        kinked = way * np.where(problem.mesh.points[:, :1] > 0.03, 1.0, 1.2)
+        state = motion(problem, (1.0 + error) * 1e-2 * kinked, 1.0 + error)
+        return dataclasses.replace(state, strain=strain)
+
+    monkeypatch.setattr(tool_truths, "solve_implicit", solve_implicit)
+    truth, bars, details = solve_tool_truth(PROBLEM, Strain.GREEN, lambda _line: None)
+    first, middle, finest = details["cells"]
+    assert told == [(first, 2), (middle, 2), (finest, 2), (first, 1), (first, 4)]
+    assert first == PROBLEM.mesh.num_cells < middle < finest
+    assert truth.label == TRUTH
+    assert truth.displacement.shape == PROBLEM.mesh.points.shape
+    limit = motion(PROBLEM, truth.trajectory.displacements, 1.0)  # type: ignore[union-attr]
+    apart = measure("tool_force", PROBLEM, truth, limit).value
+    assert apart == pytest.approx(0.08 / 16 + 0.02 / 4, rel=1e-6)
+    assert apart <= bars["tool_force"] <= 5.0 * apart
+    assert set(details) == {"time", "mesh", "cells"}
+
+
+def test_bars_that_shrink_with_no_mesh_allow_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    forces = iter((1.0, 1.1, 1.3, 1.0, 1.0))
+
+    def solve_implicit(problem: Problem, _strain: Strain, _steps: int, _say: object) -> State:
+        way = problem.mesh.points * np.linspace(0.0, 1.0, 41)[:, None, None]
+        return motion(problem, way * np.abs(problem.mesh.points[:, :1]), next(forces))
+
+    monkeypatch.setattr(tool_truths, "solve_implicit", solve_implicit)
+    _, bars, _ = solve_tool_truth(PROBLEM, Strain.GREEN, lambda _line: None)
+    assert bars["tool_force"] == np.inf

@@ -1,0 +1,127 @@
+"""The truth of a motion with tools: implicit, quadratic, on meshes refined where the body bends.
+
+What matters is small beside the body: where tools touch it, and the strain changes from cell to
+cell. Three meshes, each refined from the last where its motion says, tell how far the last of them
+is from the limit; three time steps on the first, how far the middle one is. Both parts of a bar are
+grid convergence indices; that of time has the difference to the shortest step on top, because the
+truth takes the middle one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.local_refinement import refine_cells
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.metrics.pairs import make_state
+from palpate.validation.references.motion_runs import solve_implicit
+from palpate.validation.references.motion_sequences import (
+    assess_sequence,
+    difference,
+    truth_metrics,
+)
+from palpate.validation.references.sequences import as_data, bar_of
+from palpate.validation.references.sets import TRUTH
+from palpate.validation.states import Progress, State, Trajectory
+
+# Steps from output to output; the middle one is the truth's.
+_STEPS = (1, 2, 4)
+_MESHES = 3
+# Of the roughness of the strain over the whole motion, in the cells that are cut next.
+_BULK = 0.7
+
+
+def solve_tool_truth(
+    problem: Problem, strain: Strain, progress: Progress
+) -> tuple[State, dict[str, float], dict[str, Any]]:
+    """The truth at the case's points, its error bars, and the sequences they come from.
+
+    Args:
+        problem: A motion with tools.
+        strain: Strain measure.
+        progress: Called with one line for each run.
+
+    Raises:
+        ReferenceFailedError: A run failed.
+    """
+    runs: list[State] = []
+    cells: list[int] = []
+    finer = problem
+    for number in range(_MESHES):
+        if number:
+            finer = refine_cells(finer, rough_cells(finer.mesh, runs[-1], _BULK)).problem
+        runs.append(solve_implicit(finer, strain, _STEPS[1], progress))
+        cells.append(finer.mesh.num_cells)
+    longest, shortest = (
+        solve_implicit(problem, strain, steps, progress) for steps in (_STEPS[0], _STEPS[2])
+    )
+    read = [_read_at(problem.mesh, run) for run in runs]
+    in_time = assess_sequence(problem, (shortest, runs[0], longest))
+    in_space = assess_sequence(problem, read[::-1])
+    bars = {
+        metric: bar_of(in_space[metric])
+        + bar_of(in_time[metric])
+        + difference(metric, problem, runs[0], shortest)
+        for metric in truth_metrics(problem)
+    }
+    details = {"time": as_data(in_time), "mesh": as_data(in_space), "cells": cells}
+    return dataclasses.replace(read[-1], label=TRUTH), bars, details
+
+
+def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
+    """The fewest cells that hold a part of how rough the displacement's gradient is over a motion.
+
+    By the squared difference of each cell's gradient from the mean about its corners, by volume
+    (after O. C. Zienkiewicz, J. Z. Zhu, Int. J. Numer. Meth. Engng 24, 1987).
+
+    Args:
+        mesh: Of the run.
+        run: With its trajectory at the mesh's points.
+        part: Of the whole, summed over the outputs [-], 0 to 1.
+
+    Returns:
+        Which cells, shape (num_cells,).
+    """
+    assert run.trajectory is not None
+    corners = mesh.points[mesh.cells]
+    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    weights = np.bincount(mesh.cells.ravel(), np.repeat(volumes, 4), mesh.num_points)
+    rough = np.zeros(mesh.num_cells)
+    for placed in run.trajectory.displacements:
+        moved = placed[mesh.cells]
+        gradients = (inverse @ (moved[:, 1:] - moved[:, :1])).reshape(-1, 9)
+        means = np.zeros((mesh.num_points, 9))
+        np.add.at(means, mesh.cells, (volumes[:, None] * gradients)[:, None, :])
+        means /= weights[:, None]
+        apart = gradients[:, None, :] - means[mesh.cells]
+        rough += volumes * np.sum(apart**2, axis=(1, 2))
+    order = np.argsort(-rough, kind="stable")
+    kept = np.searchsorted(np.cumsum(rough[order]), part * rough.sum()) + 1
+    marked = np.zeros(mesh.num_cells, dtype=np.bool_)
+    marked[order[:kept]] = True
+    return marked
+
+
+def _read_at(mesh: TetMesh, run: State) -> State:
+    """A run on a refined mesh at the points of the mesh it came from, which come first."""
+    assert run.trajectory is not None
+    kept = run.trajectory.displacements[:, : mesh.num_points]
+    return make_state(
+        mesh,
+        kept[-1],
+        label=run.label,
+        simulator=run.simulator,
+        strain=run.strain,
+        degree=run.degree,
+        seconds=run.seconds,
+        details=run.details,
+        tool_forces=run.tool_forces,
+        versions=dict(run.versions),
+        trajectory=Trajectory(run.trajectory.times, kept),
+    )
