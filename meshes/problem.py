@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from palpate.meshes.boundary_conditions import Load, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.tet_mesh import TetMesh
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 
 class Strain(StrEnum):
@@ -140,6 +145,10 @@ class Problem:
         tools: Rigid bodies that press.
         inclusions: Cells of other materials.
 
+    Raises:
+        IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
+        InputError: Indices that are none, or a cell in two inclusions.
+
     >>> import numpy as np
     >>> import palpate
     >>> from palpate.meshes.shapes import shape_box
@@ -166,6 +175,10 @@ class Problem:
     inclusions: tuple[Inclusion, ...] = ()
 
     def __post_init__(self) -> None:
+        for kind in ("supports", "loads", "tools"):
+            items = enumerate(getattr(self, kind), start=1)
+            checked = [_on_mesh(item, self.mesh, f"{kind[:-1]} {k}") for k, item in items]
+            object.__setattr__(self, kind, tuple(checked))
         taken = np.zeros(self.mesh.num_cells, dtype=bool)
         for number, inclusion in enumerate(self.inclusions, start=1):
             what = f"cells of inclusion {number}"
@@ -173,6 +186,21 @@ class Problem:
             if taken[cells].any() or len(np.unique(cells)) != len(cells):
                 raise InputError(f"{what}: a cell is named twice; each has one material")
             taken[cells] = True
+
+
+Item = TypeVar("Item", bound="DataclassInstance")
+
+
+def _on_mesh(item: Item, mesh: TetMesh, what: str) -> Item:
+    """A support, load or tool, its points and facets arrays of points that the mesh has."""
+    changes = {}
+    for name, width in (("points", 1), ("facets", 3), ("contact_facets", 3)):
+        rows = getattr(item, name, None)
+        if rows is not None:
+            checked = checked_indices(rows, width, mesh.num_points, f"{name} of {what}")
+            if not (isinstance(rows, np.ndarray) and rows.dtype == checked.dtype):
+                changes[name] = checked
+    return dataclasses.replace(item, **changes) if changes else item
 
 
 def require_no_tools(problem: Problem, what: str) -> None:

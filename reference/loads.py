@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, checked_indices
+from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
@@ -116,9 +116,7 @@ def pressure_work(space: TransferredSpace, load: Pressure, u: Any, v: Any, what:
 
 
 def _point_forces(space: TransferredSpace, load: PointForce, what: str) -> Floats:
-    points = checked_indices(
-        load.points, 1, space.transferred.source.num_points, f"points of {what}"
-    )
+    points = load.points
     forces = np.asarray(load.forces, dtype=np.float64)
     if forces.shape != (len(points), 3) or not np.isfinite(forces).all():
         raise InputError(f"{what}: forces [N] need shape ({len(points)}, 3) of finite values")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Indices, checked_indices
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
 from palpate.reference import fenicsx
@@ -58,9 +58,7 @@ def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
 
 
 def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
-    num_points = space.transferred.source.num_points
-    points = checked_indices(support.points, 1, num_points, f"points of {what}")
     entities = space.transferred.facet_entities(support.facets, what)
     on_facets = fenicsx.fem.locate_dofs_topological(space.space, 2, entities)
     owned = np.asarray(on_facets, dtype=np.int32)
-    return np.union1d(space.owned_dofs(points), owned[owned < space.num_blocks])
+    return np.union1d(space.owned_dofs(support.points), owned[owned < space.num_blocks])

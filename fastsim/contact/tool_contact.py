@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.fastsim import _core
 from palpate.fastsim.forces import constraints, lumped_areas
-from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.errors import InputError
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -61,8 +60,7 @@ class ToolContact:
         mesh = problem.mesh
         self.tool = tool
         self.shape = core_shape(tool.shape)
-        facets = tool.contact_facets if len(tool.contact_facets) else mesh.boundary_facets
-        self.facets = _checked_facets(facets, mesh.num_points)
+        self.facets = tool.contact_facets if len(tool.contact_facets) else mesh.boundary_facets
         lumped = lumped_areas(mesh, self.facets)
         is_free = constraints(problem)[0].any(axis=1)
         self.vertices = np.flatnonzero((lumped > 0.0) & is_free).astype(np.int32)
@@ -129,10 +127,3 @@ def on_tool(
     """
     arms = contact.places(displacement) - pose["position"]
     return np.concatenate([-force.sum(axis=0), -np.cross(arms, force).sum(axis=0)])
-
-
-def _checked_facets(facets: Indices, num_points: int) -> Indices:
-    facets = np.asarray(facets)
-    if facets.size and (facets.min() < 0 or facets.max() >= num_points):
-        raise InputError("contact_facets name points that the mesh does not have")
-    return facets

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
+import pytest
 
 from palpate.fastsim.statics import solve_static
-from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
 from palpate.meshes.bricks import brick_box
+from palpate.meshes.errors import IndexRangeError
 from palpate.meshes.problem import Material, Problem
 from palpate.validation.exchange.nodal_loads import held_components
 from palpate.validation.mechanics.audit import audit_on_own_mesh
@@ -34,3 +45,34 @@ def test_whoever_reads_a_problem_sees_points_that_only_facets_name() -> None:
     )
     audit = audit_on_own_mesh(problem, found.displacement, found.strain)
     assert audit.relative_residual_norm < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("supports", "loads", "words"),
+    [
+        ((Support([5000]),), (), "points of support 1"),  # type: ignore[arg-type]
+        ((Support([0], [[0, 1, -2]]),), (), "points of support 1"),  # type: ignore[arg-type]
+        ((), (BodyForce((0.0, 0.0, 1.0)), Traction([[0, 1, 99]], (1.0, 0.0, 0.0))), "load 2"),  # type: ignore[arg-type]
+        ((), (Pressure([[0, -1, 2]], 1.0),), "facets of load 1"),  # type: ignore[arg-type]
+        ((), (PointForce([12], [[0.0, 0.0, 1.0]]),), "points of load 1"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_point_that_the_mesh_does_not_have_is_refused_by_the_problem(
+    supports: tuple[Support, ...], loads: tuple[Load, ...], words: str
+) -> None:
+    mesh = brick_box((2, 1, 1), (2.0, 1.0, 1.0))  # 12 points
+    with pytest.raises(IndexRangeError, match=words):
+        Problem(mesh, Material(1e4, 0.3), supports, loads)
+
+
+def test_lists_of_points_and_facets_are_as_good_as_arrays() -> None:
+    mesh = brick_box((2, 1, 1), (2.0, 1.0, 1.0))
+    facets = mesh.boundary_facets
+    held, pulled = (
+        facets[(mesh.points[facets][:, :, 0] == x).all(axis=1)].tolist() for x in (0.0, 2.0)
+    )
+    load = Traction(pulled, (20.0, 0.0, 0.0))
+    problem = Problem(mesh, Material(1e4, 0.3), (Support([], held),), (load,))  # type: ignore[arg-type]
+    assert solve_static(problem).displacement[:, 0].max() > 0.0
+    given = problem.loads[0]
+    assert dataclasses.replace(problem).loads[0] is given
