@@ -10,18 +10,10 @@ import numpy as np
 from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ToolTrack
-from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
+from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-
-__all__ = [
-    "SAFETY",
-    "DynamicResult",
-    "Energies",
-    "Precision",
-    "simulate",
-]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -174,29 +175,23 @@ def _failure(
 ) -> NotConvergedError:
     """Say what is known of the end of the path: a limit of the material, or a failed iteration."""
     smallest, cell = newton.body.smallest_det_f(displacement)
-    residual = outcome.history[-1] if outcome.history else float("nan")
+    known: dict[str, Any] = {
+        "reason": outcome.reason,
+        "load_factor": factor,
+        "residual": outcome.history[-1] if outcome.history else float("nan"),
+        "iterations": newton.iterations,
+        "smallest_det_f": smallest,
+        "displacement": displacement,
+    }
     if newton.body.strain is Strain.GREEN:
         solver = newton.solver_at(displacement, factor)
         softening = find_softening(newton.body, displacement, solver)
         if softening.stiffness < SOFT:
             return EquilibriumLostError(
-                outcome.reason,
-                load_factor=factor,
-                residual=residual,
-                iterations=newton.iterations,
-                smallest_det_f=smallest,
+                **known,
                 cell=softening.cell,
                 place=softening.place,
                 smallest_stretch=softening.smallest_stretch,
                 stiffness=softening.stiffness,
-                displacement=displacement,
             )
-    return NotConvergedError(
-        outcome.reason,
-        load_factor=factor,
-        residual=residual,
-        iterations=newton.iterations,
-        smallest_det_f=smallest,
-        cell=cell,
-        displacement=displacement,
-    )
+    return NotConvergedError(**known, cell=cell)

@@ -32,40 +32,10 @@ if importlib.util.find_spec("dolfinx_solver"):
 import dolfinx
 import dolfinx.fem.petsc
 import dolfinx.jit
-import ufl
-from dolfinx import fem
-from mpi4py import MPI
-from petsc4py import PETSc
-
-__all__ = [
-    "COMM",
-    "MPI",
-    "VERSION",
-    "PETSc",
-    "assemble_into_matrix",
-    "assemble_scalar",
-    "assemble_vector",
-    "cell_dofs",
-    "cell_function",
-    "cell_nodes",
-    "cell_tensor_space",
-    "cell_values",
-    "create_matrix",
-    "create_mesh",
-    "displacements_of",
-    "evaluate_in_cells",
-    "fem",
-    "form",
-    "largest",
-    "last_of_ranks",
-    "meshtags",
-    "norm",
-    "smallest",
-    "taylor_hood_space",
-    "total",
-    "ufl",
-    "vector_space",
-]
+import ufl as ufl
+from dolfinx import fem as fem
+from mpi4py import MPI as MPI
+from petsc4py import PETSc as PETSc
 
 # "0.11.0.post0" reads (0, 11).
 VERSION: tuple[int, int] = tuple(int(n) for n in re.findall(r"\d+", dolfinx.__version__)[:2])  # type: ignore[assignment]

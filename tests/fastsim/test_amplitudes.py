@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.amplitudes import Histories, smooth_ramp
-from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.explicit_body import Precision
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError

@@ -9,8 +9,9 @@ import pytest
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
-from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import UnstableStepError
+from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.forces import constraints, external_force
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support

@@ -12,8 +12,9 @@ import pytest
 from palpate.fastsim import explicit_body
 from palpate.fastsim.amplitudes import Amplitude
 from palpate.fastsim.body import Body
-from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
+from palpate.fastsim.explicit_body import Precision
 from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan

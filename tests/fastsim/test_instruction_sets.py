@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.fastsim import _core
-from palpate.fastsim.dynamics import DynamicResult, Precision, simulate
+from palpate.fastsim.dynamics import DynamicResult, simulate
+from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.instruction_sets import VARIABLE, chosen_instruction_set
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError

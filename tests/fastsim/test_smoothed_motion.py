@@ -9,7 +9,8 @@ import pytest
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
-from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from palpate.fastsim.body import Body
-from palpate.fastsim.dynamics import SAFETY, Precision
+from palpate.fastsim.explicit_body import SAFETY, Precision
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fastsim.body import Body
-from palpate.fastsim.dynamics import SAFETY
+from palpate.fastsim.explicit_body import SAFETY
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.solving import solve
 from palpate.validation.states import CandidateFailedError, State

@@ -12,9 +12,9 @@ from palpate.fastsim.amplitudes import smooth_ramp
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import overlap_depths
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
-from palpate.fastsim.dynamics import Precision, simulate
+from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.explicit_body import ExplicitBody
+from palpate.fastsim.explicit_body import ExplicitBody, Precision
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError

@@ -11,8 +11,9 @@ import pytest
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.errors import ToolInsideError, ToolTooFastError, ToolTooSmallError
-from palpate.fastsim.dynamics import DynamicResult, Precision, simulate
+from palpate.fastsim.dynamics import DynamicResult, simulate
 from palpate.fastsim.errors import BlowUpError, UnstableStepError
+from palpate.fastsim.explicit_body import Precision
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Support

@@ -11,8 +11,8 @@ from palpate.fastsim.amplitudes import smooth_ramp
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.body_contact import overlap_depths
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
-from palpate.fastsim.dynamics import SAFETY, simulate
-from palpate.fastsim.explicit_body import ExplicitBody, Precision
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import BodyForce
 from palpate.meshes.bricks import brick_box, held, side
