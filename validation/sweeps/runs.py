@@ -11,8 +11,9 @@ from itertools import product
 
 import numpy as np
 
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.validation.case.units import Units
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.sweeps.cluster import cluster
@@ -82,7 +83,10 @@ def run_all(
     chains: list[_Chain] = []
     rows = _loads_from_the_smallest(found) if axes[0].is_load else [[v] for v in found]
     for simulator, element, strain in product(simulators, elements, Strain):
-        chains += [_Chain(axes, row, simulator, element, strain) for row in rows]
+        for row in rows:
+            given = [(variant.values, variant.case.problem) for variant in row]
+            units = row[0].case.spec.units
+            chains.append(_Chain(axes, given, units, simulator, element, strain))
     if scheduler is not None:
         with cluster(scheduler) as pool:
             waiting = [pool.submit(_Chain.run, chain) for chain in chains]
@@ -111,56 +115,44 @@ def _loads_from_the_smallest(found: Sequence[Variant]) -> list[list[Variant]]:
     return [row for row in rows if row]
 
 
+@dataclass(frozen=True, eq=False)
 class _Chain:
-    """Variants that are solved one after the other; plain data, that another machine can have.
+    """Variants, by values and problem, that are solved one after the other.
 
-    Args:
-        axes: What varies.
-        row: The variants.
-        simulator: Who solves them.
-        element: With which tetrahedra.
-        strain: With which law.
+    Plain data, that another machine can have.
     """
 
-    def __init__(
-        self,
-        axes: Sequence[Axis],
-        row: Sequence[Variant],
-        simulator: Simulator,
-        element: Element,
-        strain: Strain,
-    ) -> None:
-        self._axes = axes
-        self._row = [(variant.values, variant.case.problem) for variant in row]
-        self._units = row[0].case.spec.units
-        self._simulator = simulator
-        self._element = element
-        self._strain = strain
+    axes: Sequence[Axis]
+    row: Sequence[tuple[tuple[float, ...], Problem]]
+    units: Units
+    simulator: Simulator
+    element: Element
+    strain: Strain
 
     def run(self, progress: Progress = in_silence) -> list[Run]:
         """Solve them, up to where equilibrium ends."""
         runs: list[Run] = []
         end = ""
-        for values, problem in self._row:
-            run = functools.partial(Run, values, self._simulator, self._element, self._strain)
+        for values, problem in self.row:
+            run = functools.partial(Run, values, self.simulator, self.element, self.strain)
             if end:
                 runs.append(run(None, end, was_tried=False))
                 continue
-            place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self._axes, values, strict=True))
-            kind = f"{self._element} tetrahedra, {self._strain} strain"
-            progress(f"{self._simulator}, {kind}, {place}")
+            place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(self.axes, values, strict=True))
+            kind = f"{self.element} tetrahedra, {self.strain} strain"
+            progress(f"{self.simulator}, {kind}, {place}")
             try:
                 found = solve(
-                    problem, with_=self._simulator, strain=self._strain, element=self._element
+                    problem, with_=self.simulator, strain=self.strain, element=self.element
                 )
                 # A table and figures need no stresses, which are most of a state.
                 runs.append(run(dataclasses.replace(found, stresses=None)))
             except ReferenceUnavailableError:
                 raise
             except (CandidateFailedError, ReferenceFailedError) as error:
-                runs.append(run(None, self._units.in_case_units(str(error))))
-                if self._axes[0].is_load:
-                    end = f"not tried: no answer at {self._axes[0].key} = {values[0]:g}"
+                runs.append(run(None, self.units.in_case_units(str(error))))
+                if self.axes[0].is_load:
+                    end = f"not tried: no answer at {self.axes[0].key} = {values[0]:g}"
         return runs
 
 

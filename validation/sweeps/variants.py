@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import difflib
 import itertools
 import math
@@ -22,7 +21,7 @@ from palpate.validation.case.schema import CaseSpec
 
 MOST_RUNS = 10_000
 # What `load[0].factor` multiplies.
-_SIZES = ("force", "traction", "pressure", "acceleration")
+_SIZES = ("force", "traction", "moment", "pressure", "acceleration")
 _FACTOR = re.compile(r"load\[(\d+)\]\.factor")
 _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
@@ -152,9 +151,10 @@ def _put(data: dict[str, Any], key: str, value: float) -> None:
     """Set a number of a case file, which may write [tool] for one [[tool]]."""
     if found := _FACTOR.fullmatch(key):
         load = data["load"][int(found[1])]
-        (size,) = (name for name in _SIZES if name in load)
-        whole = copy.deepcopy(load[size])
-        load[size] = [value * x for x in whole] if isinstance(whole, list) else value * whole
+        for table in load.get("values", [load]):
+            (size,) = (name for name in _SIZES if name in table)
+            whole = table[size]
+            table[size] = [value * x for x in whole] if isinstance(whole, list) else value * whole
         return
     *way, last = _steps(key)
     place: Any = data

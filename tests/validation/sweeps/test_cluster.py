@@ -54,7 +54,9 @@ def test_workers_answer_as_this_machine_does(scheduler: str) -> None:
 
 def test_a_row_travels_and_is_solved_as_it_was() -> None:
     for element in Element:
-        row = _Chain(AXES, variants(CASE, AXES), Simulator.FASTSIM, element, CASE.strain)
+        given = [(variant.values, variant.case.problem) for variant in variants(CASE, AXES)]
+        units = CASE.spec.units
+        row = _Chain(AXES, given, units, Simulator.FASTSIM, element, CASE.strain)
         require_same(row.run(), pickle.loads(pickle.dumps(row)).run())
 
 

@@ -16,6 +16,7 @@ from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
+from palpate.validation.exchange.nodal_loads import nodal_force
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.sweeps.runs import linear_error, run_all
 from palpate.validation.sweeps.sweep import ends_of
@@ -104,6 +105,27 @@ def test_every_combination_is_built_on_one_mesh_and_a_bad_value_is_told_before_a
     other = read_axis("material.poissons_ratio=0.3,0.4", case)
     with pytest.raises(InputError, match="combinations"):
         variants(case, [many, other])
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        'kind = "moment"\nmoment = [0.0, 5.0, 0.0]',
+        'kind = "traction"\nvalues = [{ at = [2, 0, 0], traction = [0, 0, 1] }, '
+        "{ at = [2, 1, 0], traction = [0, 0, 8] }]",
+    ],
+)
+def test_the_factor_of_a_load_that_varies_over_its_face(
+    write_case: Callable[..., Path], load: str
+) -> None:
+    case = load_case(write_case(('kind = "force"\nforce = [60.0, 20.0, -10.0]', load)))
+    mesh = case.problem.mesh
+    once, thrice = (
+        nodal_force(mesh, found.case.problem.loads[0])
+        for found in variants(case, [read_axis("load[0].factor=1,3", case)])
+    )
+    assert np.abs(once).max() > 0.0
+    np.testing.assert_allclose(thrice, 3.0 * once, atol=1e-12 * np.abs(once).max())
 
 
 def test_another_mesh_is_made_where_the_body_varies(write_case: Callable[..., Path]) -> None:
