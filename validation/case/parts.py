@@ -36,11 +36,12 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
             )
         support = problem.supports[spec.support - 1]
         weights[support.points] = support.components
-        return Part(none, weights, is_support=True)
+        return Part(none, weights, is_support=True, says=f"support {spec.support}")
     if spec.region is None:
         return None
     if not spec.about.is_of_surface:
-        return Part(select_cells(mesh, spec.region, units, what), weights)
+        cells = select_cells(mesh, spec.region, units, what)
+        return Part(cells, weights, says=f"in {len(cells)} of {mesh.num_cells} cells")
     points = select_points(mesh, spec.region, units, what)
     if len(points) == mesh.num_points:
         raise InputError(
@@ -48,4 +49,5 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
             "smaller"
         )
     weights[points] = 1.0
-    return Part(none, weights)
+    says = f"through the cut around {len(points)} of {mesh.num_points} points"
+    return Part(none, weights, says=says)

@@ -184,7 +184,8 @@ def _stress(
     stress = stress.reshape(-1, 3, 3)
     if cells is not None and len(stress) != len(cells):
         raise ResultFileError(file, f"{len(stress)} rows of cauchy_stress but {len(cells)} cells")
-    uneven = np.abs(stress - stress.transpose(0, 2, 1)).max(initial=0.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        uneven = np.abs(stress - stress.transpose(0, 2, 1)).max(initial=0.0)
     if uneven > _SYMMETRIC_TO * np.abs(stress).max(initial=0.0):
         raise ResultFileError(file, "cauchy_stress is not symmetric; is it another stress?")
     return stress

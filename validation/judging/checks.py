@@ -92,6 +92,8 @@ def judge_check(
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
         shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
         message = f"{shown} {sign} {spec.limit:g}"
+        if part is not None:
+            message += f", {part.says}"
         message += f"; {difference.remark}" if difference.remark else ""
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"

@@ -65,11 +65,13 @@ class Part:
         weights: How much of each component of a nodal force counts, 0 or 1, (num_points, 3).
         is_support: Whether dead loads on those points are left out, so that what is left is the
             support's own force.
+        says: What it is, for people.
     """
 
     cells: Indices
     weights: Points
     is_support: bool = False
+    says: str = ""
 
 
 def tells_stress(state: State) -> bool:

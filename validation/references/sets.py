@@ -58,6 +58,8 @@ class ReferenceSet:
         failures: Why a state is missing, by (label, strain).
         provenance: Versions and how it was made.
         element: Whose states "the same mesh" means.
+        aside: States of other elements on that mesh, which no candidate is held against: error
+            bars of the truth are told from them, whoever is judged.
     """
 
     states: Mapping[tuple[str, Strain], State]
@@ -66,12 +68,15 @@ class ReferenceSet:
     failures: Mapping[tuple[str, Strain], str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     element: Element = Element.LINEAR
+    aside: Mapping[tuple[str, Strain], State] = field(default_factory=dict)
 
     def of_element(self, element: Element) -> ReferenceSet:
         """What a candidate with this element is held against: no other element's states."""
         others = [label for kind, label in OF_ELEMENT.items() if kind is not element]
-        states = {place: state for place, state in self.states.items() if place[0] not in others}
-        return replace(self, states=states, element=element)
+        every = {**self.aside, **self.states}
+        states = {place: state for place, state in every.items() if place[0] not in others}
+        aside = {place: state for place, state in every.items() if place[0] in others}
+        return replace(self, states=states, element=element, aside=aside)
 
     def same_mesh(self, strain: Strain) -> State | None:
         """The state on the case's mesh with the element."""

@@ -137,10 +137,13 @@ def test_what_cannot_be_used_is_said(
     ):
         with pytest.raises(ResultFileError, match=words):
             sent(problem, file, displacement=answer, **told)
-    broken = stress.copy()
-    broken[3, 0, 0] = np.nan
-    with pytest.raises(CandidateFailedError, match=r"in 1 cell\(s\), first 3"):
-        sent(problem, file, displacement=answer, cauchy_stress=broken)
+    for number in (np.nan, np.inf):
+        broken = stress.copy()
+        broken[3] = number
+        with pytest.raises(CandidateFailedError, match=r"in 1 cell\(s\), first 3"):
+            sent(problem, file, displacement=answer, cauchy_stress=broken)
+    huge = sent(problem, file, displacement=answer, cauchy_stress=np.full_like(stress, 1e308))
+    assert error(problem, huge, answer) == np.inf
 
 
 def test_the_conventions_say_so_and_what_never_to_read() -> None:

@@ -99,6 +99,7 @@ def test_a_truth_without_them_is_inconclusive_and_says_what_to_do(whole):
         found = with_them.check(spec(), answer)
         assert found.verdict is Verdict.PASSED
         assert 0.05 < found.value < 1.0
+        assert "in 90 of 90 cells" in found.message
         assert 0.0 < found.reference_error < 0.5
 
 

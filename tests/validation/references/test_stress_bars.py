@@ -21,7 +21,7 @@ import pytest
 
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_problem, refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.metrics import Part, make_state, measure
@@ -181,6 +181,10 @@ def test_a_truth_solved_on_the_spot_has_a_bar_that_covers_it_too(metric: str, na
     error = measure(metric, quarter(), truth, exact(), part).value
     bar = bar_of_part(quarter(), live, Strain.LINEAR, metric, part)
     assert error <= bar < 1.0
+    # Whoever is judged: linear tetrahedra tell it, though smoothed ones are not held against them.
+    of_smoothed = live.of_element(Element.SMOOTHED)
+    assert (SAME_MESH, Strain.LINEAR) not in of_smoothed.states
+    assert bar_of_part(quarter(), of_smoothed, Strain.LINEAR, metric, part) == bar
     # Without linear tetrahedra beside it there is nothing to tell it from.
     alone = {place: state for place, state in live.states.items() if place[0] != SAME_MESH}
     lonely = dataclasses.replace(live, states=alone)
