@@ -5,12 +5,13 @@
 //     a record of eight numbers
 //  2. edges all of whose cells are done: the sum of their records, the strain weighed by
 //     mu / (36 V_e), as a record
-//  3. nodes all of whose edges are done: the sum of the edges' traces times lmbda / (96 V_n); every
+//  3. nodes all of whose edges are done: the sum of the edges' traces times lmbda / (288 V_n); every
 //     cell at a node is at three of its edges
-//  4. cells all of whose nodes are done: S_c is the sum of six edges' records and, on its diagonal,
-//     of four nodes' numbers; then the forces, as of plain cells
+//  4. edges both of whose nodes are done: the sum of the two nodes' numbers into the record
+//  5. cells all of whose nodes are done: S_c is the sum of six edges' records, the nodes' part on
+//     its diagonal: each node is at three of the six edges; then the forces, as of plain cells
 //
-// In chunks of cells in the order of the points, so that 4 is about one bandwidth behind 1, and all
+// In chunks of cells in the order of the points, so that 5 is about one bandwidth behind 1, and all
 // that passes between them lives in rings that stay in the cache. Where everything lies is worked
 // out beforehand: sweep_plan.hpp.
 
@@ -20,6 +21,7 @@ namespace fastsim {
 
 inline constexpr std::size_t sweep_record = 8; // numbers
 inline constexpr std::size_t trace_entry = 6;  // of a record
+inline constexpr std::size_t nodes_entry = 7;  // the sum of an edge's nodes
 
 /// Edges of as many cells each, with neighbouring records.
 struct EdgeGroup {
@@ -27,9 +29,14 @@ struct EdgeGroup {
     std::int32_t first_entry; // of the first one's record
 };
 
+/// An edge's record and its ends' numbers.
+struct EdgeEnds {
+    std::int32_t entry, first_node, second_node;
+};
+
 /// Where the parts of a sweep end after each chunk of cells.
 struct SweepChunk {
-    std::size_t strained_batches, edge_groups, node_groups, forced_batches;
+    std::size_t strained_batches, edge_groups, node_groups, edge_ends, forced_batches;
 };
 
 template <typename Real> struct SweepJob {
@@ -38,14 +45,15 @@ template <typename Real> struct SweepJob {
     const SweepChunk *chunks;
     std::size_t num_chunks;
     std::size_t first_forced; // batch; those before are another thread's, strained here too
-    const std::int32_t *corners, *cell_edges, *cell_nodes; // each batch: 4, 6 and 4 x width
-    const Real *rest;                                      // each batch: 10 x width
+    const std::int32_t *corners, *cell_edges; // each batch: 4 and 6 x width
+    const Real *rest;                         // each batch: 10 x width
     const EdgeGroup *edge_groups;
     const std::int32_t *edge_cells; // of each edge, entries of the records
     const Real *edge_weight;
     const std::int32_t *node_counts; // by group of `width` nodes: how many edges each
     const std::int32_t *node_edges;  // each group: edges x width, entries of traces
     const Real *node_weight;
+    const EdgeEnds *edge_ends;
     Real *cell_records, *gradients, *edge_records, *node_values; // the rings, and by node
     std::size_t record_ring, gradient_ring;                      // batches
     bool is_green;

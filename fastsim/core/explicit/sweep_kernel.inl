@@ -112,13 +112,9 @@ inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t ba
     }
     for (std::size_t p = 0; p < parts; ++p)
         Pack::transpose(s + p * width);
-    const std::int32_t *nodes_of = job.cell_nodes + 4 * width * batch;
-    V pressure = {};
-    for (std::size_t a = 0; a < 4; ++a)
-        pressure += Pack::lookup(job.node_values, nodes_of + a * width);
     const V *const rest = packs_at<Pack>(job.rest + 10 * width * batch);
     for (std::size_t k = 0; k < 6; ++k)
-        s[k] = rest[9] * (k < 3 ? s[k] + pressure : s[k]);
+        s[k] = rest[9] * (k < 3 ? s[k] + s[nodes_entry] : s[k]);
     const V *const h = packs_at<Pack>(job.gradients + 9 * width * (batch % job.gradient_ring));
     V forces[9];
     forces_by<is_green>(h, rest, s, forces);
@@ -133,7 +129,8 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
     V smallest = V{} + Real(1);
     const std::int32_t *cells = job.edge_cells, *edges = job.node_edges;
     const Real *weight = job.edge_weight;
-    std::size_t strained = 0, edge_group = 0, node_group = 0, forced = job.first_forced;
+    std::size_t strained = 0, edge_group = 0, node_group = 0, ended = 0,
+                forced = job.first_forced;
     for (std::size_t k = 0; k < job.num_chunks; ++k) {
         const SweepChunk &chunk = job.chunks[k];
         for (; strained < chunk.strained_batches; ++strained) {
@@ -154,6 +151,11 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
             }
             sum *= Pack::load(job.node_weight + width * node_group);
             __builtin_memcpy(job.node_values + width * node_group, &sum, sizeof(V));
+        }
+        for (; ended < chunk.edge_ends; ++ended) {
+            const EdgeEnds &edge = job.edge_ends[ended];
+            job.edge_records[edge.entry + nodes_entry] =
+                job.node_values[edge.first_node] + job.node_values[edge.second_node];
         }
         for (; forced < chunk.forced_batches; ++forced)
             force_batch<Pack, is_green>(job, forced);

@@ -31,7 +31,8 @@ SweepPlan<Real>::SweepPlan(const ElasticCells &body, const SmoothingPatches &pat
     : _first_touched(records.size()) {
     _chunks.resize(schedule.num_chunks());
     for (std::size_t chunk = 0; chunk < _chunks.size(); ++chunk)
-        _chunks[chunk] = {schedule.strained_by[chunk], 0, 0, schedule.forced_by[chunk]};
+        _chunks[chunk] = {schedule.strained_by[chunk], 0, 0, schedule.ended_by[chunk],
+                          schedule.forced_by[chunk]};
     lay_out_edges(body, patches, schedule);
     lay_out_nodes(body, patches, schedule);
     lay_out_cells(body, patches, records, schedule);
@@ -75,7 +76,7 @@ void SweepPlan<Real>::lay_out_nodes(const ElasticCells &body, const SmoothingPat
     const std::size_t width = schedule.width;
     _node_counts.assign(num_zeros, 0);
     _node_weight.assign(num_zeros * width, Real(0));
-    _value_of.assign(patches.num_nodes(), 0);
+    std::vector<std::int32_t> value_of(patches.num_nodes(), 0); // of each patch
     std::size_t begin = 0;
     for (std::size_t chunk = 0; chunk < _chunks.size(); ++chunk) {
         while (begin < nodes.size() && nodes[begin].chunk == chunk) {
@@ -93,10 +94,10 @@ void SweepPlan<Real>::lay_out_nodes(const ElasticCells &body, const SmoothingPat
                 Real weight = 0;
                 if (n < end) {
                     const std::size_t patch = at(nodes[n].patch);
-                    _value_of[patch] = static_cast<std::int32_t>(_node_weight.size());
+                    value_of[patch] = static_cast<std::int32_t>(_node_weight.size());
                     weight =
                         static_cast<Real>(body.materials[at(patches.node_material[patch])].lmbda /
-                                          (96.0 * patches.node_volume[patch]));
+                                          (288.0 * patches.node_volume[patch]));
                 }
                 _node_weight.push_back(weight);
             }
@@ -104,6 +105,11 @@ void SweepPlan<Real>::lay_out_nodes(const ElasticCells &body, const SmoothingPat
             begin = end;
         }
         _chunks[chunk].node_groups = _node_counts.size();
+    }
+    for (const Index turn : schedule.ended_edges) {
+        const auto &ends = patches.edge_ends[at(schedule.edges[at(turn)].patch)];
+        _edge_ends.push_back(
+            {edge_entry(schedule, at(turn)), value_of[at(ends[0])], value_of[at(ends[1])]});
     }
 }
 
@@ -115,7 +121,6 @@ void SweepPlan<Real>::lay_out_cells(const ElasticCells &body, const SmoothingPat
     _corners.assign(4 * cells.size(), static_cast<std::int32_t>(4 * records.size()));
     _rest.assign(10 * cells.size(), Real(0));
     _cell_edges.assign(6 * cells.size(), 0);
-    _cell_nodes.assign(4 * cells.size(), 0);
     for (std::size_t k = 0; k < cells.size(); ++k) {
         if (cells[k] == SweepSchedule::nobody)
             continue;
@@ -127,7 +132,6 @@ void SweepPlan<Real>::lay_out_cells(const ElasticCells &body, const SmoothingPat
             _corners[place] = static_cast<std::int32_t>(entry);
             if (!is_own)
                 continue;
-            _cell_nodes[place] = _value_of[at(patches.cell_nodes[4 * c + a])];
             _first_touched = std::min(_first_touched, entry / 4);
             _last_touched = std::max(_last_touched, entry / 4 + 1);
         }
@@ -149,7 +153,6 @@ Real SweepPlan<Real>::run(SweepKernel<Real> kernel, const Real *displacement, Re
     job.num_chunks = _chunks.size();
     job.corners = _corners.data();
     job.cell_edges = _cell_edges.data();
-    job.cell_nodes = _cell_nodes.data();
     job.rest = _rest.data();
     job.edge_groups = _edge_groups.data();
     job.edge_cells = _edge_cells.data();
@@ -157,6 +160,7 @@ Real SweepPlan<Real>::run(SweepKernel<Real> kernel, const Real *displacement, Re
     job.node_counts = _node_counts.data();
     job.node_edges = _node_edges.data();
     job.node_weight = _node_weight.data();
+    job.edge_ends = _edge_ends.data();
     job.cell_records = _cell_records.data();
     job.gradients = _gradients.data();
     job.edge_records = _edge_records.data();

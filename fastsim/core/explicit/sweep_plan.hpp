@@ -34,10 +34,10 @@ template <typename Real> class SweepPlan {
     std::size_t _first_touched, _last_touched = 0;
     std::vector<SweepChunk> _chunks;
     std::vector<EdgeGroup> _edge_groups;
-    AlignedVector<std::int32_t> _corners, _cell_edges, _cell_nodes;
+    AlignedVector<std::int32_t> _corners, _cell_edges;
     AlignedVector<std::int32_t> _edge_cells, _node_counts, _node_edges;
     AlignedVector<Real> _rest, _edge_weight, _node_weight;
-    std::vector<std::int32_t> _value_of; // of each node patch
+    std::vector<EdgeEnds> _edge_ends;
     AlignedVector<Real> _cell_records, _gradients, _edge_records, _node_values;
 };
 

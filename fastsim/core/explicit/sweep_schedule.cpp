@@ -22,6 +22,7 @@ SweepSchedule::SweepSchedule(const SmoothingPatches &patches, std::span<const In
         strained_by.push_back(done = std::min(num_batches(), done + in_chunk));
     take_edges(patches, is_needed);
     take_nodes(patches, is_needed);
+    end_edges(patches);
     time_forces(patches);
     measure_rings();
 }
@@ -100,18 +101,38 @@ void SweepSchedule::take_nodes(const SmoothingPatches &patches,
         nodes, {}, [](const Node &node) { return std::pair(node.chunk, node.edges.size()); });
 }
 
+/// The edges whose ends are needed, each after the chunk that completes both.
+void SweepSchedule::end_edges(const SmoothingPatches &patches) {
+    constexpr auto never = static_cast<std::size_t>(-1);
+    _node_chunk.assign(patches.num_nodes(), never);
+    for (const Node &node : nodes)
+        _node_chunk[at(node.patch)] = node.chunk;
+    const auto chunk_of = [&](std::size_t turn) {
+        const auto &ends = patches.edge_ends[at(edges[turn].patch)];
+        return std::max(_node_chunk[at(ends[0])], _node_chunk[at(ends[1])]);
+    };
+    ended_by.assign(num_chunks() + 1, 0);
+    for (std::size_t turn = 0; turn < edges.size(); ++turn)
+        if (chunk_of(turn) != never)
+            ++ended_by[chunk_of(turn) + 1];
+    for (std::size_t chunk = 1; chunk <= num_chunks(); ++chunk)
+        ended_by[chunk] += ended_by[chunk - 1];
+    ended_edges.resize(ended_by.back());
+    for (std::size_t turn = 0; turn < edges.size(); ++turn)
+        if (chunk_of(turn) != never)
+            ended_edges[ended_by[chunk_of(turn)]++] = static_cast<Index>(turn);
+    ended_by.pop_back();
+}
+
 /// Batch by batch, each after the chunk that completes the nodes of all so far.
 void SweepSchedule::time_forces(const SmoothingPatches &patches) {
-    std::vector<std::size_t> node_chunk(patches.num_nodes(), 0);
-    for (const Node &node : nodes)
-        node_chunk[at(node.patch)] = node.chunk;
     forced_in.assign(num_batches(), 0);
     forced_by.assign(num_chunks(), first_own);
     std::size_t ready = 0;
     for (std::size_t batch = first_own; batch < last_own; ++batch) {
         for (std::size_t k = width * batch; k < width * (batch + 1); ++k)
             for (std::size_t a = 0; a < 4 && cells[k] != nobody; ++a)
-                ready = std::max(ready, node_chunk[at(patches.cell_nodes[4 * at(cells[k]) + a])]);
+                ready = std::max(ready, _node_chunk[at(patches.cell_nodes[4 * at(cells[k]) + a])]);
         forced_in[batch] = ready;
         forced_by[ready] = batch + 1;
     }

@@ -29,9 +29,10 @@ struct SweepSchedule {
     std::vector<Edge> edges;            // in turn: by chunk, then by their number of cells
     std::vector<Node> nodes;            // in turn: by chunk, then by their number of edges
     std::vector<Index> edge_turn;       // by patch, or `nobody`
+    std::vector<Index> ended_edges;     // turns of those with needed ends, as these get known
     std::vector<std::size_t> forced_in; // the chunk, by batch
     // How many are done after each chunk.
-    std::vector<std::size_t> strained_by, edges_by, forced_by; // batches, edges, batches
+    std::vector<std::size_t> strained_by, edges_by, ended_by, forced_by; // batches or edges
     // From the record that is written to the oldest that will be read: batches, batches, edges.
     std::size_t record_ring = 1, gradient_ring = 1, edge_ring = 1;
 
@@ -48,8 +49,10 @@ struct SweepSchedule {
                                  std::size_t first, std::size_t last);
     void take_edges(const SmoothingPatches &patches, const std::vector<bool> &is_needed);
     void take_nodes(const SmoothingPatches &patches, const std::vector<bool> &is_needed);
+    void end_edges(const SmoothingPatches &patches);
     void time_forces(const SmoothingPatches &patches);
     void measure_rings();
+    std::vector<std::size_t> _node_chunk; // by patch
 };
 
 } // namespace fastsim
