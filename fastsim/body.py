@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
+from palpate.fastsim.forces import sum_at_points
+from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
@@ -115,11 +117,8 @@ class Body:
     @cached_property
     def lumped_mass(self) -> Floats:
         """Diagonal of M: a quarter of each cell's mass to its corners [kg], (num_points,)."""
-        mass = np.zeros(self.mesh.num_points)
         quarter = self.density * signed_volumes(self.mesh.points, self.mesh.cells) / 4.0
-        for k in range(4):
-            np.add.at(mass, self.mesh.cells[:, k], quarter)
-        return mass
+        return sum_at_points(quarter, self.mesh.cells, self.mesh.num_points)
 
     @cached_property
     def shape_gradients(self) -> Floats:
@@ -234,8 +233,7 @@ class Body:
         """
         rest, multiply = np.zeros_like(self.mesh.points), self.core.multiply
         if displacement is None and self.element is Element.SMOOTHED:
-            # Its matrix is four times as large, and takes longer to make than to do without.
-            multiply = self.core.multiply_at_rest
+            multiply = _core.StiffnessAtRest(self.core, chosen_instruction_set()).multiply
         else:
             self.core.assemble_tangent(rest if displacement is None else self.checked(displacement))
         scale = 1.0 / np.sqrt(self.lumped_mass if mass is None else mass)[:, None]

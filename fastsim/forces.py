@@ -47,20 +47,23 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
             case BodyForce():
                 quarter = signed_volumes(mesh.points, mesh.cells)[:, None] / 4.0
                 corner = quarter * np.asarray(load.force_density)
-                for k in range(4):
-                    np.add.at(force, mesh.cells[:, k], corner)
+                for axis in range(3):
+                    force[:, axis] += sum_at_points(corner[:, axis], mesh.cells, mesh.num_points)
         if not np.isfinite(force).all():
             raise InputError(f"load {number} ({type(load).__name__}) is NaN or infinite")
     return force
 
 
+def sum_at_points(values: Floats, rows: Indices, num_points: int) -> Floats:
+    """The sum at each point of the values of the cells or facets that name it, (num_points,)."""
+    sums = np.bincount(rows.T.ravel(), np.tile(values, rows.shape[1]), minlength=num_points)
+    return np.asarray(sums, dtype=np.float64)
+
+
 def lumped_areas(mesh: TetMesh, facets: Indices) -> Floats:
     """A third of the rest area of each of these facets to its corners [m2], (num_points,)."""
-    areas = np.zeros(mesh.num_points)
     third = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
-    for k in range(3):
-        np.add.at(areas, facets[:, k], third)
-    return areas
+    return sum_at_points(third, facets, mesh.num_points)
 
 
 def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], Points]:

@@ -1,6 +1,7 @@
 // Bindings of the fast explicit run: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
 #include "explicit/explicit_run.hpp"
+#include "explicit/stiffness_at_rest.hpp"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/pair.h>
@@ -43,6 +44,24 @@ void bind_explicit_run(nb::module_ &module) {
         .value("energy_growth", StopReason::energy_growth)
         .value("deep_in_tool", StopReason::deep_in_tool);
     module.def("widest_instruction_set", &widest_instruction_set);
+
+    nb::class_<StiffnessAtRest>(module, "StiffnessAtRest")
+        .def(
+            "__init__",
+            [](StiffnessAtRest *self, const ElasticBody &body, InstructionSet at_most) {
+                nb::gil_scoped_release release;
+                new (self) StiffnessAtRest(body, at_most);
+            },
+            nb::arg("body"), nb::arg("at_most"))
+        .def(
+            "multiply",
+            [](StiffnessAtRest &stiffness, Vectors x) {
+                auto y = new_array<double>({stiffness.num_points(), 3});
+                nb::gil_scoped_release release;
+                stiffness.multiply(as_span(x), as_span(y));
+                return y;
+            },
+            nb::arg("x").noconvert());
 
     nb::class_<CentralDifference>(module, "CentralDifference")
         .def(

@@ -68,15 +68,6 @@ void bind_mechanics(nb::module_ &module) {
             },
             nb::arg("displacement").noconvert())
         .def(
-            "multiply_at_rest",
-            [](const ElasticBody &body, Vectors x) {
-                return vectors_by(body, [&](auto y) {
-                    add_smoothed_force(body.elastic, body.patches.value(), as_span(x),
-                                       StrainMeasure::linear, y);
-                });
-            },
-            nb::arg("x").noconvert())
-        .def(
             "smoothed_bound",
             [](const ElasticBody &body, GivenColumn<double> lumped_mass, int rounds) {
                 nb::gil_scoped_release release;

@@ -97,6 +97,17 @@ def test_the_sweep_follows_a_graded_mesh(make_box: MakeBox) -> None:
         assert np.abs(force - plain).max() < 1e-13 * np.abs(plain).max()
 
 
+def test_the_sweep_of_a_body_beyond_the_cache_gives_the_plain_force(make_box: MakeBox) -> None:
+    """18 432 cells in double precision: their data are asked for ahead."""
+    mesh = make_box((48, 8, 8), (6.0, 1.0, 1.0), ragged=0.2)
+    u = 0.01 * np.random.default_rng(1).standard_normal(mesh.points.shape)
+    body = Body(mesh, SOFT, element=Element.SMOOTHED)
+    plain = body.internal_force(u)
+    for instruction_set in _core.InstructionSet:
+        force = force_of_step(body, u, Precision.DOUBLE, 1, instruction_set)
+        assert np.abs(force - plain).max() < 1e-13 * np.abs(plain).max()
+
+
 def test_a_free_body_keeps_its_momentum_and_turns_on(make_box: MakeBox) -> None:
     """Spun and stretched, over 2000 steps in double precision."""
     mesh = make_box((6, 3, 3), (1.0, 0.5, 0.5), ragged=0.2)

@@ -20,7 +20,8 @@ template <typename Real> class Run final : public ExplicitRun {
         std::span<const std::uint8_t> is_free, const ExplicitSettings &settings)
         : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
           _records(lumped_mass.size(), body.elastic.cells),
-          _internal(InternalForce<Real>::make(body, _records, _kernel, settings.num_threads)),
+          _internal(InternalForce<Real>::make(body, body.elastic.strain, _records, _kernel,
+                                              settings.num_threads)),
           _portions(_internal->portions), _team(_portions.size()), _at_forces(_team.size()),
           _at_end(_team.size()), _parts(_team.size()), _supports(_team.size()),
           _tools(_team.size()) {

@@ -8,10 +8,10 @@ namespace {
 
 template <typename Real> class PlainForce final : public InternalForce<Real> {
   public:
-    PlainForce(const ElasticCells &body, const PointRecords &records,
+    PlainForce(const ElasticCells &body, StrainMeasure strain, const PointRecords &records,
                const KernelChoice<Real> &kernel, std::size_t num_threads)
         : _add_forces(kernel.add_forces), _batches(body, records, kernel.width),
-          _lame(body.materials[0]), _is_green(body.strain == StrainMeasure::green) {
+          _lame(body.materials[0]), _is_green(strain == StrainMeasure::green) {
         this->portions = divide(_batches, records.size(), num_threads);
     }
 
@@ -32,16 +32,19 @@ template <typename Real> class PlainForce final : public InternalForce<Real> {
 
 template <typename Real> class SmoothedForce final : public InternalForce<Real> {
   public:
-    SmoothedForce(const ElasticBody &body, const PointRecords &records,
+    SmoothedForce(const ElasticBody &body, StrainMeasure strain, const PointRecords &records,
                   const KernelChoice<Real> &kernel, std::size_t num_threads)
         : _sweep(kernel.sweep) {
         const std::vector<Index> order = cells_in_order(body.elastic.cells, records);
         const std::size_t count =
             std::max<std::size_t>(1, std::min(num_threads, order.size() / kernel.sweep_width));
-        for (std::size_t t = 0; t < count; ++t) {
-            const SweepSchedule schedule(*body.patches, order, order.size() * t / count,
-                                         order.size() * (t + 1) / count, kernel.sweep_width);
-            _plans.emplace_back(body.elastic, *body.patches, records, schedule);
+        std::vector<std::uint32_t> owner(order.size());
+        for (std::uint32_t t = 0; t < count; ++t)
+            for (std::size_t k = order.size() * t / count; k < order.size() * (t + 1) / count; ++k)
+                owner[static_cast<std::size_t>(order[k])] = t;
+        for (std::uint32_t t = 0; t < count; ++t) {
+            const SweepSchedule schedule(*body.patches, order, owner, t, kernel.sweep_width);
+            _plans.emplace_back(body.elastic, strain, *body.patches, records, schedule);
             this->portions.push_back({t, t + 1, _plans[t].first_touched(), _plans[t].last_touched(),
                                       first_owned(t, count, records.size()),
                                       first_owned(t + 1, count, records.size())});
@@ -54,18 +57,19 @@ template <typename Real> class SmoothedForce final : public InternalForce<Real> 
 
   private:
     SweepKernel<Real> _sweep;
-    std::vector<SweepPlan<Real>> _plans;
+    std::vector<SweepPlan<Real>> _plans; // by thread
 };
 
 } // namespace
 
 template <typename Real>
 std::unique_ptr<InternalForce<Real>>
-InternalForce<Real>::make(const ElasticBody &body, const PointRecords &records,
-                          const KernelChoice<Real> &kernel, std::size_t num_threads) {
+InternalForce<Real>::make(const ElasticBody &body, StrainMeasure strain,
+                          const PointRecords &records, const KernelChoice<Real> &kernel,
+                          std::size_t num_threads) {
     if (body.patches)
-        return std::make_unique<SmoothedForce<Real>>(body, records, kernel, num_threads);
-    return std::make_unique<PlainForce<Real>>(body.elastic, records, kernel, num_threads);
+        return std::make_unique<SmoothedForce<Real>>(body, strain, records, kernel, num_threads);
+    return std::make_unique<PlainForce<Real>>(body.elastic, strain, records, kernel, num_threads);
 }
 
 template class InternalForce<float>;

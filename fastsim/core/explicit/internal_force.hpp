@@ -11,7 +11,8 @@ namespace fastsim {
 
 template <typename Real> class InternalForce {
   public:
-    static std::unique_ptr<InternalForce> make(const ElasticBody &body, const PointRecords &records,
+    static std::unique_ptr<InternalForce> make(const ElasticBody &body, StrainMeasure strain,
+                                               const PointRecords &records,
                                                const KernelChoice<Real> &kernel,
                                                std::size_t num_threads);
     virtual ~InternalForce() = default;

@@ -5,7 +5,8 @@
 //     a record of eight numbers
 //  2. edges all of whose cells are done: the sum of their records, the strain weighed by
 //     mu / (36 V_e), as a record
-//  3. nodes all of whose edges are done: the sum of the edges' traces times lmbda / (288 V_n); every
+//  3. nodes all of whose edges are done: the sum of the edges' traces times lmbda / (288 V_n);
+//  every
 //     cell at a node is at three of its edges
 //  4. edges both of whose nodes are done: the sum of the two nodes' numbers into the record
 //  5. cells all of whose nodes are done: S_c is the sum of six edges' records, the nodes' part on
@@ -44,9 +45,10 @@ template <typename Real> struct SweepJob {
     Real *force;              // records of 4; forces are added
     const SweepChunk *chunks;
     std::size_t num_chunks;
-    std::size_t first_forced; // batch; those before are another thread's, strained here too
-    const std::int32_t *corners, *cell_edges; // each batch: 4 and 6 x width
-    const Real *rest;                         // each batch: 10 x width
+    const std::int32_t *own_batches; // those that are forced; others are only strained here
+    const std::int32_t *cell_edges;  // each of these: 6 x width, entries of the records
+    const std::int32_t *corners;     // each batch: 4 x width
+    const Real *rest;                // each batch: 10 x width
     const EdgeGroup *edge_groups;
     const std::int32_t *edge_cells; // of each edge, entries of the records
     const Real *edge_weight;
@@ -57,6 +59,7 @@ template <typename Real> struct SweepJob {
     Real *cell_records, *gradients, *edge_records, *node_values; // the rings, and by node
     std::size_t record_ring, gradient_ring;                      // batches
     bool is_green;
+    bool is_large; // what streams past in a step does not stay in the cache
 };
 
 } // namespace fastsim

@@ -9,12 +9,24 @@ template <typename Pack> inline typename Pack::V *packs_at(typename Pack::Real *
     return reinterpret_cast<typename Pack::V *>(p);
 }
 
+/// Whether what streams past once a step is asked for some thousand bytes before it is read: it
+/// helps where it comes from memory, and costs a little where it is in a cache.
+enum class Ahead { nothing, asks };
+
+/// Asks for as many lines as are being read now. A hint: they may lie past the end.
+template <Ahead ahead, std::size_t count, typename T> inline void prefetch_ahead(const T *first) {
+    if constexpr (ahead == Ahead::asks)
+        prefetch<count * sizeof(T)>(first, 4096 / (count * sizeof(T)));
+}
+
 /// Strains a batch of cells; returns det F.
-template <typename Pack, bool is_green>
+template <typename Pack, bool is_green, Ahead ahead>
 inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, std::size_t batch) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width, parts = sweep_record / width;
+    prefetch_ahead<ahead, 10 * width>(job.rest + 10 * width * batch);
+    prefetch_ahead<ahead, 4 * width>(job.corners + 4 * width * batch);
     const V *const rest = packs_at<Pack>(job.rest + 10 * width * batch);
     V edges[9], h[9], e[sweep_record];
     gather_edges<Pack>(job.displacement, job.corners + 4 * width * batch, edges);
@@ -40,7 +52,7 @@ inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, s
 }
 
 /// Sums the records of each edge's cells; `count` is their number where it is known, else 0.
-template <typename Pack, std::size_t count>
+template <typename Pack, Ahead ahead, std::size_t count>
 const std::int32_t *sum_edges(const SweepJob<typename Pack::Real> &job, const EdgeGroup &group,
                               const std::int32_t *cells, const typename Pack::Real *weight) {
     using Real = typename Pack::Real;
@@ -52,6 +64,7 @@ const std::int32_t *sum_edges(const SweepJob<typename Pack::Real> &job, const Ed
     Real *record = job.edge_records + group.first_entry;
     for (std::int32_t edge = 0; edge < group.num_edges; ++edge) {
         V sum[parts];
+        prefetch_ahead<ahead, 1>(cells);
         for (std::size_t p = 0; p < parts; ++p)
             sum[p] = Pack::load(job.cell_records + cells[0] + p * Pack::width);
         for (std::size_t k = 1; k < num_cells; ++k)
@@ -68,46 +81,48 @@ const std::int32_t *sum_edges(const SweepJob<typename Pack::Real> &job, const Ed
     return cells;
 }
 
-template <typename Pack>
+template <typename Pack, Ahead ahead>
 const std::int32_t *sum_group(const SweepJob<typename Pack::Real> &job, const EdgeGroup &group,
                               const std::int32_t *cells, const typename Pack::Real *weight) {
     switch (group.num_cells) {
     case 1:
-        return sum_edges<Pack, 1>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 1>(job, group, cells, weight);
     case 2:
-        return sum_edges<Pack, 2>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 2>(job, group, cells, weight);
     case 3:
-        return sum_edges<Pack, 3>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 3>(job, group, cells, weight);
     case 4:
-        return sum_edges<Pack, 4>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 4>(job, group, cells, weight);
     case 5:
-        return sum_edges<Pack, 5>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 5>(job, group, cells, weight);
     case 6:
-        return sum_edges<Pack, 6>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 6>(job, group, cells, weight);
     case 7:
-        return sum_edges<Pack, 7>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 7>(job, group, cells, weight);
     case 8:
-        return sum_edges<Pack, 8>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 8>(job, group, cells, weight);
     default:
-        return sum_edges<Pack, 0>(job, group, cells, weight);
+        return sum_edges<Pack, ahead, 0>(job, group, cells, weight);
     }
 }
 
-/// Adds the forces of a batch of cells.
-template <typename Pack, bool is_green>
-inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t batch) {
+/// Adds the forces of one of the own batches.
+template <typename Pack, bool is_green, Ahead ahead>
+inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t own) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width, parts = sweep_record / width;
-    const std::int32_t *edges_of = job.cell_edges + 6 * width * batch;
+    const auto batch = static_cast<std::size_t>(job.own_batches[own]);
+    const std::int32_t *edges_of = job.cell_edges + 6 * width * own;
+    prefetch_ahead<ahead, 6 * width>(edges_of);
     V s[sweep_record];
     for (std::size_t lane = 0; lane < width; ++lane) {
-        const std::int32_t *own = edges_of + 6 * lane;
+        const std::int32_t *const of = edges_of + 6 * lane;
         for (std::size_t p = 0; p < parts; ++p) {
             const Real *const records = job.edge_records + p * width;
-            s[p * width + lane] = ((Pack::load(records + own[0]) + Pack::load(records + own[1])) +
-                                   (Pack::load(records + own[2]) + Pack::load(records + own[3]))) +
-                                  (Pack::load(records + own[4]) + Pack::load(records + own[5]));
+            s[p * width + lane] = ((Pack::load(records + of[0]) + Pack::load(records + of[1])) +
+                                   (Pack::load(records + of[2]) + Pack::load(records + of[3]))) +
+                                  (Pack::load(records + of[4]) + Pack::load(records + of[5]));
         }
     }
     for (std::size_t p = 0; p < parts; ++p)
@@ -121,7 +136,7 @@ inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t ba
     scatter_forces<Pack>(job.force, job.corners + 4 * width * batch, forces);
 }
 
-template <typename Pack, bool is_green>
+template <typename Pack, bool is_green, Ahead ahead>
 typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
@@ -129,23 +144,23 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
     V smallest = V{} + Real(1);
     const std::int32_t *cells = job.edge_cells, *edges = job.node_edges;
     const Real *weight = job.edge_weight;
-    std::size_t strained = 0, edge_group = 0, node_group = 0, ended = 0,
-                forced = job.first_forced;
+    std::size_t strained = 0, edge_group = 0, node_group = 0, ended = 0, forced = 0;
     for (std::size_t k = 0; k < job.num_chunks; ++k) {
         const SweepChunk &chunk = job.chunks[k];
         for (; strained < chunk.strained_batches; ++strained) {
-            const V least = strain_batch<Pack, is_green>(job, strained);
+            const V least = strain_batch<Pack, is_green, ahead>(job, strained);
             // NaN counts as inverted: the comparison is false for it.
             smallest = least > smallest ? smallest : least;
         }
         for (; edge_group < chunk.edge_groups; ++edge_group) {
             const EdgeGroup &group = job.edge_groups[edge_group];
-            cells = sum_group<Pack>(job, group, cells, weight);
+            cells = sum_group<Pack, ahead>(job, group, cells, weight);
             weight += group.num_edges;
         }
         for (; node_group < chunk.node_groups; ++node_group) {
             V sum = {};
             for (std::int32_t left = job.node_counts[node_group]; left > 0; --left) {
+                prefetch_ahead<ahead, width>(edges);
                 sum += Pack::lookup(job.edge_records, edges);
                 edges += width;
             }
@@ -154,15 +169,20 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
         }
         for (; ended < chunk.edge_ends; ++ended) {
             const EdgeEnds &edge = job.edge_ends[ended];
+            prefetch_ahead<ahead, 1>(&edge);
             job.edge_records[edge.entry + nodes_entry] =
                 job.node_values[edge.first_node] + job.node_values[edge.second_node];
         }
         for (; forced < chunk.forced_batches; ++forced)
-            force_batch<Pack, is_green>(job, forced);
+            force_batch<Pack, is_green, ahead>(job, forced);
     }
     return least_of<Pack>(smallest);
 }
 
 template <typename Pack> typename Pack::Real sweep(const SweepJob<typename Pack::Real> &job) {
-    return job.is_green ? sweep_cells<Pack, true>(job) : sweep_cells<Pack, false>(job);
+    if (job.is_large)
+        return job.is_green ? sweep_cells<Pack, true, Ahead::asks>(job)
+                            : sweep_cells<Pack, false, Ahead::asks>(job);
+    return job.is_green ? sweep_cells<Pack, true, Ahead::nothing>(job)
+                        : sweep_cells<Pack, false, Ahead::nothing>(job);
 }

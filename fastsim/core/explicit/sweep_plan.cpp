@@ -8,6 +8,9 @@ namespace {
 
 // The first record and the first group of nodes hold zeros, for what fills up batches.
 constexpr std::size_t num_zeros = 1;
+// Cells whose data, some 130 bytes each in single precision, may stay in the cache from step to
+// step.
+constexpr std::size_t num_cached = 32768;
 constexpr auto no_trace = static_cast<std::int32_t>(trace_entry);
 
 std::size_t at(Index i) { return static_cast<std::size_t>(i); }
@@ -26,9 +29,11 @@ std::int32_t edge_entry(const SweepSchedule &schedule, std::size_t turn) {
 } // namespace
 
 template <typename Real>
-SweepPlan<Real>::SweepPlan(const ElasticCells &body, const SmoothingPatches &patches,
-                           const PointRecords &records, const SweepSchedule &schedule)
-    : _first_touched(records.size()) {
+SweepPlan<Real>::SweepPlan(const ElasticCells &body, StrainMeasure strain,
+                           const SmoothingPatches &patches, const PointRecords &records,
+                           const SweepSchedule &schedule)
+    : _first_touched(records.size()),
+      _own_batches(schedule.own_batches.begin(), schedule.own_batches.end()) {
     _chunks.resize(schedule.num_chunks());
     for (std::size_t chunk = 0; chunk < _chunks.size(); ++chunk)
         _chunks[chunk] = {schedule.strained_by[chunk], 0, 0, schedule.ended_by[chunk],
@@ -41,29 +46,33 @@ SweepPlan<Real>::SweepPlan(const ElasticCells &body, const SmoothingPatches &pat
     _gradients.assign(9 * width * schedule.gradient_ring, Real(0));
     _edge_records.assign(sweep_record * (num_zeros + schedule.edge_ring), Real(0));
     _node_values.assign(_node_weight.size(), Real(0));
-    _job.first_forced = schedule.first_own;
     _job.record_ring = schedule.record_ring;
     _job.gradient_ring = schedule.gradient_ring;
-    _job.is_green = body.strain == StrainMeasure::green;
+    _job.is_large = schedule.cells.size() * sizeof(Real) > num_cached * sizeof(float);
+    _job.is_green = strain == StrainMeasure::green;
 }
 
 template <typename Real>
 void SweepPlan<Real>::lay_out_edges(const ElasticCells &body, const SmoothingPatches &patches,
                                     const SweepSchedule &schedule) {
+    const SweepSchedule::Turns &edges = schedule.edges;
+    _edge_cells.reserve(edges.members.members.size());
+    _edge_weight.reserve(edges.size());
     std::size_t turn = 0;
     for (std::size_t chunk = 0; chunk < _chunks.size(); ++chunk) {
         for (bool is_first = true; turn < schedule.edges_by[chunk]; ++turn, is_first = false) {
-            const SweepSchedule::Edge &edge = schedule.edges[turn];
-            const auto num_cells = static_cast<std::int32_t>(edge.cells.size());
+            const std::span<const Index> places = edges.members.of(turn);
+            const auto num_cells = static_cast<std::int32_t>(places.size());
             if (is_first || turn % schedule.edge_ring == 0 ||
                 _edge_groups.back().num_cells != num_cells)
                 _edge_groups.push_back({0, num_cells, edge_entry(schedule, turn)});
             ++_edge_groups.back().num_edges;
-            for (const Index place : edge.cells)
+            for (const Index place : places)
                 _edge_cells.push_back(cell_entry(schedule, at(place)));
-            const Lame lame = body.materials[at(patches.edge_material[at(edge.patch)])];
+            const std::size_t patch = at(edges.patch[turn]);
+            const Lame lame = body.materials[at(patches.edge_material[patch])];
             _edge_weight.push_back(
-                static_cast<Real>(lame.mu / (36.0 * patches.edge_volume[at(edge.patch)])));
+                static_cast<Real>(lame.mu / (36.0 * patches.edge_volume[patch])));
         }
         _chunks[chunk].edge_groups = _edge_groups.size();
     }
@@ -72,28 +81,28 @@ void SweepPlan<Real>::lay_out_edges(const ElasticCells &body, const SmoothingPat
 template <typename Real>
 void SweepPlan<Real>::lay_out_nodes(const ElasticCells &body, const SmoothingPatches &patches,
                                     const SweepSchedule &schedule) {
-    const std::vector<SweepSchedule::Node> &nodes = schedule.nodes;
+    const SweepSchedule::Turns &nodes = schedule.nodes;
     const std::size_t width = schedule.width;
     _node_counts.assign(num_zeros, 0);
     _node_weight.assign(num_zeros * width, Real(0));
     std::vector<std::int32_t> value_of(patches.num_nodes(), 0); // of each patch
     std::size_t begin = 0;
     for (std::size_t chunk = 0; chunk < _chunks.size(); ++chunk) {
-        while (begin < nodes.size() && nodes[begin].chunk == chunk) {
+        while (begin < nodes.size() && nodes.chunk[begin] == chunk) {
             std::size_t end = begin + 1;
-            while (end < std::min(nodes.size(), begin + width) && nodes[end].chunk == chunk)
+            while (end < std::min(nodes.size(), begin + width) && nodes.chunk[end] == chunk)
                 ++end;
-            const std::size_t most = nodes[end - 1].edges.size();
+            const std::size_t most = nodes.members.of(end - 1).size();
             for (std::size_t k = 0; k < most; ++k)
                 for (std::size_t n = begin; n < begin + width; ++n)
-                    _node_edges.push_back(n < end && k < nodes[n].edges.size()
-                                              ? edge_entry(schedule, at(nodes[n].edges[k])) +
+                    _node_edges.push_back(n < end && k < nodes.members.of(n).size()
+                                              ? edge_entry(schedule, at(nodes.members.of(n)[k])) +
                                                     no_trace
                                               : no_trace);
             for (std::size_t n = begin; n < begin + width; ++n) {
                 Real weight = 0;
                 if (n < end) {
-                    const std::size_t patch = at(nodes[n].patch);
+                    const std::size_t patch = at(nodes.patch[n]);
                     value_of[patch] = static_cast<std::int32_t>(_node_weight.size());
                     weight =
                         static_cast<Real>(body.materials[at(patches.node_material[patch])].lmbda /
@@ -106,8 +115,9 @@ void SweepPlan<Real>::lay_out_nodes(const ElasticCells &body, const SmoothingPat
         }
         _chunks[chunk].node_groups = _node_counts.size();
     }
+    _edge_ends.reserve(schedule.ended_edges.size());
     for (const Index turn : schedule.ended_edges) {
-        const auto &ends = patches.edge_ends[at(schedule.edges[at(turn)].patch)];
+        const auto &ends = patches.edge_ends[at(schedule.edges.patch[at(turn)])];
         _edge_ends.push_back(
             {edge_entry(schedule, at(turn)), value_of[at(ends[0])], value_of[at(ends[1])]});
     }
@@ -120,28 +130,32 @@ void SweepPlan<Real>::lay_out_cells(const ElasticCells &body, const SmoothingPat
     const std::size_t width = schedule.width;
     _corners.assign(4 * cells.size(), static_cast<std::int32_t>(4 * records.size()));
     _rest.assign(10 * cells.size(), Real(0));
-    _cell_edges.assign(6 * cells.size(), 0);
     for (std::size_t k = 0; k < cells.size(); ++k) {
         if (cells[k] == SweepSchedule::nobody)
             continue;
         const std::size_t c = at(cells[k]), batch = k / width, lane = k % width;
-        const bool is_own = schedule.is_own(batch);
-        for (std::size_t a = 0; a < 4; ++a) {
-            const std::size_t entry = records.first_entry(body.cells[4 * c + a]);
-            const std::size_t place = (4 * batch + a) * width + lane;
-            _corners[place] = static_cast<std::int32_t>(entry);
-            if (!is_own)
-                continue;
-            _first_touched = std::min(_first_touched, entry / 4);
-            _last_touched = std::max(_last_touched, entry / 4 + 1);
-        }
-        for (std::size_t e = 0; e < 6 && is_own; ++e)
-            _cell_edges[6 * k + e] =
-                edge_entry(schedule, at(schedule.edge_turn[at(patches.cell_edges[6 * c + e])]));
+        for (std::size_t a = 0; a < 4; ++a)
+            _corners[(4 * batch + a) * width + lane] =
+                static_cast<std::int32_t>(records.first_entry(body.cells[4 * c + a]));
         for (std::size_t j = 0; j < 9; ++j)
             _rest[(10 * batch + j) * width + lane] = static_cast<Real>(body.rest.gradients[c][j]);
         _rest[(10 * batch + 9) * width + lane] = static_cast<Real>(body.rest.volumes[c]);
     }
+    _cell_edges.assign(6 * width * _own_batches.size(), 0);
+    for (std::size_t own = 0; own < _own_batches.size(); ++own)
+        for (std::size_t lane = 0; lane < width; ++lane) {
+            const Index cell = cells[width * at(_own_batches[own]) + lane];
+            if (cell == SweepSchedule::nobody)
+                continue;
+            for (std::size_t a = 0; a < 4; ++a) {
+                const std::size_t record = records.first_entry(body.cells[4 * at(cell) + a]) / 4;
+                _first_touched = std::min(_first_touched, record);
+                _last_touched = std::max(_last_touched, record + 1);
+            }
+            for (std::size_t e = 0; e < 6; ++e)
+                _cell_edges[6 * (width * own + lane) + e] = edge_entry(
+                    schedule, at(schedule.edge_turn[at(patches.cell_edges[6 * at(cell) + e])]));
+        }
 }
 
 template <typename Real>
@@ -151,6 +165,7 @@ Real SweepPlan<Real>::run(SweepKernel<Real> kernel, const Real *displacement, Re
     job.force = force;
     job.chunks = _chunks.data();
     job.num_chunks = _chunks.size();
+    job.own_batches = _own_batches.data();
     job.corners = _corners.data();
     job.cell_edges = _cell_edges.data();
     job.rest = _rest.data();

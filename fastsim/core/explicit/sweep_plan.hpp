@@ -1,6 +1,6 @@
 #pragma once
-// What one thread's sweep over smoothed cells reads, in the order in which it is read: its own
-// cells, and copies of those of other threads that share a node's patch with them.
+// What a sweep over smoothed cells reads, in the order in which it is read: its own
+// cells, and copies of those of other sweeps that share a node's patch with them.
 
 #include "explicit/records.hpp"
 #include "explicit/sweep_kernel.hpp"
@@ -12,7 +12,7 @@ namespace fastsim {
 
 template <typename Real> class SweepPlan {
   public:
-    SweepPlan(const ElasticCells &body, const SmoothingPatches &patches,
+    SweepPlan(const ElasticCells &body, StrainMeasure strain, const SmoothingPatches &patches,
               const PointRecords &records, const SweepSchedule &schedule);
 
     /// Adds the forces of the own cells; returns the smallest det F met.
@@ -34,6 +34,7 @@ template <typename Real> class SweepPlan {
     std::size_t _first_touched, _last_touched = 0;
     std::vector<SweepChunk> _chunks;
     std::vector<EdgeGroup> _edge_groups;
+    std::vector<std::int32_t> _own_batches;
     AlignedVector<std::int32_t> _corners, _cell_edges;
     AlignedVector<std::int32_t> _edge_cells, _node_counts, _node_edges;
     AlignedVector<Real> _rest, _edge_weight, _node_weight;

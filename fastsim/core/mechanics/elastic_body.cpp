@@ -12,7 +12,7 @@ double ElasticBody::strain_energy(std::span<const double> displacement) const {
 void ElasticBody::add_internal_force(std::span<const double> displacement,
                                      std::span<double> force) const {
     if (patches)
-        add_smoothed_force(elastic, *patches, displacement, elastic.strain, force);
+        add_smoothed_force(elastic, *patches, displacement, force);
     else
         fastsim::add_internal_force(elastic, displacement, force);
 }

@@ -82,13 +82,12 @@ double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches
 }
 
 void add_smoothed_force(const ElasticCells &body, const SmoothingPatches &patches,
-                        std::span<const double> displacement, StrainMeasure strain,
-                        std::span<double> force) {
-    std::vector<Matrix3> stresses = strains_at(body, displacement, strain);
+                        std::span<const double> displacement, std::span<double> force) {
+    std::vector<Matrix3> stresses = strains_at(body, displacement, body.strain);
     smoothed_stresses(body, patches, stresses, stresses);
     for (std::size_t c = 0; c < body.size(); ++c) {
         const Matrix3 h = body.gradient(c, displacement);
-        add_cell_force(body, c, push_forward(h, stresses[c], strain), force);
+        add_cell_force(body, c, push_forward(h, stresses[c], body.strain), force);
     }
 }
 

@@ -28,10 +28,9 @@ void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement);
 
-/// Adds (S5) of all cells to `force`. By linear strain this is K u, K the tangent at rest.
+/// Adds (S5) of all cells to `force`.
 void add_smoothed_force(const ElasticCells &body, const SmoothingPatches &patches,
-                        std::span<const double> displacement, StrainMeasure strain,
-                        std::span<double> force);
+                        std::span<const double> displacement, std::span<double> force);
 
 /// The pattern of the tangent, zero: points that share a node's patch.
 BlockMatrix make_smoothed_matrix(std::size_t num_points, const ElasticCells &body,
