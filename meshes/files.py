@@ -162,16 +162,6 @@ def write_mesh(
     _write(path, suffix, out)
 
 
-def read_point_data(path: str | Path) -> tuple[Points, dict[str, NDArray[Any]]]:
-    """Points and fields on points of a VTU or VTK file, as they stand (NaN included).
-
-    Raises:
-        FileFormatError: Missing, damaged or of another kind.
-    """
-    points, _, fields, _ = read_answer(path)
-    return points, fields
-
-
 def read_answer(
     path: str | Path, *, most_bytes: int = MOST_BYTES
 ) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:

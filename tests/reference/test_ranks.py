@@ -18,7 +18,7 @@ from palpate.meshes.boundary_conditions import (
     Support,
     Traction,
 )
-from palpate.meshes.files import read_point_data
+from palpate.meshes.files import read_answer
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.problem_files import save_problem
 from palpate.reference import ranks
@@ -153,7 +153,7 @@ def test_the_command_solves_on_two_ranks_and_writes_once(tmp_path):
     done = run(2, *command, "-o", str(path))
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("displacement [m]") == 1
-    assert np.abs(read_point_data(path)[1]["displacement"]).max() > 1e-3
+    assert np.abs(read_answer(path)[2]["displacement"]).max() > 1e-3
 
 
 def test_an_error_is_told_once_with_its_exit_code():

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.meshes.files import read_mesh, read_point_data, write_surface
+from palpate.meshes.files import read_answer, read_mesh, write_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Strain
 from palpate.meshes.tri_surface import TriSurface
@@ -95,7 +95,7 @@ def test_mesh_then_solve(tmp_path: Path, write_case: Write) -> None:
     path = write_case()
     done = palpate("solve", path.name, "-o", "u.vtu", "--strain", "linear", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    points, fields = read_point_data(tmp_path / "u.vtu")
+    points, _, fields, _ = read_answer(tmp_path / "u.vtu")
     assert fields["displacement"].shape == points.shape
     assert np.abs(fields["displacement"]).max() > 0.01
 

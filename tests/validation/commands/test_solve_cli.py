@@ -14,7 +14,7 @@ import pytest
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.files import read_point_data
+from palpate.meshes.files import read_answer
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.references.motion_runs import solve_reference
@@ -66,7 +66,7 @@ def test_a_mesh_file_holds_the_end_of_the_motion_not_the_equilibrium(tmp_path: P
     for path in (written, moving):
         done = palpate("solve", "block-motion", "--with", "reference", "-o", path)
         assert done.returncode == 0, done.stderr
-    found = read_point_data(written)[1]["displacement"]
+    found = read_answer(written)[2]["displacement"]
     with np.load(moving) as stored:
         np.testing.assert_array_equal(found, stored["displacement"][-1])
         assert stored["times"][-1] == 0.5

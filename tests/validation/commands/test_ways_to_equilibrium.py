@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.meshes.files import read_point_data
+from palpate.meshes.files import read_answer
 
 MOVING = palpate.TimeSpan(end_time=0.1, num_outputs=2)
 
@@ -24,7 +24,7 @@ def solve_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def written(path: Path) -> np.ndarray:
-    displacement: np.ndarray = read_point_data(path)[1]["displacement"]
+    displacement: np.ndarray = read_answer(path)[2]["displacement"]
     return displacement
 
 

@@ -132,9 +132,9 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     assert done.returncode == 3, done.stdout + done.stderr
     # The case has checks of linear strain too: this result has none.
     assert "skipped" in done.stdout
-    from palpate.meshes.files import read_point_data
+    from palpate.meshes.files import read_answer
 
-    points, fields = read_point_data(solved)
+    points, _, fields, _ = read_answer(solved)
     for factor, name in ((1000.0, "unit"), (np.nan, "nan"), (0.98, "soft")):
         np.savez(tmp_path / f"{name}.npz", displacement=factor * fields["displacement"])
         done = palpate("compare", "kidney", str(tmp_path / f"{name}.npz"))
