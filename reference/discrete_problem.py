@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import create_contacts
@@ -16,7 +16,8 @@ from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import lame_by_cell
-from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
+from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
+from palpate.reference.result import Formulation
 from palpate.reference.smoothed_stress import SmoothedStress
 from palpate.reference.st_venant_kirchhoff import (
     second_piola_kirchhoff_stress,
@@ -59,6 +60,7 @@ class ElasticBody:
     ) -> None:
         self.space = space
         self.strain = strain
+        self.element = element
         mesh = space.transferred.mesh
         self.lame = lmbda, mu = lame_by_cell(space.transferred, material, inclusions)
         self.u = fem.Function(space.space)
@@ -79,6 +81,11 @@ class ElasticBody:
         self.num_dofs = 3 * space.num_blocks  # that this rank owns
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
+
+    @property
+    def unknown(self) -> Any:
+        """The function of all unknowns, `u` among them."""
+        return self._unknown
 
     def of_displacement(self, values: Floats) -> Floats:
         """The part of a flat vector that belongs to displacements, in the order of `space`."""
@@ -119,6 +126,7 @@ class DiscreteProblem(ElasticBody):
     """
 
     num_pressures = 0
+    formulation = Formulation.DISPLACEMENT
 
     def __init__(
         self,
@@ -148,6 +156,21 @@ class DiscreteProblem(ElasticBody):
     def of_displacement(self, values: Floats) -> Floats:
         """The part of a flat vector that belongs to displacements, in the order of `space`."""
         return values
+
+    def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
+        """A flat vector of another mesh's problem as one of this one's, on one rank.
+
+        Args:
+            other: On a mesh of the same body.
+            values: Its flat vector.
+            cells: The cell of the other TetMesh that each of this one's lies in.
+        """
+        other.set_displacement(values)
+        return carry_field(other.space, other.u, self.space, cells)
+
+    def destroy(self) -> None:
+        """Give the matrix back at once: Python's collector sees only its handle."""
+        self._matrix.destroy()
 
     def external_force(self, displacement: Floats) -> Floats:
         """Nodal forces of the full load at a displacement [N], flat, shape (num_dofs,)."""

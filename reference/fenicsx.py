@@ -136,23 +136,31 @@ def taylor_hood_space(mesh: Any, degree: int) -> Any:
         )
 
 
-def displacements_of(mixed: Any) -> tuple[Any, np.ndarray[Any, Any]]:
-    """Return the first part of a mixed space as one of its own, and where its dofs are."""
-    space, dofs = mixed.sub(0).collapse()
+def part_of_space(mixed: Any, part: int = 0) -> tuple[Any, np.ndarray[Any, Any]]:
+    """Return a part of a mixed space as one of its own, and where its dofs are."""
+    space, dofs = mixed.sub(part).collapse()
     # 0.11 gives one array for each kind of cell.
     return space, np.asarray(dofs, dtype=np.int32).ravel()
 
 
-def cell_function(mesh: Any, values: Floats) -> Any:
-    """Return the function with a constant value in each cell, dolfinx numbering."""
+def cell_space(mesh: Any) -> Any:
+    """Return the space of scalars that are constant in each cell."""
     with _compiling():
         if _IS_OLD:
-            space = fem.FunctionSpace(mesh, ("DG", 0))
-        else:
-            space = fem.functionspace(mesh, ("DG", 0))
-    function = fem.Function(space)
-    function.x.array[cell_dofs(space)[:, 0]] = values
+            return fem.FunctionSpace(mesh, ("DG", 0))
+        return fem.functionspace(mesh, ("DG", 0))
+
+
+def cell_function(mesh: Any, values: Floats) -> Any:
+    """Return the function with a constant value in each cell, dolfinx numbering."""
+    function = fem.Function(cell_space(mesh))
+    set_cell_values(function, values)
     return function
+
+
+def set_cell_values(function: Any, values: Floats) -> None:
+    """Give a `cell_function` other values, dolfinx numbering."""
+    function.x.array[cell_dofs(function.function_space)[:, 0]] = values
 
 
 def cell_values(function: Any) -> Floats:
@@ -166,6 +174,34 @@ def cell_tensor_space(mesh: Any) -> Any:
         if _IS_OLD:
             return fem.TensorFunctionSpace(mesh, ("DG", 0))
         return fem.functionspace(mesh, ("DG", 0, (3, 3)))
+
+
+def scalar_space(mesh: Any, degree: int) -> Any:
+    """Return the space of continuous scalars of a polynomial degree."""
+    with _compiling():
+        if _IS_OLD:
+            return fem.FunctionSpace(mesh, ("Lagrange", degree))
+        return fem.functionspace(mesh, ("Lagrange", degree))
+
+
+def tensor_space(mesh: Any, degree: int) -> Any:
+    """Return the space of continuous 3 x 3 tensors of a polynomial degree."""
+    with _compiling():
+        if _IS_OLD:
+            return fem.TensorFunctionSpace(mesh, ("Lagrange", degree))
+        return fem.functionspace(mesh, ("Lagrange", degree, (3, 3)))
+
+
+def part_of(function: Any, number: int) -> Any:
+    """One part of a function of a mixed space, as a function of a space of its own."""
+    with _compiling():
+        return function.sub(number).collapse()
+
+
+def values_at(function: Any, places: Points, cells: np.ndarray[Any, Any]) -> Floats:
+    """Values of a function at places [m], each in a cell of this rank, shape (n, value_size)."""
+    found = function.eval(places, np.asarray(cells, dtype=np.int32))
+    return np.asarray(found, dtype=np.float64).reshape(len(places), -1)
 
 
 def form(expression: Any) -> Any:
@@ -205,6 +241,12 @@ def assemble_scalar(compiled: Any) -> float:
 def total(value: Any) -> Any:
     """Sum of a number or an array over the ranks, the same on each."""
     return COMM.allreduce(value, MPI.SUM)
+
+
+def every_row(rows: Floats) -> Floats:
+    """The different rows of a table over all ranks, sorted, the same on each."""
+    different: Floats = np.unique(np.vstack(COMM.allgather(np.unique(rows, axis=0))), axis=0)
+    return different
 
 
 def smallest(value: float) -> float:

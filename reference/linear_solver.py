@@ -38,6 +38,7 @@ class LinearSolver:
             positive definite.
         num_multipliers: Unknowns besides displacements (pressures), each a negative pivot of a
             stable body; with any, always direct.
+        largest_direct: Unknowns up to which it is direct; LARGEST_DIRECT where None.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class LinearSolver:
         has_contact: bool = False,
         is_always_direct: bool = False,
         num_multipliers: int = 0,
+        largest_direct: int | None = None,
     ) -> None:
         num_nodes = fenicsx.total(len(coordinates))
         centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
@@ -55,7 +57,8 @@ class LinearSolver:
         self._is_symmetric = is_symmetric
         self._has_contact = has_contact
         self._num_multipliers = num_multipliers
-        is_small = is_always_direct or 3 * num_nodes < LARGEST_DIRECT
+        most = LARGEST_DIRECT if largest_direct is None else largest_direct
+        is_small = is_always_direct or 3 * num_nodes < most
         self._is_direct = is_small or num_multipliers > 0
         self._may_fall_back = 3 * num_nodes < LARGEST_FALLBACK
         self._ksp = self._direct() if self._is_direct else self._multigrid()
@@ -68,7 +71,14 @@ class LinearSolver:
         return f"{'CG' if self._is_symmetric else 'FGMRES'} with GAMG"
 
     def solve(
-        self, matrix: Any, rhs: Floats, held: Indices, values: Floats, *, tolerance: float
+        self,
+        matrix: Any,
+        rhs: Floats,
+        held: Indices,
+        values: Floats,
+        *,
+        tolerance: float,
+        is_same_matrix: bool = False,
     ) -> Floats:
         """Return du with matrix du = rhs on the free entries and du = values on the held ones.
 
@@ -80,6 +90,7 @@ class LinearSolver:
             held: Prescribed entries, shape (n,).
             values: Their values, shape (n,).
             tolerance: Relative residual at which an iterative solve stops.
+            is_same_matrix: As in the last solve: what it prepared serves again.
 
         Raises:
             LinearSolveError: No finite solution was found.
@@ -89,9 +100,10 @@ class LinearSolver:
         x.array[held] = values
         self._hold(matrix, held, x, b)
         try:
-            if not self._is_direct:
+            if not (self._is_direct or is_same_matrix):
                 self._attach_rigid_modes(matrix, held)
             self._ksp.setOperators(matrix)
+            self._ksp.getPC().setReusePreconditioner(is_same_matrix)
             self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
             try:
                 self._run(b, x)
@@ -99,12 +111,17 @@ class LinearSolver:
                 self._factor_instead(matrix, b, x)
             solution: Floats = np.array(x.array)
         finally:
+            self._ksp.getPC().setReusePreconditioner(False)
             x.destroy()
             b.destroy()
         if not math.isfinite(fenicsx.norm(solution)):
             raise LinearSolveError("the tangent stiffness is singular")
         solution[held] = values
         return solution
+
+    def destroy(self) -> None:
+        """Give factors or multigrid levels back at once."""
+        self._ksp.destroy()
 
     def is_positive_definite(self, matrix: Any, held: Indices) -> bool:
         """Whether a symmetric matrix is positive definite on its free entries.

@@ -231,3 +231,25 @@ def map_points(transferred: TransferredMesh, degree: int, space: Any) -> Transfe
     dof_of_point = np.full(transferred.source.num_points, -1, dtype=np.int32)
     dof_of_point[transferred.point_of_node[nodes].ravel()] = dofs[:, :4].ravel()
     return TransferredSpace(transferred, degree, space, dof_of_point)
+
+
+def carry_field(
+    source: TransferredSpace, field: Any, target: TransferredSpace, cells: Indices
+) -> Floats:
+    """Values of a function of one mesh at the nodes of another of the same body, on one rank.
+
+    Args:
+        source: Space of the first mesh.
+        field: A function on that mesh.
+        target: Space of the second mesh.
+        cells: Cell of the first TetMesh that each cell of the second lies in.
+
+    Returns:
+        Flat, in the order of `target`; exact where the first space is part of the second.
+    """
+    number = np.empty(source.transferred.source.num_cells, dtype=np.int32)
+    number[source.transferred.cell_of_cell] = np.arange(len(number), dtype=np.int32)
+    dofs = fenicsx.cell_dofs(target.space)
+    cell_of_dof = np.empty(target.num_blocks, dtype=np.int32)
+    cell_of_dof[dofs] = number[cells[target.transferred.cell_of_cell]][:, None]
+    return fenicsx.values_at(field, target.coordinates, cell_of_dof).ravel()

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
@@ -29,7 +29,8 @@ from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.kinematics import strain_tensor
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import lame_by_cell, lame_parameters
-from palpate.reference.mesh_transfer import map_points, transfer
+from palpate.reference.mesh_transfer import carry_field, map_points, transfer
+from palpate.reference.result import Formulation
 from palpate.reference.supports import HeldDofs, hold
 
 
@@ -48,6 +49,8 @@ class MixedProblem(DiscreteProblem):
         InputError: Degree 1, smoothed tetrahedra, a tool, Poisson's ratio not above 0, or more than
             one rank.
     """
+
+    formulation = Formulation.MIXED
 
     def __init__(
         self,
@@ -70,13 +73,16 @@ class MixedProblem(DiscreteProblem):
         if not all(m.poissons_ratio > 0.0 for m in materials):
             raise InputError("the mixed form needs Poisson's ratios above 0; use the plain form")
         self.strain = strain
+        self.element = element
         transferred = transfer(problem.mesh)
         mesh = transferred.mesh
         self._mixed = fenicsx.taylor_hood_space(mesh, degree)
-        collapsed, self._dofs = fenicsx.displacements_of(self._mixed)
+        collapsed, self._dofs = fenicsx.part_of_space(self._mixed)
         self.space = map_points(transferred, degree, collapsed)
         self.num_dofs = int(self._mixed.dofmap.index_map.size_local)
-        self.num_pressures = self.num_dofs - len(self._dofs)
+        pressures, self._pressure_dofs = fenicsx.part_of_space(self._mixed, 1)
+        self._pressures = map_points(transferred, degree - 1, pressures)
+        self.num_pressures = len(self._pressure_dofs)
 
         self.lame = lmbda, mu = lame_by_cell(transferred, problem.material, problem.inclusions)
         self._unknown = fem.Function(self._mixed)
@@ -85,9 +91,8 @@ class MixedProblem(DiscreteProblem):
         v, _ = ufl.split(both)
         source = problem.mesh
         cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
-        scale = fem.Constant(
-            mesh, PETSc.ScalarType(lame_parameters(problem.material)[1] / cell_size)
-        )
+        self.pressure_unit = lame_parameters(problem.material)[1] / cell_size
+        scale = fem.Constant(mesh, PETSc.ScalarType(self.pressure_unit))
         p = scale * scaled
         E = strain_tensor(self.u, strain)
         # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 are of no higher degree from p = 2 on.
@@ -118,3 +123,18 @@ class MixedProblem(DiscreteProblem):
         """The part of a flat vector that belongs to displacements, in the order of `space`."""
         part: Floats = values[self._dofs]
         return part
+
+    def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
+        """See `DiscreteProblem`; both the displacement and the pressure."""
+        if not isinstance(other, MixedProblem):
+            raise TypeError("a mixed problem takes up a mixed one")
+        other.set_displacement(values)
+        both = np.zeros(self.num_dofs)
+        places = (self._dofs, self._pressure_dofs)
+        spaces = ((other.space, self.space), (other._pressures, self._pressures))
+        for number, (dofs, (source, target)) in enumerate(zip(places, spaces, strict=True)):
+            part = fenicsx.part_of(other._unknown, number)
+            both[dofs] = carry_field(source, part, target, cells)
+        # The unknown is p h / mu.
+        both[self._pressure_dofs] *= other.pressure_unit / self.pressure_unit
+        return both

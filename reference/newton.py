@@ -59,6 +59,7 @@ class Newton:
         relative_tolerance: Where to stop: norm of the free residual over the larger norm of
             external and internal forces.
         max_iterations: Where to give up.
+        largest_direct: See `LinearSolver`.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Newton:
         *,
         relative_tolerance: float,
         max_iterations: int = 20,
+        largest_direct: int | None = None,
     ) -> None:
         self._discrete = discrete
         self._sampler = sampler
@@ -79,6 +81,7 @@ class Newton:
             is_symmetric=not discrete.has_followers,
             has_contact=bool(discrete.contacts),
             num_multipliers=discrete.num_pressures,
+            largest_direct=largest_direct,
         )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
@@ -88,6 +91,31 @@ class Newton:
     def linear_solver(self) -> str:
         """Name of the linear solver."""
         return self._linear.name
+
+    def destroy(self) -> None:
+        """Give what the linear solver holds back at once."""
+        self._linear.destroy()
+
+    def solve_again(self, displacement: Floats, rhs: Floats, *, tolerance: float) -> Floats:
+        """Solve K x = rhs, x = 0 where held, with what the last solve prepared for its K.
+
+        Args:
+            displacement: Where K is taken: the equilibrium that was found last.
+            rhs: Flat.
+            tolerance: Relative residual, where the solver iterates.
+
+        Raises:
+            LinearSolveError: No finite solution was found.
+        """
+        held = self._discrete.held.dofs
+        return self._linear.solve(
+            self._discrete.tangent(displacement, 1.0),
+            rhs,
+            held,
+            np.zeros(len(held)),
+            tolerance=tolerance,
+            is_same_matrix=True,
+        )
 
     def linearise(self, displacement: Floats) -> Floats | None:
         """First Newton step from a displacement to the full load, roughly; None if singular."""

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Element, Strain
+from palpate.meshes.problem import Element, Problem, Strain
 
 Values: TypeAlias = Floats
 
@@ -30,6 +30,28 @@ class Formulation(StrEnum):
 
     DISPLACEMENT = "displacement"
     MIXED = "mixed"
+
+
+# From this Poisson's ratio on the displacement alone is no truth: on Cook's membrane quadratic
+# tetrahedra are 15 % off at 0.499.
+NEARLY_INCOMPRESSIBLE = 0.49
+
+
+def formulation_for(problem: Problem, degree: int) -> Formulation:
+    """The formulation that a problem is solved with where nobody says another.
+
+    MIXED from Poisson's ratios of 0.49 on, wherever that form can be used: degree 2 or 3, all
+    ratios above 0, and no tools.
+
+    Args:
+        problem: The problem.
+        degree: Of the displacement.
+    """
+    materials = (problem.material, *(one.material for one in problem.inclusions))
+    ratios = [material.poissons_ratio for material in materials]
+    is_asked = max(ratios) >= NEARLY_INCOMPRESSIBLE
+    is_possible = degree > 1 and min(ratios) > 0.0 and not problem.tools
+    return Formulation.MIXED if is_asked and is_possible else Formulation.DISPLACEMENT
 
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -119,6 +141,42 @@ class ReferenceResult:
         s = sigma - np.trace(sigma, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
         stress: Floats = np.sqrt(1.5 * np.einsum("cij,cij->c", s, s))
         return stress
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptiveResult(ReferenceResult):
+    """A static state on the last of a sequence of meshes, at the points and cells of the first.
+
+    Stresses are means over the first mesh's cells.
+
+    Attributes:
+        quantities: What has an error bar, in the order of the columns below.
+        tolerances: The bar that was asked for, of each [-].
+        num_cells: Of each mesh, shape (num_meshes,).
+        num_unknowns: Likewise.
+        seconds: Likewise [s].
+        estimates: Dual-weighted estimates of the error on each mesh, to a factor [-], shape
+            (num_meshes, num_quantities).
+        differences: From the mesh before, relative [-], likewise; infinite in the first row.
+        bars: Error bars as far as each mesh tells, relative [-], likewise.
+        ended: Why there is no finer mesh.
+    """
+
+    quantities: tuple[str, ...] = ()
+    tolerances: tuple[float, ...] = ()
+    num_cells: Values = field(default_factory=lambda: np.zeros(0))
+    num_unknowns: Values = field(default_factory=lambda: np.zeros(0))
+    seconds: Values = field(default_factory=lambda: np.zeros(0))
+    estimates: Values = field(default_factory=lambda: np.zeros((0, 0)))
+    differences: Values = field(default_factory=lambda: np.zeros((0, 0)))
+    bars: Values = field(default_factory=lambda: np.zeros((0, 0)))
+    ended: str = ""
+
+    def bar(self, quantity: str) -> float:
+        """Error bar of a quantity on the last mesh, relative [-]; infinite where it has none."""
+        if quantity not in self.quantities:
+            return math.inf
+        return float(self.bars[-1, self.quantities.index(quantity)])
 
 
 @dataclass(frozen=True, eq=False)

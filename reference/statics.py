@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
@@ -75,6 +77,106 @@ def solve_static(
         Tools are frictionless, and touch the body at nodes (see `contact_points`): what is smaller
         than a facet slips in between.
     """
+    found = find_equilibrium(
+        problem,
+        strain=strain,
+        degree=degree,
+        relative_tolerance=relative_tolerance,
+        formulation=formulation,
+        element=element,
+        progress=progress,
+    )
+    return found.result()
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """An equilibrium with what it was found by.
+
+    Attributes:
+        problem: Mesh, material, supports, loads and tools.
+        discrete: Its equations.
+        displacement: All unknowns, flat.
+        newton: What solved them; may go on from here.
+        path: Of the load, or of the tools.
+        tools: What each tool felt.
+        smallest_det_f: [-].
+    """
+
+    problem: Problem
+    discrete: DiscreteProblem
+    displacement: Floats
+    newton: Newton
+    path: LoadPath
+    tools: tuple[ToolHistory, ...]
+    smallest_det_f: float
+
+    def result(self) -> ReferenceResult:
+        """Everything that is measured of it."""
+        discrete, problem = self.discrete, self.problem
+        state = measure_state(discrete, self.displacement)
+        second_piola_kirchhoff, cauchy, first = measure_stresses(discrete, self.displacement)
+        return ReferenceResult(
+            displacement=discrete.at_points(self.displacement),
+            strain=discrete.strain,
+            degree=discrete.space.degree,
+            load_factor=1.0,
+            converged=True,
+            relative_residual=self.path.relative_residual,
+            smallest_det_f=self.smallest_det_f,
+            volume=state.volume,
+            surface_area=state.surface_area,
+            rest_volume=problem.mesh.volume,
+            rest_surface_area=problem.mesh.surface_area,
+            strain_energy=state.strain_energy,
+            newton_iterations=self.path.iterations,
+            load_steps=self.path.load_factors,
+            versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
+            tools=self.tools,
+            formulation=discrete.formulation,
+            element=discrete.element,
+            second_piola_kirchhoff_stress=second_piola_kirchhoff,
+            cauchy_stress=cauchy,
+            first_piola_kirchhoff_stress=first,
+            support_forces=support_forces(discrete, self.displacement, problem.supports),
+        )
+
+    def destroy(self) -> None:
+        """Give matrices and factors back at once."""
+        self.newton.destroy()
+        self.discrete.destroy()
+
+
+def find_equilibrium(
+    problem: Problem,
+    *,
+    strain: Strain,
+    degree: int,
+    relative_tolerance: float = 1e-10,
+    formulation: Formulation = Formulation.DISPLACEMENT,
+    element: Element = Element.LINEAR,
+    guess: Callable[[DiscreteProblem], Floats] | None = None,
+    largest_direct: int | None = None,
+    progress: Progress | None = None,
+) -> Equilibrium:
+    """Find the state under the full load; see `solve_static`.
+
+    Args:
+        problem: Mesh, material, supports, loads and tools.
+        strain: Strain measure.
+        degree: Of the displacement, 1 to 3.
+        relative_tolerance: See `solve_static`.
+        formulation: Likewise.
+        element: Likewise.
+        guess: Unknowns near the equilibrium, flat, from which alone it is looked for; not where
+            there are tools. The load is raised from nothing where None.
+        largest_direct: See `LinearSolver`.
+        progress: Called with one line of text now and then.
+
+    Raises:
+        InputError: The problem cannot be used.
+        ReferenceNotConvergedError: No equilibrium under the full load.
+    """
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
     if not 1e-14 <= relative_tolerance <= 1e-2:
@@ -86,44 +188,45 @@ def solve_static(
     kind = MixedProblem if formulation is Formulation.MIXED else DiscreteProblem
     discrete = kind(problem, strain=Strain(strain), degree=degree, element=element)
     sampler = DetFSampler(discrete)
-    newton = Newton(discrete, sampler, relative_tolerance=relative_tolerance)
+    newton = Newton(
+        discrete, sampler, relative_tolerance=relative_tolerance, largest_direct=largest_direct
+    )
     num_dofs = fenicsx.total(discrete.num_dofs)
     tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
-    path, tools = _follow(discrete, sampler, newton, tell)
-    nodal = discrete.at_points(path.displacement)
+    near = None if guess is None or discrete.contacts else guess(discrete)
+    path, tools = (
+        _follow(discrete, sampler, newton, tell)
+        if near is None
+        else (_go_on(newton, near, tell), ())
+    )
     smallest_det_f = sampler.smallest(path.displacement)
     is_inverted = discrete.strain is Strain.GREEN and not smallest_det_f > 0.0
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
     if reason or not np.isfinite(path.displacement).all():
         reached = path.load_factors[-1] if path.load_factors else 0.0
         where = find_smallest_stretch(discrete, path.displacement)
+        nodal = discrete.at_points(path.displacement)
+        newton.destroy()
+        discrete.destroy()
         raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
-    state = measure_state(discrete, path.displacement)
-    second_piola_kirchhoff, cauchy, first = measure_stresses(discrete, path.displacement)
-    return ReferenceResult(
-        displacement=nodal,
-        strain=discrete.strain,
-        degree=degree,
-        load_factor=1.0,
-        converged=True,
-        relative_residual=path.relative_residual,
-        smallest_det_f=smallest_det_f,
-        volume=state.volume,
-        surface_area=state.surface_area,
-        rest_volume=problem.mesh.volume,
-        rest_surface_area=problem.mesh.surface_area,
-        strain_energy=state.strain_energy,
-        newton_iterations=path.iterations,
-        load_steps=path.load_factors,
-        versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
-        tools=tools,
-        formulation=formulation,
-        element=element,
-        second_piola_kirchhoff_stress=second_piola_kirchhoff,
-        cauchy_stress=cauchy,
-        first_piola_kirchhoff_stress=first,
-        support_forces=support_forces(discrete, path.displacement, problem.supports),
-    )
+    return Equilibrium(problem, discrete, path.displacement, newton, path, tools, smallest_det_f)
+
+
+def _go_on(newton: Newton, near: Floats, tell: Progress) -> LoadPath:
+    """The equilibrium under the full load that Newton's method finds from nearby."""
+
+    def report(iteration: int, relative: float, det_f: float) -> None:
+        tell(
+            f"from the coarser mesh, iteration {iteration}: relative residual {relative:.2e}, "
+            f"smallest det F {det_f:.4f}"
+        )
+
+    found = newton.solve(near, 1.0, report=report)
+    reason = found.reason
+    if found.converged and not newton.is_stable(found.displacement, 1.0):
+        reason = "the equilibrium found is not stable"
+    reached = () if reason else (1.0,)
+    return LoadPath(found.displacement, reached, found.relative_residual, found.iterations, reason)
 
 
 def _follow(

@@ -14,6 +14,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import (
+    AdaptiveResult,
     Audit,
     ExplicitResult,
     Formulation,
@@ -53,6 +54,42 @@ class StaticTask:
         from palpate.reference.statics import solve_static
 
         return solve_static(problem, **vars(self), progress=progress)
+
+
+@dataclass(frozen=True)
+class AdaptiveTask:
+    """`palpate.reference.adaptivity.adaptive.solve_adaptively`.
+
+    Attributes:
+        goals: Pairs of a quantity and its tolerance.
+        seconds: Of the budget.
+        memory: Likewise [GB].
+        strain: See `solve_adaptively`; so are the others.
+    """
+
+    goals: tuple[tuple[str, float], ...]
+    seconds: float
+    memory: float
+    strain: Strain = Strain.GREEN
+    degree: int = 2
+    formulation: Formulation = Formulation.DISPLACEMENT
+
+    answer = AdaptiveResult
+
+    def __call__(self, problem: Problem, progress: Progress) -> AdaptiveResult:
+        """Solve, estimate, refine."""
+        from palpate.reference.adaptivity.adaptive import solve_adaptively
+        from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
+
+        return solve_adaptively(
+            problem,
+            [Goal(Quantity(name), tolerance) for name, tolerance in self.goals],
+            budget=Budget(self.seconds, self.memory),
+            strain=self.strain,
+            degree=self.degree,
+            formulation=self.formulation,
+            progress=progress,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,5 +151,7 @@ def load_task(path: str | Path) -> Task[Any]:
     Raises:
         FileFormatError: Missing, damaged, or not a task.
     """
-    task: Task[Any] = load_result(path, StaticTask, AuditTask, ImplicitTask, ExplicitTask)
+    task: Task[Any] = load_result(
+        path, StaticTask, AdaptiveTask, AuditTask, ImplicitTask, ExplicitTask
+    )
     return task

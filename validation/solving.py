@@ -40,7 +40,7 @@ def solve(
     strain: StrainName = Strain.GREEN,
     degree: int = 1,
     method: MethodName = Method.NEWTON,
-    formulation: FormulationName = Formulation.DISPLACEMENT,
+    formulation: FormulationName | None = None,
     element: ElementName = Element.LINEAR,
     progress: Progress = in_silence,
 ) -> State:
@@ -50,11 +50,12 @@ def solve(
         problem: A motion from rest where it has a time span, equilibrium otherwise.
         with_: fastsim, or the reference (UFL on FEniCSx, which it needs).
         strain: Engineering strain, or Green strain (Saint-Venant-Kirchhoff).
-        degree: Of the reference's elements, 1 or 2.
+        degree: Of the reference's elements, 1 to 3; of a motion 1 or 2.
         method: How fastsim looks for equilibrium: Newton's method, or dynamic relaxation, which
             solves no equations.
         formulation: Of the reference's equilibrium: displacements alone, or pressure beside them,
-            degree 2, for tissue near incompressibility.
+            degree 2 or 3, for tissue near incompressibility. Where None, with pressure from
+            Poisson's ratios of 0.49 on, if the degree is 2 or 3 and there are no tools.
         element: Linear tetrahedra, plain, or smoothed over edges and nodes: nearer the truth on
             the same mesh; of the reference with degree 1.
         progress: Called with one line now and then.
@@ -79,12 +80,12 @@ def solve(
     >>> palpate.solve(problem, element="smoothed").label
     'fastsim (smoothed)'
     """
-    if degree not in (1, 2):
-        raise InputError(f"degree = {degree}: use 1 or 2")
+    if degree not in (1, 2, 3):
+        raise InputError(f"degree = {degree}: use 1, 2 or 3")
     simulator = known_word(Simulator, with_, "with_")
     used = known_word(Strain, strain, "strain")
     way = known_word(Method, method, "method")
-    form = known_word(Formulation, formulation, "formulation")
+    form = None if formulation is None else known_word(Formulation, formulation, "formulation")
     kind = known_word(Element, element, "element")
     _require_possible(problem, simulator, way, form)
     # Both bring pydantic and meshio along, which `import palpate` and --help do without.
@@ -98,7 +99,7 @@ def solve(
 
 
 def _require_possible(
-    problem: Problem, simulator: Simulator, method: Method, formulation: Formulation
+    problem: Problem, simulator: Simulator, method: Method, formulation: Formulation | None
 ) -> None:
     if formulation is Formulation.MIXED and simulator is Simulator.FASTSIM:
         raise InputError(

@@ -271,6 +271,17 @@ def _is_published(metric: Metric) -> bool:
     return metric.is_published
 
 
+class TruthSpec(Table):
+    """What the stored truth of a static case is to be: `palpate reference build` keeps to it."""
+
+    bar: Annotated[Number, Field(gt=0.0)] = 0.005
+    """Error bar that is small enough, of every metric checked against the truth [-]."""
+    minutes: Annotated[Number, Field(gt=0.0)] = 15.0
+    """No finer mesh is begun that would take longer, for each strain measure [min]."""
+    memory: Annotated[Number, Field(gt=0.0)] = 8.0
+    """Nor one that would need more than this [GB]."""
+
+
 class EvidenceSpec(Table):
     """What a credibility file asks that only the user can say (ASME V&V 40-2018)."""
 
@@ -323,6 +334,8 @@ class CaseSpec(Table):
     """Makes the case a motion from rest; statics without."""
     check: tuple[CheckSpec, ...] = ()
     """What is judged, with the reason for each limit."""
+    truth: TruthSpec = TruthSpec()
+    """What the stored truth of a static case is to be."""
     evidence: EvidenceSpec = EvidenceSpec()
     """What a credibility file asks that only its author can say."""
     published: PlainData = Field(default_factory=dict)

@@ -68,6 +68,7 @@ def build(
     With --element or --stress only those states are solved, and the rest stays as it was accepted.
     """
     from palpate.validation.case import load_case
+    from palpate.validation.judging.truth_request import truth_request
     from palpate.validation.references.additions import with_element, with_stresses
     from palpate.validation.references.changes import describe_changes
     from palpate.validation.references.sets import solve_for_storing
@@ -102,7 +103,11 @@ def build(
         elif element is None:
             judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
             found = solve_for_storing(
-                case.problem, progress, wanted=wanted, truth_strains=sorted(judged)
+                case.problem,
+                progress,
+                wanted=wanted,
+                truth_strains=sorted(judged),
+                request=truth_request(case),
             )
             provenance = {**about, **found.provenance}
         elif "same_mesh" not in wanted:

@@ -22,13 +22,17 @@ def solve(
     ],
     simulator: Annotated[Simulator, typer.Option("--with")] = Simulator.FASTSIM,
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
-    degree: Annotated[int, typer.Option(min=1, max=2, help="of the reference")] = 1,
+    degree: Annotated[int, typer.Option(min=1, max=3, help="of the reference")] = 1,
     method: Annotated[
         Method, typer.Option(help="fastsim's way to equilibrium; relaxation: explicit steps")
     ] = Method.NEWTON,
     formulation: Annotated[
-        Formulation, typer.Option(help="of the reference; mixed: pressure apart, --degree 2")
-    ] = Formulation.DISPLACEMENT,
+        Formulation | None,
+        typer.Option(
+            help="of the reference; default: mixed, pressure apart, from Poisson's ratios of 0.49 "
+            "on with --degree 2 or 3"
+        ),
+    ] = None,
     element: Annotated[
         Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
     ] = Element.LINEAR,

@@ -6,11 +6,9 @@ from palpate.validation.metrics.finite import is_still
 from palpate.validation.metrics.own_mesh import OWN_MESH_REMEDY
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
-    SMALLEST_CHANGE,
     Difference,
     displacement_l2,
     displacement_max,
-    l2_norm,
     make_state,
     max_displacement,
     surface_area,
@@ -23,7 +21,6 @@ __all__ = [
     "COMPARISONS",
     "MOVING_TRUTH_METRICS",
     "OWN_MESH_REMEDY",
-    "SMALLEST_CHANGE",
     "Difference",
     "Metric",
     "Part",
@@ -32,7 +29,6 @@ __all__ = [
     "displacement_max",
     "inverted_cells",
     "is_still",
-    "l2_norm",
     "make_state",
     "max_displacement",
     "measure",

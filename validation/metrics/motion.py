@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Problem
 from palpate.validation.metrics.finite import largest
-from palpate.validation.metrics.pairs import Difference, l2_norm, ratio
+from palpate.validation.metrics.pairs import Difference, ratio
 from palpate.validation.metrics.sampling import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import (
     OscillationError,

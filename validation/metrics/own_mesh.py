@@ -19,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Inclusion, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.point_location import locate
@@ -27,7 +28,7 @@ from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.between_points import Reading, read_between
 from palpate.validation.metrics.fields import det_f, gradient_norm
 from palpate.validation.metrics.own_reactions import own_reactions
-from palpate.validation.metrics.pairs import Difference, l2_norm
+from palpate.validation.metrics.pairs import Difference
 from palpate.validation.metrics.surfaces import surface_distances
 from palpate.validation.states import OwnMesh, State
 

@@ -10,15 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.field_norms import SMALLEST_CHANGE, l2_norm, size_of_change
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.facets import facet_areas
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.states import State, Trajectory
-
-# Where the reference hardly changes volume or area, errors are scaled by this part of the rest
-# value instead: a change below it is not what such a check is about.
-SMALLEST_CHANGE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -49,19 +46,6 @@ class Difference:
             object.__setattr__(self, "uncertainty", math.inf)
 
 
-def l2_norm(mesh: TetMesh, displacement: Points) -> float:
-    """L2 norm of a linear field over the rest volume [m^2.5], integrated exactly.
-
-    A cell's mass matrix is V/20 (1 + delta_ab), so |u|^2 integrates to V/20 (sum over corners
-    of |u_a|^2 plus |sum over corners of u_a|^2).
-    """
-    corners = displacement[mesh.cells]
-    squared = np.einsum("cai,cai->c", corners, corners)
-    total = corners.sum(axis=1)
-    squared += np.einsum("ci,ci->c", total, total)
-    return math.sqrt(float(signed_volumes(mesh.points, mesh.cells) @ squared / 20.0))
-
-
 def displacement_l2(mesh: TetMesh, candidate: State, reference: State) -> Difference:
     """Relative L2 error of displacement, weighted by volume."""
     scale = l2_norm(mesh, reference.displacement)
@@ -88,18 +72,18 @@ def volume(mesh: TetMesh, candidate: State, reference: State) -> Difference:
 
     One per cent of the rest volume would pass almost anything.
     """
-    change = abs(reference.volume - mesh.volume)
-    floor = SMALLEST_CHANGE * mesh.volume
-    name = "the reference's change of volume" if change >= floor else "0.1 % of the rest volume"
-    return ratio(abs(candidate.volume - reference.volume), max(change, floor), name)
+    scale = size_of_change(reference.volume, mesh.volume)
+    is_small = scale == SMALLEST_CHANGE * mesh.volume
+    name = "0.1 % of the rest volume" if is_small else "the reference's change of volume"
+    return ratio(abs(candidate.volume - reference.volume), scale, name)
 
 
 def surface_area(mesh: TetMesh, candidate: State, reference: State) -> Difference:
     """Error of the deformed area over the reference's change of area."""
-    change = abs(reference.surface_area - mesh.surface_area)
-    floor = SMALLEST_CHANGE * mesh.surface_area
-    name = "the reference's change of area" if change >= floor else "0.1 % of the rest area"
-    return ratio(abs(candidate.surface_area - reference.surface_area), max(change, floor), name)
+    scale = size_of_change(reference.surface_area, mesh.surface_area)
+    is_small = scale == SMALLEST_CHANGE * mesh.surface_area
+    name = "0.1 % of the rest area" if is_small else "the reference's change of area"
+    return ratio(abs(candidate.surface_area - reference.surface_area), scale, name)
 
 
 COMPARISONS = {

@@ -15,6 +15,7 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.changes import is_same_state
 from palpate.validation.references.errors import StaleReferenceError
 from palpate.validation.references.motion_runs import solve_reference
@@ -93,6 +94,11 @@ def with_stresses(
     """
     if problem.time is not None:
         raise InputError("a motion's truth carries no stresses; leave --stress out")
+    if ADAPTIVE in accepted.provenance:
+        raise InputError(
+            "a truth on adaptive meshes carries no stresses; check one of stress in the case and "
+            "build the reference anew"
+        )
     finest = refine_problem(problem)
     if is_of_three(accepted.provenance):
         finest = refine_problem(finest)

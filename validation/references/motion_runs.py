@@ -130,7 +130,7 @@ def solve_reference(
     degree: int,
     progress: Progress,
     *,
-    formulation: Formulation = Formulation.DISPLACEMENT,
+    formulation: Formulation | None = None,
     element: Element = Element.LINEAR,
 ) -> State:
     """The reference's answer to a problem.
@@ -141,9 +141,10 @@ def solve_reference(
     Args:
         problem: In statics with the tools at the end of their paths.
         strain: Strain measure.
-        degree: Of the elements, 1 or 2.
+        degree: Of the elements, 1 to 3; of a motion 1 or 2.
         progress: Called with one line now and then.
-        formulation: Of statics: with pressure among the unknowns where MIXED.
+        formulation: Of statics: with pressure among the unknowns where MIXED; see
+            `formulation_for` where None.
         element: Linear tetrahedra, plain or smoothed.
 
     Raises:
@@ -155,6 +156,8 @@ def solve_reference(
         return solve_state(
             problem, strain, degree, progress, formulation=formulation, element=element
         )
+    if degree > 2:
+        raise InputError("the reference moves tetrahedra of degree 1 or 2; degree 3 is for statics")
     if formulation is Formulation.MIXED:
         raise InputError(
             "the mixed formulation finds equilibrium, and this problem is a motion; leave it out"

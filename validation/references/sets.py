@@ -18,8 +18,9 @@ from palpate.reference.errors import (
     ReferenceNotConvergedError,
     ReferenceUnavailableError,
 )
-from palpate.reference.result import Formulation
+from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.metrics import COMPARISONS, stress_integrals
+from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest, solve_truth
 from palpate.validation.references.sequences import (
     as_data,
     assess_metrics,
@@ -32,7 +33,7 @@ from palpate.validation.states import REFERENCE, CellStresses, Progress, State
 SAME_MESH = "reference P1"
 SMOOTHED = "reference smoothed"
 QUADRATIC = "reference P2"
-# P2 on the case's mesh cut in eight, once or twice: only stored references have it.
+# P2 on finer meshes of the case's body: only stored references have it.
 TRUTH = "reference P2, refined"
 # Cells of the finest of three meshes for P2; more of them take hours.
 LARGEST_QUADRATIC = 50_000
@@ -98,10 +99,12 @@ def solve_state(
     degree: int,
     progress: Progress,
     *,
-    formulation: Formulation = Formulation.DISPLACEMENT,
+    formulation: Formulation | None = None,
     element: Element = Element.LINEAR,
 ) -> State:
     """One static reference solve in a child process, as a state.
+
+    Mixed by itself for nearly incompressible material: see `formulation_for`.
 
     Raises:
         InputError: The problem has a time span: see `solve_reference`.
@@ -113,9 +116,10 @@ def solve_state(
     if problem.time is not None:
         raise InputError("a problem in time has no static solution; solve its motion")
     start = time.perf_counter()
-    label = OF_ELEMENT[element] if degree == 1 else QUADRATIC
+    label = OF_ELEMENT[element] if degree == 1 else f"{REFERENCE} P{degree}"
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
-    task = StaticTask(strain, degree, formulation=formulation, element=element)
+    form = formulation or formulation_for(problem, degree)
+    task = StaticTask(strain, degree, formulation=form, element=element)
     result = run_task(task, problem, progress=progress)
     stresses = CellStresses(
         result.second_piola_kirchhoff_stress,
@@ -207,7 +211,7 @@ def solve_live(
         return ReferenceSet(
             states,
             stored.bars,
-            f"{solved}; the truth and its error bar stored (P2, mesh cut in eight)",
+            f"{solved}; the truth and its error bar stored (P2, finer meshes)",
             failures,
             {"versions": versions, "stored": dict(stored.provenance)},
         )
@@ -252,16 +256,45 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
     return bars
 
 
+def _solve_adaptive_set(
+    problem: Problem, progress: Progress, request: TruthRequest
+) -> ReferenceSet:
+    """Both elements and P2 on the case's mesh, and the adaptive truth."""
+    states: dict[tuple[str, Strain], State] = {}
+    bars: Bars = {}
+    records: dict[str, Any] = {}
+    for strain in Strain:
+        for degree, element in ((1, Element.LINEAR), (1, Element.SMOOTHED), (2, Element.LINEAR)):
+            state = solve_state(problem, strain, degree, progress, element=element)
+            states[state.label, strain] = replace(state, stresses=None, integrals=None)
+        truth, found, record = solve_truth(problem, strain, request, progress, label=TRUTH)
+        states[TRUTH, strain] = truth
+        bars |= {(metric, strain): bar for metric, bar in found.items()}
+        records[strain.value] = record
+    return ReferenceSet(
+        states,
+        bars,
+        "stored: P1, smoothed tetrahedra and P2 on the case's mesh, and P2 on meshes refined where "
+        "its error comes from as the truth",
+        provenance={
+            "versions": dict(states[TRUTH, Strain.GREEN].versions),
+            ADAPTIVE: records,
+        },
+    )
+
+
 def solve_for_storing(
     problem: Problem,
     progress: Progress,
     *,
     wanted: Collection[str] = BOTH,
     truth_strains: Collection[Strain] = tuple(Strain),
+    request: TruthRequest | None = None,
 ) -> ReferenceSet:
     """Both elements on the case's mesh, P2 on finer ones for the truth, and what sequences tell.
 
-    Small bodies: P2 on three meshes, each cut in eight from the last; the finest is the truth, its
+    With a `request` the truth is P2 on adaptive meshes (`adaptive_truth`). Without one: of small
+    bodies P2 on three meshes, each cut in eight from the last; the finest is the truth, its
     bars are grid convergence indices. Others: P2 on two, bars by Roache's rule for two grids, held
     against P1 on three: where that sequence oscillates or has no believable order the bar is
     infinite, and where the two do not meet it is wide enough that they do. Refined meshes keep the
@@ -285,6 +318,8 @@ def solve_for_storing(
         )
     if problem.tools:
         return solve_tool_set(problem, progress)
+    if request is not None:
+        return _solve_adaptive_set(problem, progress, request)
     mesh = problem.mesh
     finer = refine_problem(problem)
     finest = refine_problem(finer)

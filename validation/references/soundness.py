@@ -19,6 +19,7 @@ from palpate.validation.mechanics.stepping import Slip, Stepper, steps_per_outpu
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
+from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bar
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import (
     OF_ELEMENT,
@@ -101,7 +102,14 @@ def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], fl
                 bar = _number(_table(table, metric), "error_bar")
                 own = math.inf if bar is None else bar
                 least[metric, strain] = least.get((metric, strain), 0.0) + own
+        for metric, kept in _adaptive(provenance, strain).items():
+            least[metric, strain] = recorded_bar(_table({"": kept}, ""))
     return least
+
+
+def _adaptive(provenance: Mapping[str, Any], strain: Strain) -> Mapping[str, Any]:
+    """By metric what is kept of the meshes of an adaptive truth."""
+    return _table(_table(_table(provenance, ADAPTIVE), strain), "metrics")
 
 
 def is_of_three(provenance: Mapping[str, Any]) -> bool:
@@ -130,29 +138,39 @@ def _of_two_grids(problem: Problem, metric: str, strain: Strain, references: Ref
 
 
 def _far_truths(problem: Problem, references: ReferenceSet) -> Iterator[str]:
-    """The truth and P2 on the case's mesh against the kept differences of three meshes.
+    """The truth and P2 on the case's mesh against the kept differences between meshes.
 
-    Norms obey |coarse - fine| <= |coarse - middle| + |middle - fine|, and both are on record: the
-    second is the bar times (2^p - 1) over its safety factor, the first 2^p times that.
+    Of three meshes, each cut in eight, norms obey |coarse - fine| <= |coarse - middle| +
+    |middle - fine|, and both are on record: the second is the bar times (2^p - 1) over its safety
+    factor, the first 2^p times that. Of adaptive ones: see `most_apart`.
     """
-    if not is_of_three(references.provenance):
-        return
     for strain in Strain:
         coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
-        table = _table(_table(references.provenance, "grid_convergence"), strain)
         for metric in ("displacement_l2", "displacement_max"):
-            record = _table(table, metric)
-            order, bar = _number(record, "order"), _number(record, "error_bar")
-            if coarse is None or truth is None or order is None or bar is None:
+            most = _most_apart(references.provenance, strain, metric)
+            if coarse is None or truth is None or most is None:
                 continue
-            fine = bar * (2.0**order - 1.0) / THREE_MESHES
-            most = fine * (1.0 + 2.0**order)
             apart = COMPARISONS[metric](problem.mesh, coarse, truth).value
             if not apart <= most * (1.0 + _SINGLE) + NOISE:
                 yield (
                     f"{truth.label}, {strain} strain: {apart:.3g} from {coarse.label} in "
                     f"{metric}, but the file's own record of meshes allows {most:.3g}"
                 )
+
+
+def _most_apart(provenance: Mapping[str, Any], strain: Strain, metric: str) -> float | None:
+    """How far the record lets the first and the last mesh be apart; None where it says nothing."""
+    kept = _adaptive(provenance, strain).get(metric)
+    if isinstance(kept, Mapping):
+        return most_apart(kept)
+    if not is_of_three(provenance):
+        return None
+    record = _table(_table(_table(provenance, "grid_convergence"), strain), metric)
+    order, bar = _number(record, "order"), _number(record, "error_bar")
+    if order is None or bar is None:
+        return None
+    fine = bar * (2.0**order - 1.0) / THREE_MESHES
+    return float(fine * (1.0 + 2.0**order))
 
 
 def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:

@@ -22,11 +22,11 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
-from palpate.validation.metrics import l2_norm
 from palpate.validation.references.sets import solve_state
 from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged

@@ -13,9 +13,9 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
-from palpate.validation.metrics import l2_norm
 from palpate.validation.references.sets import solve_state
 from palpate.validation.report.colours import BLUE, GREEN, GREY, OCHRE, PURPLE, RED
 from palpate.validation.report.line_plot import Line, Panel, line_figure

@@ -19,9 +19,9 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics.pairs import l2_norm
 from palpate.validation.states import Progress
 from palpate.validation.studies.bodies import Solve, volume_change
 

@@ -1,0 +1,360 @@
+"""Solve, estimate, refine, and again, until the error bars are small enough."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import math
+import resource
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Floats, Indices
+from palpate.meshes.errors import InputError
+from palpate.meshes.local_refinement import LocallyRefined, refine_cells
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import signed_volumes
+from palpate.reference import fenicsx
+from palpate.reference.adaptivity.duals import dual_of, solve_duals
+from palpate.reference.adaptivity.goals import (
+    Budget,
+    Goal,
+    difference,
+    error_bar,
+    has_limit,
+    has_point_forces,
+)
+from palpate.reference.adaptivity.recovery import GradientRecovery
+from palpate.reference.deformed_state import smallest_stretches
+from palpate.reference.discrete_problem import DiscreteProblem
+from palpate.reference.errors import ReferenceNotConvergedError
+from palpate.reference.result import AdaptiveResult, Formulation, ReferenceResult
+from palpate.reference.statics import Equilibrium, find_equilibrium
+
+# Of the estimated error, in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal. 33,
+# 1996). Less makes better meshes in more steps; more makes the steps' rate easier to see.
+BULK = 0.6
+# Smallest principal stretches [-] of cells that are still cut, the next where a mesh has no
+# equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved: 0.7 becomes 0.576, and what
+# softens on the way grows by more.
+CRUSHED = (0.75, 0.85, 0.93)
+# Graded meshes are thin where they are fine: their factors are smaller than those of a solid, and
+# Jacobi's smoother slower. 110 000 unknowns of degree 2 on one core: 2 GB.
+LARGEST_DIRECT = 600_000
+# A mesh of c times the cells takes at most about c^1.3 times as long.
+_GROWTH_OF_TIME = 1.3
+
+Progress = Callable[[str], None]
+
+
+def solve_adaptively(
+    problem: Problem,
+    goals: Sequence[Goal],
+    *,
+    budget: Budget | None = None,
+    strain: Strain = Strain.GREEN,
+    degree: int = 2,
+    formulation: Formulation = Formulation.DISPLACEMENT,
+    relative_tolerance: float = 1e-10,
+    progress: Progress | None = None,
+) -> AdaptiveResult:
+    """Find equilibrium on meshes that are refined where the goals' error comes from.
+
+    Cells are marked by the product of how rough the displacement's gradient is and how rough that
+    of the goals' duals (`recovery`, `duals`). Each mesh begins from the last one's equilibrium.
+
+    With Green strain cells that are crushed to less than CRUSHED, and their neighbours, are not cut
+    further: at the compressed side of a clamp strains grow without end as cells shrink, and beyond
+    a stretch of 0.577 Saint-Venant-Kirchhoff has no resistance left, so that the finer mesh would
+    have no equilibrium. What those cells have wrong stays in the estimates, and through them in the
+    bars. Where a mesh has none all the same, fewer cells are cut.
+
+    Args:
+        problem: On the case's mesh: the body that is solved is this polyhedron.
+        goals: Quantities, each once, with the bars they are to have.
+        budget: What may be spent; half an hour and 8 GB where None.
+        strain: Strain measure.
+        degree: Of the displacement, 2 or 3.
+        formulation: See `solve_static`.
+        relative_tolerance: Likewise.
+        progress: Called with one line of text now and then.
+
+    Returns:
+        The state on the last mesh, at the points and in the cells of the case's, with the bars of
+        the goals, the history of meshes, and why it ended.
+
+    Raises:
+        InputError: No goals, one twice, or a problem that cannot be used.
+        ReferenceNotConvergedError: No equilibrium under the full load on the first mesh.
+
+    Note:
+        Bars are of this polyhedron's continuum limit: what the true body's curvature adds is not
+        in them. They are infinite where there is no limit: see `has_limit`, and where a finer
+        mesh has no equilibrium near the coarser one's.
+    """
+    if degree not in (2, 3):
+        raise InputError(f"degree = {degree}: the adaptive truth needs 2 or 3")
+    quantities = [goal.quantity for goal in goals]
+    if not goals or len(set(quantities)) < len(goals):
+        raise InputError("the adaptive truth needs goals, each quantity once")
+    allowed = budget or Budget()
+    tell: Progress = progress or (lambda _line: None)
+    start, base = time.perf_counter(), _memory()
+    case_cell = np.arange(problem.mesh.num_cells)
+    current = problem
+    history = _History(goals)
+    last: Equilibrium | None = None
+    state: ReferenceResult | None = None
+    refined: LocallyRefined | None = None
+    wrong, tries = np.zeros(0), 0
+    while True:
+        began = time.perf_counter()
+        try:
+            found = find_equilibrium(
+                current,
+                strain=strain,
+                degree=degree,
+                relative_tolerance=relative_tolerance,
+                formulation=formulation,
+                guess=_guess_from(last, refined),
+                largest_direct=LARGEST_DIRECT,
+                progress=tell,
+            )
+        except ReferenceNotConvergedError as error:
+            if last is None or state is None or refined is None:
+                raise
+            tell(f"no equilibrium on {current.mesh.num_cells} cells: {error.reason}")
+            tries += 1
+            if strain is Strain.LINEAR or tries == len(CRUSHED):
+                last.destroy()
+                history.lose_limit()
+                end = f"no equilibrium on the next mesh, {current.mesh.num_cells} cells: {error}"
+                return history.result(state, end)
+            refined = refine_cells(last.problem, _marked(last, wrong, CRUSHED[tries]))
+            current = refined.problem
+            continue
+        case_cell = case_cell if refined is None else case_cell[refined.given_cell]
+        if last is not None:
+            last.destroy()
+            gc.collect()
+        last = found
+        state = _on_case(found.result(), problem, current, case_cell)
+        errors = _cell_errors(found, state, goals)
+        history.add(problem, current, found.discrete, state, errors)
+        history.seconds.append(time.perf_counter() - began)
+        tell(history.line())
+        end = history.met()
+        if not end:
+            wrong = _together(errors, history.needs())
+            marked = _marked(last, wrong, CRUSHED[tries])
+            refined = refine_cells(current, marked)
+            end = (
+                _too_much(history, refined, allowed, time.perf_counter() - start, base)
+                if marked.any()
+                else "what is left of the error is in crushed cells"
+            )
+        if end:
+            last.destroy()
+            return history.result(state, end)
+        assert refined is not None
+        current = refined.problem
+
+
+def _marked(found: Equilibrium, wrong: Floats, least_stretch: float) -> NDArray[np.bool_]:
+    """Cells to be cut: the bulk of the error, but nothing crushed, nor beside it."""
+    cells = found.problem.mesh.cells
+    rest = wrong
+    if found.discrete.strain is Strain.GREEN:
+        stretches = smallest_stretches(found.discrete, found.displacement)
+        is_crushed = np.zeros(found.problem.mesh.num_points, dtype=bool)
+        is_crushed[cells[stretches < least_stretch]] = True
+        rest = np.where(is_crushed[cells].any(axis=1), 0.0, wrong)
+    return mark_bulk(rest, BULK) if rest.any() else np.zeros(len(cells), dtype=bool)
+
+
+def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:
+    """The fewest cells that have a part of the whole error.
+
+    Args:
+        errors: Of each cell, >= 0, shape (num_cells,).
+        part: In (0, 1].
+    """
+    order = np.argsort(-errors, kind="stable")
+    sums = np.cumsum(errors[order])
+    marked = np.zeros(len(errors), dtype=bool)
+    marked[order[: int(np.searchsorted(sums, part * sums[-1])) + 1]] = True
+    return marked
+
+
+def _guess_from(
+    last: Equilibrium | None, refined: LocallyRefined | None
+) -> Callable[[DiscreteProblem], Floats] | None:
+    # Cells and their parts may be on different ranks.
+    if last is None or refined is None or fenicsx.COMM.size > 1:
+        return None
+    return lambda finer: finer.carried(last.discrete, last.displacement, refined.given_cell)
+
+
+def _on_case(
+    state: ReferenceResult, problem: Problem, current: Problem, case_cell: Indices
+) -> ReferenceResult:
+    """A state on a finer mesh at the points and in the cells of the case's."""
+    mesh = current.mesh
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    num_cells = problem.mesh.num_cells
+    sums = np.bincount(case_cell, volumes, num_cells)
+
+    def mean(tensors: Floats) -> Floats:
+        whole = np.zeros((num_cells, 3, 3))
+        np.add.at(whole, case_cell, volumes[:, None, None] * tensors)
+        means: Floats = whole / sums[:, None, None]
+        return means
+
+    return dataclasses.replace(
+        state,
+        displacement=state.displacement[: problem.mesh.num_points],
+        second_piola_kirchhoff_stress=mean(state.second_piola_kirchhoff_stress),
+        cauchy_stress=mean(state.cauchy_stress),
+        first_piola_kirchhoff_stress=mean(state.first_piola_kirchhoff_stress),
+    )
+
+
+def _cell_errors(
+    found: Equilibrium, state: ReferenceResult, goals: Sequence[Goal]
+) -> dict[Goal, Floats]:
+    """Of each goal its error's parts by cell, relative to the goal's scale [-]."""
+    discrete = found.discrete
+    wanted = list(dict.fromkeys(dual_of(goal.quantity) for goal in goals))
+    duals = solve_duals(found, state, wanted)
+    own = discrete.of_displacement(found.displacement)
+    rough = GradientRecovery(discrete).cell_errors([own, *duals.values()])
+    weights = dict(zip(duals, rough[1:], strict=True))
+    return {goal: rough[0] * weights[dual_of(goal.quantity)] for goal in goals}
+
+
+def _together(errors: dict[Goal, Floats], needs: Sequence[float]) -> Floats:
+    """Each cell's part of all goals' errors, each goal's by how far it is from what is asked."""
+    whole: Floats = sum(
+        (
+            need * parts / (parts.sum() or 1.0)
+            for parts, need in zip(errors.values(), needs, strict=True)
+        ),
+        np.zeros(1),
+    )
+    return whole
+
+
+def _memory() -> float:
+    """Most that this process has held so far [GB]."""
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return used / (1e9 if sys.platform == "darwin" else 1e6)
+
+
+def _too_much(
+    history: _History, refined: LocallyRefined, budget: Budget, spent: float, base: float
+) -> str:
+    """Why the next mesh is not begun; empty where it is. `base`: held before the first one [GB]."""
+    growth = refined.problem.mesh.num_cells / history.cells[-1]
+    # The first mesh's time may be that of the compiler.
+    rate = history.seconds[-1] if len(history.seconds) > 1 else 0.0
+    seconds = spent + rate * growth**_GROWTH_OF_TIME
+    memory = fenicsx.largest(base + (_memory() - base) * growth)
+    # Every rank must decide the same.
+    if fenicsx.largest(seconds) > budget.seconds:
+        return f"the next mesh would take until {seconds:.0f} s; the budget is {budget.seconds:g} s"
+    if memory > budget.memory:
+        return f"the next mesh would need {memory:.1f} GB; the budget is {budget.memory:g} GB"
+    return ""
+
+
+class _History:
+    """What each mesh was and said."""
+
+    def __init__(self, goals: Sequence[Goal]) -> None:
+        self._goals = tuple(goals)
+        self._last: ReferenceResult | None = None
+        self.cells: list[int] = []
+        self.unknowns: list[int] = []
+        self.seconds: list[float] = []
+        self.estimates: list[list[float]] = []
+        self.differences: list[list[float]] = []
+        self.bars: list[list[float]] = []
+
+    def add(
+        self,
+        problem: Problem,
+        current: Problem,
+        discrete: DiscreteProblem,
+        state: ReferenceResult,
+        errors: dict[Goal, Floats],
+    ) -> None:
+        self.cells.append(current.mesh.num_cells)
+        self.unknowns.append(int(fenicsx.total(discrete.num_dofs)))
+        self.estimates.append([float(errors[goal].sum()) for goal in self._goals])
+        self.differences.append(
+            [
+                math.inf
+                if self._last is None
+                else difference(goal.quantity, problem.mesh, state, self._last)
+                for goal in self._goals
+            ]
+        )
+        series = zip(*self.differences[1:], strict=True) if len(self.cells) > 1 else ()
+        rows = list(series) or [()] * len(self._goals)
+        is_singular = has_point_forces(problem, state)
+        self.bars.append(
+            [
+                error_bar(row, [step[k] for step in self.estimates])
+                if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
+                else math.inf
+                for k, (goal, row) in enumerate(zip(self._goals, rows, strict=True))
+            ]
+        )
+        self._last = state
+
+    def lose_limit(self) -> None:
+        """There is a finer mesh without an equilibrium: nothing has a limit."""
+        self.bars[-1] = [math.inf] * len(self._goals)
+
+    def needs(self) -> list[float]:
+        """How many times too large each goal's bar is, or its estimate where it has none yet."""
+        rows = zip(self._goals, self.bars[-1], self.estimates[-1], strict=True)
+        needs = [
+            (bar if math.isfinite(bar) else estimate) / goal.tolerance
+            for goal, bar, estimate in rows
+        ]
+        return needs if any(need > 0.0 for need in needs) else [1.0] * len(needs)
+
+    def met(self) -> str:
+        """That every bar is small enough, in words; empty where one is not."""
+        pairs = zip(self.bars[-1], self._goals, strict=True)
+        return "every bar is met" if all(bar <= goal.tolerance for bar, goal in pairs) else ""
+
+    def line(self) -> str:
+        said = ", ".join(
+            f"{goal.quantity} {bar:.2g}"
+            for goal, bar in zip(self._goals, self.bars[-1], strict=True)
+        )
+        return (
+            f"mesh {len(self.cells)}: {self.cells[-1]} cells, {self.unknowns[-1]} unknowns, "
+            f"{self.seconds[-1]:.1f} s; bars: {said}"
+        )
+
+    def result(self, state: ReferenceResult, end: str) -> AdaptiveResult:
+        fields = {f.name: getattr(state, f.name) for f in dataclasses.fields(ReferenceResult)}
+        return AdaptiveResult(
+            **fields,
+            quantities=tuple(str(goal.quantity) for goal in self._goals),
+            tolerances=tuple(goal.tolerance for goal in self._goals),
+            num_cells=np.array(self.cells),
+            num_unknowns=np.array(self.unknowns),
+            seconds=np.array(self.seconds),
+            estimates=np.array(self.estimates),
+            differences=np.array(self.differences),
+            bars=np.array(self.bars),
+            ended=end,
+        )

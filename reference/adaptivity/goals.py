@@ -1,0 +1,216 @@
+"""What the truth is asked for, how far two meshes are apart in it, and the error bar; no FEniCSx.
+
+The bar of a quantity on the last of a sequence of meshes. Let d_k be its relative difference
+between mesh k - 1 and mesh k, and e_k the dual-weighted estimate of its error on mesh k. What is
+left is at most a geometric series that goes on as slowly as either of them says:
+
+    ratio = max(e_n / e_(n-1), d_n / d_(n-1), LEAST_RATIO)
+    bar = SAFETY max(d_n, ratio d_(n-1)) ratio / (1 - ratio)
+
+d_(n-1) stands beside d_n because a signed number may pass by chance through the value of the mesh
+before. At clamped edges the displacement goes as the square root of the distance, so the error of
+a goal halves where the cells are halved: LEAST_RATIO is that, and no faster rate is ever believed.
+Where the sequence shrinks by less than LARGEST_RATIO from mesh to mesh nothing can be concluded,
+and the bar is infinite.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import PointForce
+from palpate.meshes.errors import InputError
+from palpate.meshes.field_norms import l2_norm, size_of_change
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.result import ReferenceResult
+
+LEAST_RATIO = 0.5
+LARGEST_RATIO = 0.9
+SAFETY = 1.5
+# Relative to the largest force.
+_NO_FORCE = 1e-6
+# Relative: what solves to 1e-10 of the forces may leave in a number.
+NOISE = 1e-8
+
+
+class Quantity(StrEnum):
+    """What of a state has an error bar, relative to its own size or change.
+
+    >>> Quantity("volume")
+    <Quantity.VOLUME: 'volume'>
+    """
+
+    DISPLACEMENT_L2 = "displacement_l2"
+    DISPLACEMENT_MAX = "displacement_max"
+    MAX_DISPLACEMENT = "max_displacement"
+    VOLUME = "volume"
+    SURFACE_AREA = "surface_area"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A quantity and the error bar it is to have.
+
+    Args:
+        quantity: What.
+        tolerance: Largest bar that is small enough [-], > 0; infinite where any is.
+
+    Raises:
+        InputError: A tolerance that is not above 0.
+    """
+
+    quantity: Quantity
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        if not self.tolerance > 0.0:
+            raise InputError(f"{self.quantity}: bar = {self.tolerance:g}: needs a value above 0")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What may be spent.
+
+    Args:
+        seconds: No mesh is begun that would take the whole past this [s], > 0.
+        memory: Nor one that would need more than this [GB], > 0.
+
+    Raises:
+        InputError: A value that is not above 0.
+    """
+
+    seconds: float = 1800.0
+    memory: float = 8.0
+
+    def __post_init__(self) -> None:
+        if not (self.seconds > 0.0 and self.memory > 0.0):
+            raise InputError(
+                f"a budget of {self.seconds:g} s and {self.memory:g} GB; both need to be above 0"
+            )
+
+
+def has_limit(quantity: Quantity, strain: Strain, *, has_point_forces: bool) -> bool:
+    """Whether a quantity tends to anything as the mesh is refined.
+
+    Under a force on a point the displacement grows as 1 / r (Kelvin), and its gradient's square
+    cannot be integrated: with Green strain no solution is known, and in the linear one the place
+    of the force goes to infinity, and the change of volume and area, both nonlinear, with it.
+
+    Args:
+        quantity: What.
+        strain: Strain measure.
+        has_point_forces: Loads on single points, or supports of single points that carry force.
+    """
+    return not has_point_forces or (
+        strain is Strain.LINEAR and quantity is Quantity.DISPLACEMENT_L2
+    )
+
+
+def has_point_forces(problem: Problem, state: ReferenceResult) -> bool:
+    """Whether forces act on single points: loads, or supports without facets that carry any."""
+    if any(isinstance(load, PointForce) for load in problem.loads):
+        return True
+    sizes = np.linalg.norm(state.support_forces, axis=1)
+    single = np.array([len(support.facets) == 0 for support in problem.supports], dtype=bool)
+    # What holds a body that balances itself is left with the rounding of a solve.
+    scale = max(
+        float(sizes.max(initial=0.0)), state.strain_energy / problem.mesh.volume ** (1.0 / 3.0)
+    )
+    return bool((sizes[single] > _NO_FORCE * scale).any())
+
+
+def _largest(displacement: Points) -> float:
+    return float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
+
+
+def _l2(mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    apart = fine.displacement - coarse.displacement
+    return l2_norm(mesh, apart), l2_norm(mesh, fine.displacement)
+
+
+def _worst(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    return _largest(fine.displacement - coarse.displacement), _largest(fine.displacement)
+
+
+def _size(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    sizes = [_largest(state.displacement) for state in (fine, coarse)]
+    return abs(sizes[0] - sizes[1]), sizes[0]
+
+
+def _volume(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    return abs(fine.volume - coarse.volume), size_of_change(fine.volume, fine.rest_volume)
+
+
+def _area(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    return (
+        abs(fine.surface_area - coarse.surface_area),
+        size_of_change(fine.surface_area, fine.rest_surface_area),
+    )
+
+
+_COMPARISONS: dict[
+    Quantity, Callable[[TetMesh, ReferenceResult, ReferenceResult], tuple[float, float]]
+] = {
+    Quantity.DISPLACEMENT_L2: _l2,
+    Quantity.DISPLACEMENT_MAX: _worst,
+    Quantity.MAX_DISPLACEMENT: _size,
+    Quantity.VOLUME: _volume,
+    Quantity.SURFACE_AREA: _area,
+}
+
+
+def difference(
+    quantity: Quantity, mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult
+) -> float:
+    """How far two states at the points of one mesh are apart, over the size of the finer's [-].
+
+    Args:
+        quantity: In what.
+        mesh: At whose points both displacements are.
+        fine: The better one.
+        coarse: The other.
+
+    Returns:
+        At least 0; 0 where both are nothing, infinite where the better one alone is.
+    """
+    apart, scale = _COMPARISONS[quantity](mesh, fine, coarse)
+    if scale == 0.0:
+        return 0.0 if apart == 0.0 else math.inf
+    return apart / scale
+
+
+def error_bar(differences: Sequence[float], estimates: Sequence[float]) -> float:
+    """Error bar of a quantity on the last mesh of a sequence; the formula stands above.
+
+    Args:
+        differences: Between each mesh and the one before, shape (n,), >= 0.
+        estimates: Of the error on each mesh, the first one too, shape (n + 1,), >= 0.
+
+    Returns:
+        Relative, >= NOISE; infinite for less than three meshes, or where the sequence does not
+        settle.
+    """
+    if len(differences) < 2 or not np.isfinite([*differences, *estimates]).all():
+        return math.inf
+    before, last = differences[-2:]
+    if max(before, last) <= NOISE:
+        return SAFETY * NOISE
+    ratios = [
+        LEAST_RATIO,
+        last / before if before > 0.0 else math.inf,
+        estimates[-1] / estimates[-2] if estimates[-2] > 0.0 else LEAST_RATIO,
+    ]
+    # A difference that was small by chance says nothing of the rate: the one before does.
+    if len(differences) > 2 and before < last and differences[-3] > 0.0:
+        ratios[1] = math.sqrt(last / differences[-3])
+    ratio = max(ratios)
+    if ratio > LARGEST_RATIO:
+        return math.inf
+    return max(SAFETY * max(last, ratio * before) * ratio / (1.0 - ratio), SAFETY * NOISE)

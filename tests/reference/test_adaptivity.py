@@ -1,0 +1,211 @@
+"""The adaptive truth: its bars hold against much finer answers, and it says why it ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Inclusion, Material, Problem, Strain
+from palpate.meshes.refinement import refine_problem
+from palpate.reference.adaptivity.goals import (
+    LEAST_RATIO,
+    NOISE,
+    SAFETY,
+    Budget,
+    Goal,
+    Quantity,
+    difference,
+    error_bar,
+)
+from palpate.reference.availability import is_available
+from palpate.reference.child import run_task
+from palpate.reference.result import Formulation
+from palpate.reference.tasks import AdaptiveTask
+
+if is_available():
+    from palpate.reference.adaptivity.adaptive import mark_bulk, solve_adaptively
+    from palpate.reference.statics import solve_static
+
+MATERIAL = Material(3000.0, 0.3, 1000.0)
+
+
+def clamped(mesh, material=MATERIAL, loads=None, inclusions=()):
+    """Held at x = 0: strains grow without end at the four edges there."""
+    held = mesh.facet_groups["x0"]
+    pull = Traction(mesh.facet_groups["x1"], (60.0, 0.0, -40.0))
+    return Problem(
+        mesh,
+        material,
+        (Support(np.unique(held), held),),
+        (pull,) if loads is None else loads,
+        inclusions=inclusions,
+    )
+
+
+def uniformly_refined(problem, times, **options):
+    """P2 on a uniformly finer mesh, at the problem's points."""
+    finer = problem
+    for _ in range(times):
+        finer = refine_problem(finer)
+    found = solve_static(finer, degree=2, **options)
+    first = slice(problem.mesh.num_points)
+    return dataclasses.replace(found, displacement=found.displacement[first])
+
+
+def goals(bar):
+    return [Goal(q, math.inf if "max" in q else bar) for q in Quantity]
+
+
+def test_the_bar_of_a_geometric_sequence_covers_what_is_left():
+    for rate in (0.3, 0.5, 0.7, 0.85):
+        values = [1.0 - rate**k for k in range(6)]
+        apart = [b - a for a, b in itertools.pairwise(values)]
+        bar = error_bar(apart, [rate**k for k in range(6)])
+        assert bar >= SAFETY * (1.0 - values[-1]) * (1.0 - 1e-12)
+        # Faster than at a clamped edge is not believed.
+        assert bar <= SAFETY * apart[-1] * max(rate, LEAST_RATIO) / (
+            1.0 - max(rate, LEAST_RATIO)
+        ) * max(1.0, LEAST_RATIO / rate) * (1.0 + 1e-12)
+
+
+def test_a_difference_that_is_small_by_chance_makes_no_small_bar():
+    estimates = [0.08, 0.04, 0.02, 0.01]
+    assert error_bar([0.04, 0.02, 1e-7], estimates) >= SAFETY * 0.01
+    # The one before by chance: the rate is that over two meshes.
+    assert error_bar([0.04, 1e-7, 0.01], estimates) == pytest.approx(SAFETY * 0.01)
+
+
+def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():
+    assert error_bar([0.01], [0.02, 0.01]) == math.inf
+    assert error_bar([0.01, 0.0099], [0.04, 0.02, 0.01]) == math.inf
+    assert error_bar([0.01, 0.005], [0.01, 0.01, 0.0099]) == math.inf
+    assert error_bar([0.01, math.inf], [0.04, 0.02, 0.01]) == math.inf
+    assert error_bar([1e-12, 1e-12], [1e-12] * 3) == SAFETY * NOISE
+
+
+@pytest.mark.dolfinx
+def test_bulk_is_marked_with_the_fewest_cells():
+    marked = mark_bulk(np.array([1.0, 5.0, 0.5, 3.5]), 0.8)
+    assert marked.tolist() == [False, True, False, True]
+    assert mark_bulk(np.zeros(3), 0.8).sum() <= 1
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("strain", list(Strain))
+def test_bars_hold_against_a_much_finer_truth(box, strain):
+    problem = clamped(box((2, 1, 1), (2.0, 1.0, 1.0)))
+    found = solve_adaptively(problem, goals(0.04), strain=strain)
+    assert found.ended == "every bar is met"
+    finer = solve_adaptively(problem, goals(0.004), strain=strain)
+    assert finer.num_unknowns[-1] > 2.0 * found.num_unknowns[-1]
+    for quantity in Quantity:
+        apart = difference(quantity, problem.mesh, finer, found)
+        assert apart <= found.bar(quantity) + finer.bar(quantity), quantity
+    # Sharp as well, in what is not right by chance: not five times too wide.
+    apart = difference(Quantity.DISPLACEMENT_L2, problem.mesh, finer, found)
+    assert found.bar("displacement_l2") <= 5.0 * apart + finer.bar("displacement_l2")
+    assert found.displacement.shape == problem.mesh.points.shape
+    assert found.cauchy_stress.shape == (problem.mesh.num_cells, 3, 3)
+
+
+@pytest.mark.dolfinx
+def test_an_exact_answer_is_below_the_noise_at_once(box):
+    mesh = box((2, 1, 1), jitter=0.2)
+    axes = np.eye(3, dtype=bool)
+    rollers = tuple(
+        Support(np.unique(mesh.facet_groups[f]), mesh.facet_groups[f], tuple(axes[k].tolist()))
+        for k, f in enumerate(("x0", "y0", "z0"))
+    )
+    pull = Traction(mesh.facet_groups["x1"], (300.0, 0.0, 0.0))
+    found = solve_adaptively(Problem(mesh, MATERIAL, rollers, (pull,)), goals(0.005))
+    assert found.ended == "every bar is met"
+    assert len(found.num_cells) == 3
+    assert found.bar("volume") <= SAFETY * NOISE * 10.0
+
+
+@pytest.mark.dolfinx
+def test_all_loads_and_inclusions_are_carried_to_finer_meshes(box):
+    mesh = box((2, 2, 2))
+    hard = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 2] < 0.5).astype(np.int32)
+    loads = (
+        Traction(mesh.facet_groups["x1"], (60.0, 0.0, -40.0)),
+        Pressure(mesh.facet_groups["z1"], 50.0),
+        BodyForce((0.0, 0.0, -100.0)),
+    )
+    problem = clamped(mesh, loads=loads, inclusions=(Inclusion(hard, Material(9000.0, 0.2)),))
+    found = solve_adaptively(problem, [Goal(Quantity.DISPLACEMENT_L2, 0.05)])
+    uniform = uniformly_refined(problem, 2)
+    # The uniform mesh is about as far from the limit as its clamp is coarse: 2 %.
+    apart = difference(Quantity.DISPLACEMENT_L2, mesh, found, uniform)
+    assert apart < found.bar("displacement_l2") + 0.02
+    np.testing.assert_allclose(found.support_forces, uniform.support_forces, rtol=0.01, atol=0.5)
+
+
+@pytest.mark.dolfinx
+def test_forces_on_points_have_no_limit(box):
+    mesh = box((1, 1, 1))
+    corner = np.flatnonzero((mesh.points == 1.0).all(axis=1))
+    loads = (PointForce(corner, np.array([[0.0, 0.0, -5.0]])),)
+    problem = clamped(mesh, loads=loads)
+    for strain, bounded in ((Strain.LINEAR, {"displacement_l2"}), (Strain.GREEN, set())):
+        found = solve_adaptively(problem, goals(0.1), strain=strain, budget=Budget(memory=1e-3))
+        assert "GB" in found.ended
+        assert not np.isfinite(found.bars).any()
+        del bounded
+
+
+@pytest.mark.dolfinx
+def test_the_budget_ends_it_and_is_named(box):
+    problem = clamped(box((2, 1, 1)))
+    found = solve_adaptively(problem, goals(1e-6), budget=Budget(seconds=0.01))
+    assert "the budget is 0.01 s" in found.ended
+    assert len(found.num_cells) == 1
+    assert math.isinf(found.bar("displacement_l2"))
+
+
+@pytest.mark.dolfinx
+def test_the_mixed_form_is_refined_as_well(box):
+    problem = clamped(box((2, 1, 1), (2.0, 1.0, 1.0)), Material(3000.0, 0.499))
+    only = [Goal(Quantity.DISPLACEMENT_L2, 0.03)]
+    found = solve_adaptively(problem, only, strain=Strain.LINEAR, formulation=Formulation.MIXED)
+    assert found.ended == "every bar is met"
+    uniform = uniformly_refined(problem, 2, strain=Strain.LINEAR, formulation=Formulation.MIXED)
+    apart = difference(Quantity.DISPLACEMENT_L2, problem.mesh, found, uniform)
+    assert apart < found.bar(Quantity.DISPLACEMENT_L2) + 0.02
+    locked = solve_static(problem, strain=Strain.LINEAR, degree=2)
+    assert difference(Quantity.DISPLACEMENT_L2, problem.mesh, found, locked) > 2.0 * apart
+
+
+@pytest.mark.dolfinx
+def test_it_travels_to_a_child_process_and_back(box):
+    problem = clamped(box((1, 1, 1)))
+    task = AdaptiveTask((("displacement_l2", 0.2), ("volume", math.inf)), 60.0, 4.0)
+    found = run_task(task, problem)
+    assert found.ended == "every bar is met"
+    assert found.quantities == ("displacement_l2", "volume")
+    assert found.bars.shape == found.differences.shape == (len(found.num_cells), 2)
+    assert found.bar("displacement_l2") <= 0.2
+
+
+@pytest.mark.dolfinx
+def test_what_it_cannot_do_is_refused(box):
+    problem = clamped(box((1, 1, 1)))
+    with pytest.raises(InputError, match="needs 2 or 3"):
+        solve_adaptively(problem, goals(0.1), degree=1)
+    with pytest.raises(InputError, match="each quantity once"):
+        solve_adaptively(problem, [*goals(0.1), *goals(0.1)])
+    with pytest.raises(InputError, match="each quantity once"):
+        solve_adaptively(problem, [])
+    with pytest.raises(InputError, match="above 0"):
+        Goal(Quantity.VOLUME, 0.0)
+    with pytest.raises(InputError, match="budget"):
+        Budget(seconds=-1.0)
+    floating = dataclasses.replace(problem, supports=())
+    with pytest.raises(InputError):
+        solve_adaptively(floating, goals(0.1))

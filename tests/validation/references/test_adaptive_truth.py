@@ -1,0 +1,102 @@
+"""Adaptive truths: what a case asks of them, and what a file's record of meshes says."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.reference.adaptivity.goals import SAFETY
+from palpate.reference.result import Formulation, formulation_for
+from palpate.validation.case import load_case
+from palpate.validation.judging.truth_request import truth_request
+from palpate.validation.references.adaptive_truth import TruthRequest, most_apart, recorded_bar
+from palpate.validation.references.sets import solve_for_storing
+from palpate.validation.references.soundness import find_contradictions
+
+HALVING = {
+    "estimates": [0.04, 0.02, 0.01, 0.005],
+    "differences": [0.04, 0.02, 0.01],
+    "bars": [None, None, 0.03, 0.015],
+}
+
+
+def test_the_bar_of_a_record_is_made_again():
+    # A geometric series goes on to as much as its last difference.
+    assert recorded_bar(HALVING) == pytest.approx(SAFETY * 0.01)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {},
+        {**HALVING, "differences": [0.04, None, 0.01]},
+        {**HALVING, "differences": "many"},
+        {**HALVING, "estimates": 3.0},
+        {**HALVING, "differences": [0.01]},
+    ],
+)
+def test_a_record_that_tells_nothing_makes_an_infinite_bar(table):
+    assert recorded_bar(table) == math.inf
+
+
+def test_the_first_mesh_is_at_most_all_differences_from_the_last():
+    assert most_apart(HALVING) == pytest.approx(0.01 + 0.02 * 1.01 + 0.04 * 1.01 * 1.02, rel=1e-6)
+    assert most_apart({"differences": [0.1, None]}) == math.inf
+    assert most_apart({}) == math.inf
+
+
+def test_small_bars_are_asked_of_what_is_checked():
+    # A published displacement leans on the bar of the largest error.
+    request = truth_request(load_case("csm1"))
+    for metric in ("displacement_l2", "displacement_max"):
+        assert request.tolerance(metric, Strain.GREEN) == 0.005
+    assert request.tolerance("volume", Strain.GREEN) == math.inf
+    # Nothing is checked against the linear truth, which the report shows all the same.
+    assert request.tolerance("displacement_l2", Strain.LINEAR) == 0.01
+    assert request.tolerance("volume", Strain.LINEAR) == math.inf
+
+
+def test_a_case_that_checks_stress_keeps_to_uniform_meshes():
+    case = load_case("kidney")
+    assert any(spec.about.of_part is not None for spec in case.checks)
+    assert truth_request(case) is None
+
+
+def test_a_case_may_ask_for_another_bar_and_budget(write_case):
+    path = write_case(
+        ("[material]", "[truth]\nbar = 0.02\nminutes = 1.5\nmemory = 2.0\n\n[material]")
+    )
+    request = truth_request(load_case(str(path)))
+    assert (request.bar, request.seconds, request.memory) == (0.02, 90.0, 2.0)
+
+
+def test_near_incompressibility_the_mixed_form_is_taken_by_itself():
+    problem = load_case("block").problem
+
+    def at(ratio: float) -> Problem:
+        return Problem(problem.mesh, Material(1e4, ratio), problem.supports, problem.loads)
+
+    assert formulation_for(at(0.48), 2) is Formulation.DISPLACEMENT
+    assert formulation_for(at(0.49), 2) is Formulation.MIXED
+    assert formulation_for(at(0.49), 3) is Formulation.MIXED
+    # Linear tetrahedra lock in that form as well.
+    assert formulation_for(at(0.49), 1) is Formulation.DISPLACEMENT
+    pressed = load_case("press").problem
+    assert formulation_for(pressed, 2) is Formulation.DISPLACEMENT
+
+
+@pytest.mark.dolfinx
+def test_a_stored_truth_has_its_bars_and_their_record(write_case):
+    case = load_case(str(write_case()))
+    request = TruthRequest(0.1, 120.0, 4.0, {Strain.GREEN: {"displacement_l2", "volume"}})
+    found = solve_for_storing(case.problem, lambda _line: None, request=request)
+    assert found.bars["displacement_l2", Strain.GREEN] <= 0.1
+    assert found.bars["volume", Strain.GREEN] <= 0.1
+    assert find_contradictions(case.problem, found) == []
+    kept = found.provenance["adaptive"]["green"]
+    assert kept["ended"] == "every bar is met"
+    assert len(kept["cells"]) == len(kept["seconds"]) >= 3
+    for metric, table in kept["metrics"].items():
+        assert recorded_bar(table) == pytest.approx(found.bars[metric, Strain.GREEN])
