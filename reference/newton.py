@@ -25,6 +25,9 @@ _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
 # Iterations without a new smallest residual before giving up; the first two do not count.
 _PATIENCE = 6
+# Of the force along a step with friction, what may be left at its end.
+_NEARLY = 0.2
+_MOST_TRIALS = 12
 # A Newton step may take det F down to this fraction of what it was, not further.
 _SHRINK_PER_STEP = 0.1
 
@@ -85,6 +88,7 @@ class Newton:
         )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
+        self._has_friction = any(c.tool.friction_coefficient > 0.0 for c in discrete.contacts)
         self.is_linear = discrete.strain is Strain.LINEAR
 
     @property
@@ -201,6 +205,8 @@ class Newton:
             except LinearSolveError as error:
                 return NewtonOutcome(u, False, str(error), iteration, relative)
             length, det_f = self._step_length(u, du, det_f)
+            if self._has_friction and length > 0.0:
+                length *= self._part_in_balance(u, length * du, residual, load_factor)
             if length == 0.0:
                 return NewtonOutcome(u, False, "a cell would invert", iteration + 1, relative)
             u = u + length * du
@@ -222,6 +228,33 @@ class Newton:
                 return length, trial
             length /= 2.0
         return 0.0, det_f
+
+    def _part_in_balance(
+        self, u: Floats, du: Floats, residual: Floats, load_factor: float
+    ) -> float:
+        """How far along a step the forces along it are nearly in balance, at most 1.
+
+        Nodes that stick in one iterate and slip in the next go to and fro for ever by full steps.
+        The forces of friction have a potential, so that what is sought is its least along the step.
+        """
+        eq = self._discrete
+        free, low, high, part = eq.free, 0.0, 1.0, 1.0
+        first = at_low = fenicsx.total(float(residual[free] @ du[free]))
+        at_high = 0.0
+        for trial in range(_MOST_TRIALS):
+            here = u + part * du
+            external = load_factor * eq.external_force(here) + eq.contact_force(here)
+            left = eq.internal_force(here) - external
+            along = fenicsx.total(float(left[free] @ du[free]))
+            if abs(along) <= _NEARLY * abs(first) or (trial == 0 and along < 0.0):
+                return part
+            if along > 0.0:
+                high, at_high = part, along
+            else:
+                low, at_low = part, along
+            chord = -at_low / (at_high - at_low)
+            part = low + (high - low) * min(max(chord, 0.1), 0.9)
+        return part
 
     def _rounding_error(self, matrix: object, u: Floats) -> float:
         """Norm of the nodal forces that rounding alone can leave.

@@ -74,8 +74,8 @@ def solve_static(
         not positive definite is not accepted (not tested under follower pressure).
         A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
         relative residual of the result says so.
-        Tools are frictionless, and touch the body at nodes (see `contact_points`): what is smaller
-        than a facet slips in between.
+        Tools touch the body at nodes (see `contact_points`): what is smaller than a facet slips in
+        between. With friction the answer depends on the way there (see `friction`).
     """
     found = find_equilibrium(
         problem,

@@ -19,7 +19,11 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
-from palpate.reference.contact.tool_contact import ToolContact, create_contacts
+from palpate.reference.contact.tool_contact import (
+    ToolContact,
+    create_contacts,
+    require_frictionless_on_path,
+)
 from palpate.reference.mesh_transfer import TransferredSpace
 from palpate.reference.supports import HeldDofs
 
@@ -45,6 +49,8 @@ class ImplicitTools:
     def __init__(
         self, problem: Problem, space: TransferredSpace, held: Indices, tolerance: float
     ) -> None:
+        for tool in problem.tools:
+            require_frictionless_on_path(tool)
         self._carried = _OVER_TOLERANCE * tolerance
         dofs = HeldDofs(held, np.zeros(len(held)))
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, dofs)

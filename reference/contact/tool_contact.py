@@ -1,4 +1,4 @@
-"""Frictionless contact with a rigid tool by the augmented Lagrangian.
+"""Contact with a rigid tool by the augmented Lagrangian.
 
 With the gap g(x) of the deformed place x = X + u from the tool, its normal n = grad g, and a
 multiplier p per rest area at every contact node:
@@ -8,7 +8,8 @@ multiplier p per rest area at every contact node:
 an Uzawa step takes p = t at equilibrium, until the forces stay the same; then g >= 0, t >= 0,
 t g = 0 at the nodes. J. C. Simo, T. A. Laursen, "An augmented Lagrangian treatment of contact
 problems involving friction", Computers & Structures 42 (1992); P. Wriggers, Computational Contact
-Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method.
+Mechanics, 2nd ed. 2006, section 6.3.3. With p = 0 it is the penalty method. Friction: see
+`friction`.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
 from palpate.reference.contact.box_faces import HeldFaces
 from palpate.reference.contact.contact_points import find_contact_points
+from palpate.reference.contact.friction import Drag, Friction
 from palpate.reference.contact.tool_distance import Distance, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 from palpate.reference.supports import HeldDofs
@@ -64,13 +66,13 @@ class ToolContact:
         youngs_modulus: Largest of the body [Pa].
 
     Raises:
-        InputError: A tool with friction or driven by a force, or contact facets inside the body.
+        InputError: A tool driven by a force, or contact facets inside the body.
     """
 
     def __init__(
         self, space: TransferredSpace, tool: RigidTool, held: HeldDofs, youngs_modulus: float
     ) -> None:
-        require_frictionless_on_path(tool)
+        require_on_path(tool)
         self.tool = tool
         self.points = find_contact_points(space, tool.contact_facets, held)
         self._num_dofs = 3 * space.num_blocks
@@ -82,6 +84,7 @@ class ToolContact:
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         shape = tool.shape
         self._faces = HeldFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
+        self._friction = Friction(tool.friction_coefficient, len(self.points.areas))
         self.set_time(float(tool.path.times[0]))
         self.require_known_shape()
         self.keep(np.zeros(self._num_dofs))
@@ -121,12 +124,14 @@ class ToolContact:
     def keep(self, displacement: Floats) -> None:
         """Go on from an equilibrium: from its multipliers, and from where it has the nodes."""
         self._kept = self.pressure
+        self._friction.keep(self._local(displacement))
         if self._faces is not None:
             self._faces.keep(self._local(displacement))
 
     def go_back(self) -> None:
         """Begin anew from the last equilibrium that was kept."""
         self.pressure = self._kept
+        self._friction.go_back()
         if self._faces is not None:
             self._faces.go_back()
 
@@ -141,6 +146,7 @@ class ToolContact:
         pressed = self._tractions(self._distance(displacement)) > 0.0
         off, again = self._faces.let_go(self._local(displacement), pressed)
         self.pressure = np.where(off, 0.0, self.pressure)
+        self._friction.let_go(off)
         return fenicsx.total(int(off.sum())), fenicsx.total(int(again)) > 0
 
     def _local(self, displacement: Floats) -> Points:
@@ -164,28 +170,43 @@ class ToolContact:
         tractions: Floats = np.maximum(0.0, self.pressure - self._penalty * distance.gap)
         return tractions
 
+    def _dragged(self, displacement: Floats, distance: Distance) -> Drag:
+        local, rotation = self._local(displacement), self.rotation
+        return self._friction.drag(local, rotation, distance.normal, self.pressure, self._penalty)
+
+    def _vectors(self, displacement: Floats) -> Points:
+        """Tractions on the body by rest area [Pa], shape (n, 3)."""
+        distance = self._distance(displacement)
+        tractions = self._tractions(distance)
+        along: Points = tractions[:, None] * distance.normal
+        return along + self._dragged(displacement, distance).traction
+
     def force(self, displacement: Floats) -> Floats:
         """Nodal forces on the body [N], flat."""
-        distance = self._distance(displacement)
-        return self._spread(self._tractions(distance), distance)
+        return self._spread(self._vectors(displacement))
 
-    def _spread(self, tractions: Floats, distance: Distance) -> Floats:
-        points = self.points
-        vectors = (points.areas * tractions)[:, None] * distance.normal
+    def _spread(self, tractions: Points) -> Floats:
         nodal = np.zeros((self._num_dofs // 3, 3))
-        nodal[points.nodes] = vectors
+        nodal[self.points.nodes] = self.points.areas[:, None] * tractions
         return nodal.ravel()
 
     def add_tangent(self, matrix: Any, displacement: Points) -> None:
-        """Add -d(force)/du, area (k n n - t grad n) at each touching point, to a PETSc matrix."""
+        """Add -d(force)/du, area (k n n - t grad n) at each touching point, to a PETSc matrix.
+
+        With friction that of `Drag` too, which is symmetric.
+        """
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
         points = self.points
         n = distance.normal
         blocks = self._penalty * n[:, :, None] * n[:, None, :]
         blocks -= tractions[:, None, None] * distance.curvature
+        blocks[tractions == 0.0] = 0.0
+        blocks += self._dragged(displacement, distance).stiffness
         blocks *= points.areas[:, None, None]
-        for a in np.flatnonzero(points.areas * tractions > 0.0).tolist():
+        # A node that has just come off is dragged until its multiplier is taken over.
+        touching = tractions + self._friction.coefficient * self.pressure
+        for a in np.flatnonzero(points.areas * touching > 0.0).tolist():
             node = points.nodes[a : a + 1]
             matrix.setValuesBlockedLocal(node, node, blocks[a], addv=True)
         matrix.assemble()
@@ -199,16 +220,20 @@ class ToolContact:
         """
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
-        before = self._spread(self.pressure, distance)
-        after = self._spread(tractions, distance)
+        drag = self._dragged(displacement, distance).traction
+        before = self._spread(
+            self.pressure[:, None] * distance.normal + self._friction.carried(self.rotation)
+        )
+        after = self._spread(tractions[:, None] * distance.normal + drag)
         self.pressure = tractions
+        self._friction.take_over(drag, self.rotation)
         return fenicsx.norm(after - before), fenicsx.norm(after)
 
     def state(self, displacement: Floats) -> ToolState:
         """Force and moment on the tool."""
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
-        forces = -(self.points.areas * tractions)[:, None] * distance.normal
+        forces = -self.points.areas[:, None] * self._vectors(displacement)
         arms = self.points.places(displacement) - self.position
         return ToolState(
             force=fenicsx.total(forces.sum(axis=0)),
@@ -228,14 +253,19 @@ def create_contacts(
     return tuple(ToolContact(space, tool, held, stiffest) for tool in problem.tools)
 
 
-def require_frictionless_on_path(tool: RigidTool) -> None:
-    """Raise InputError for a tool with friction, or one that is driven by a force."""
-    if tool.friction_coefficient > 0.0:
-        raise InputError(
-            f"friction_coefficient = {tool.friction_coefficient:g}: the reference's contact is "
-            "frictionless; set 0"
-        )
+def require_on_path(tool: RigidTool) -> None:
+    """Raise InputError for a tool that is driven by a force."""
     if tool.drive is not None:
         raise InputError(
             "the reference moves a tool along its path; give the path instead of a force"
         )
+
+
+def require_frictionless_on_path(tool: RigidTool) -> None:
+    """Raise InputError for a tool with friction, or one that is driven by a force."""
+    if tool.friction_coefficient > 0.0:
+        raise InputError(
+            f"friction_coefficient = {tool.friction_coefficient:g}: the reference's motions are "
+            "frictionless; set 0, or take the time span away: its statics know friction"
+        )
+    require_on_path(tool)

@@ -107,8 +107,8 @@ def solve_motion_set(
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
                 convergence[strain.value] = details
         cut = ""
-        if (TRUTH, Strain.GREEN) in states:
-            cut = " refined by the tools" if problem.tools else " cut in eight"
+        if any(label == TRUTH for label, _ in states):
+            cut = " refined where it bends" if problem.tools else " cut in eight"
         origin.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
         if not is_for_storing:
             origin.append(f"its error bars: differences from a longer step and P1, {SHARPER}")

@@ -190,8 +190,6 @@ def test_what_the_tool_felt_survives_a_file(box, tmp_path):
 
 def test_what_is_not_modelled_is_refused(box):
     mesh = box((2, 2, 2))
-    with pytest.raises(InputError, match="frictionless"):
-        solve(mesh, pressed(PlaneShape(), (1.0,), friction_coefficient=0.2))
     inside = np.array([[0, 1, 13]], dtype=np.int32)
     with pytest.raises(InputError, match="not on the boundary"):
         solve(mesh, pressed(PlaneShape(), (1.0,), contact_facets=inside))
