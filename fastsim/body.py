@@ -20,7 +20,7 @@ from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh
 
 _MEASURE = {
     Strain.LINEAR: _core.StrainMeasure.linear,
@@ -117,7 +117,7 @@ class Body:
     @cached_property
     def lumped_mass(self) -> Floats:
         """Diagonal of M: a quarter of each cell's mass to its corners [kg], (num_points,)."""
-        quarter = self.density * signed_volumes(self.mesh.points, self.mesh.cells) / 4.0
+        quarter = self.density * self.mesh.cell_volumes / 4.0
         return sum_at_points(quarter, self.mesh.cells, self.mesh.num_points)
 
     @cached_property
@@ -222,7 +222,9 @@ class Body:
 
         Approached from above: the answer is too long by at most about the tolerance, so multiply
         it by a safety factor. Never below `critical_time_step_bound`. Stretched Green-strain
-        cells are stiffer than at rest: keep a margin.
+        cells are stiffer than at rest: keep a margin. After k products, over random starts, omega^2
+        is a part e too small with a probability of at most 1.648 root(n) exp(-(2 k - 1) root(e)),
+        n the number of unknowns (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992).
 
         Args:
             displacement: State about which the body moves [m], shape (num_points, 3); None is

@@ -8,7 +8,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh
 
 
 def external_force(problem: Problem, displacement: Points | None = None) -> Points:
@@ -45,7 +45,7 @@ def external_force(problem: Problem, displacement: Points | None = None) -> Poin
             case PointForce():
                 np.add.at(force, load.points, load.forces)
             case BodyForce():
-                quarter = signed_volumes(mesh.points, mesh.cells)[:, None] / 4.0
+                quarter = mesh.cell_volumes[:, None] / 4.0
                 corner = quarter * np.asarray(load.force_density)
                 for axis in range(3):
                     force[:, axis] += sum_at_points(corner[:, axis], mesh.cells, mesh.num_points)

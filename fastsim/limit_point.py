@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tet_mesh import TetMesh
 
 # Inverse iterations for the softest direction, whose ratio falls apart from the next near a limit.
 _ITERATIONS = 8
@@ -99,7 +99,7 @@ class _MaterialStiffness:
     def __init__(self, body: Body, displacement: Points) -> None:
         self._body = body
         self._F = body.displacement_gradients(displacement) + np.eye(3)
-        self._volumes = signed_volumes(body.mesh.points, body.mesh.cells)
+        self._volumes = body.mesh.cell_volumes
 
     def times(self, x: Points) -> Points:
         cells = self._body.mesh.cells

@@ -124,9 +124,16 @@ class TetMesh:
         return boundary
 
     @cached_property
+    def cell_volumes(self) -> Floats:
+        """Rest volume of each cell [m3], > 0, shape (num_cells,)."""
+        volumes = signed_volumes(self.points, self.cells)
+        volumes.setflags(write=False)
+        return volumes
+
+    @cached_property
     def volume(self) -> float:
         """Rest volume [m3]."""
-        return float(signed_volumes(self.points, self.cells).sum())
+        return float(self.cell_volumes.sum())
 
     @cached_property
     def surface_area(self) -> float:
