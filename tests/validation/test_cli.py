@@ -164,7 +164,7 @@ def test_help_lists_every_study_and_every_fault_with_a_line() -> None:
     ("typed", "wanted"),
     [
         ("ga", {"gate"}),
-        ("gate block", {"block", "block-motion"}),
+        ("gate block", {"block", "block-fine", "block-motion"}),
         ("export cant", {"cantilever"}),
         ("study k", {"kidney"}),
     ],
