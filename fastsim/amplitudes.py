@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
@@ -30,6 +31,10 @@ def smooth_ramp(duration: float) -> Amplitude:
     return TabularAmplitude((0.0, duration), (0.0, 1.0), is_smooth=True)
 
 
+def _always(_time: float) -> float:
+    return 1.0
+
+
 class Histories:
     """The different amplitudes of a problem, each once; history 0 is 1 at all times.
 
@@ -41,6 +46,8 @@ class Histories:
     Attributes:
         of_load: History of each load.
         of_support: History of each support.
+        of_turn: Of each support that turns, the histories of sin(angle s) and 1 - cos(angle s), s
+            its factor; None of the others.
 
     Raises:
         InputError: A sequence of another length.
@@ -54,6 +61,10 @@ class Histories:
             supports = [support.amplitude for support in problem.supports]
         self.of_load = self._number(loads, len(problem.loads), "loads")
         self.of_support = self._number(supports, len(problem.supports), "supports")
+        self.of_turn = tuple(
+            None if support.rotation is None else self._turn(support.rotation.angle, history)
+            for support, history in zip(problem.supports, self.of_support, strict=True)
+        )
 
     def __len__(self) -> int:
         return 1 + len(self._functions)
@@ -85,6 +96,14 @@ class Histories:
                 f"{len(given)} amplitudes for {count} {what}; give one for each, or one for all"
             )
         return tuple(0 if function is None else self._place_of(function) for function in given)
+
+    def _turn(self, angle: float, history: int) -> tuple[int, int]:
+        factor: Amplitude = self._functions[history - 1] if history else _always
+        self._functions += [
+            lambda time: math.sin(angle * factor(time)),
+            lambda time: 2.0 * math.sin(0.5 * angle * factor(time)) ** 2,
+        ]
+        return len(self._functions) - 1, len(self._functions)
 
     def _place_of(self, function: Amplitude) -> int:
         if function not in self._functions:

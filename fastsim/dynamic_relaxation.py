@@ -24,8 +24,8 @@ from palpate.fastsim.contact.contact_law import ContactLaw
 from palpate.fastsim.contact.explicit_tools import ExplicitTools
 from palpate.fastsim.errors import BlowUpError, RelaxationFailedError
 from palpate.fastsim.explicit_body import ExplicitBody
-from palpate.fastsim.forces import constraints
 from palpate.fastsim.newton import rounding_error
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
@@ -162,7 +162,7 @@ class _Relaxation:
         self._element = element
         self._tolerance = relative_tolerance
         self._num_threads = num_threads
-        self._is_free = constraints(problem)[0].astype(bool)
+        self._supports = HeldPoints(problem)
         self.body = Body.of(problem, strain, element=element)
         self._bound = self._gershgorin()
         self._contact = contact
@@ -214,7 +214,7 @@ class _Relaxation:
             self.last_good = now
             is_loaded = body.steps >= ramp_steps
             scale = self._scale(body, force)
-            relative = float(np.linalg.norm(force[self._is_free])) / scale
+            relative = float(np.linalg.norm(self._supports.keep_free(force))) / scale
             self.history.append((body.steps, relative))
             if progress and len(self.history) % 20 == 0:
                 progress(f"{body.steps} steps, relative residual {relative:.2e}")
@@ -225,7 +225,7 @@ class _Relaxation:
                 return now, relative
             # While the load still grows the change of force is not the body's alone.
             if is_loaded:
-                moved = np.where(self._is_free, now - before, 0.0)
+                moved = self._supports.keep_free(now - before)
                 mobile = float(np.sum(mass[:, None] * moved**2))
                 stiffness = float(np.sum(moved * (force_before - force)))
                 if mobile > 0.0 and stiffness > 0.0:
@@ -250,9 +250,9 @@ class _Relaxation:
     def _scale(self, body: ExplicitBody, force: Points) -> float:
         """Norm of the load; of the reactions where supports move, or nothing else pushes."""
         scale = float(np.linalg.norm(body.load()))
-        moves = any(any(support.displacement) for support in self._problem.supports)
+        moves = any(support.is_moved for support in self._problem.supports)
         if moves or scale == 0.0:
-            scale = max(scale, float(np.linalg.norm(force[~self._is_free])))
+            scale = max(scale, float(np.linalg.norm(self._supports.keep_held(force))))
         return max(scale, float(np.finfo(float).tiny))
 
     def _gershgorin(self) -> Floats:

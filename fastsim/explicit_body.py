@@ -50,7 +50,7 @@ class ExplicitBody:
         strain: Engineering or Green strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         displacement: To start from; see `set_state`. None is rest.
-        velocity: The same.
+        velocity: The same; None is the problem's initial velocity.
         time_step: [s]; None takes the time span's, or 0.8 of the critical one, shortened so that
             a whole number makes an output.
         amplitude: Factor s(t) [-] on all loads, or one for each load; None takes each load's own,
@@ -175,6 +175,8 @@ class ExplicitBody:
         self._goals: dict[int, tuple[list[float], list[float] | None]] = {}
         self._tool_steps: NDArray[np.void] = np.zeros(0, dtype=TOOL_STEP)
         self._pace = 1e-4
+        if velocity is None and problem.initial_velocity is not None:
+            velocity = problem.initial_velocity.at(mesh.points)
         self.set_state(self._displacement if displacement is None else displacement, velocity)
 
     @property
@@ -208,21 +210,19 @@ class ExplicitBody:
             InputError: Wrong shape, or a value that is not finite.
             ToolInsideError: A tool is in the body.
         """
-        free = self._loads.is_free != 0
         self.steps = 0
         given = self.elastic.checked(displacement)
-        self._displacement[:] = np.where(free, given, self._loads.held_at(0.0))
+        self._displacement[:] = self._loads.placed(given, 0.0)
         speed = np.zeros_like(given)
         if velocity is not None:
-            speed = np.where(free, self.elastic.checked(velocity), 0.0)
+            speed = self._loads.keep_free(self.elastic.checked(velocity))
         if self.tools is not None:
             self.tools.start(self._displacement)
         dt, mass = self.time_step, self._mass[:, None]
         force = self._loads.at(0.0, self._displacement)
         force -= self.elastic.internal_force(self._displacement)
         acceleration = force / mass - self._scheme.mass_damping * speed
-        self._increment[:] = dt * speed - 0.5 * dt**2 * acceleration
-        self._increment[~free] = 0.0
+        self._increment[:] = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
         energy = self.elastic.strain_energy(self._displacement)
         energy += 0.5 * float(np.sum(mass * speed**2))
         self._run.set_state(self._displacement, self._increment, energy)
@@ -322,8 +322,7 @@ class ExplicitBody:
         """Central velocity at the present state [m/s]: the mean of the two increments."""
         force, now = self.force(), self.time
         ahead = self._scheme.next_increments(self._increment, self._mass, force)
-        moved = self._loads.held_at(now + self.time_step) - self._loads.held_at(now)
-        ahead = np.where(self._loads.is_free != 0, ahead, moved)
+        ahead = self._loads.moved(ahead, now, now + self.time_step)
         speed: Points = (self._increment + ahead) / (2.0 * self.time_step)
         return speed
 

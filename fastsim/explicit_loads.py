@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Amplitudes, Histories
-from palpate.fastsim.forces import constraints, external_force
+from palpate.fastsim.forces import external_force
+from palpate.fastsim.moving_supports import MovingSupports
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.boundary_conditions import Load, Pressure, Support
+from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 
@@ -24,7 +26,8 @@ class ExplicitLoads:
         supports: Amplitudes of the supports.
 
     Attributes:
-        is_free: 1 where free, 0 where held, shape (num_points, 3).
+        is_free: 1 where free, 0 where held along x, y or z, shape (num_points, 3). Points that
+            slide along slanted walls are free here: the core holds them along the normals.
 
     Raises:
         InputError: A load that is not finite, or a component held in two ways.
@@ -35,7 +38,9 @@ class ExplicitLoads:
     ) -> None:
         self._problem = problem
         self._histories = histories = Histories(problem, loads, supports)
-        self.is_free, self._held, self._held_histories = _moving_constraints(problem, histories)
+        self._supports = HeldPoints(problem)
+        self._moving = MovingSupports(problem, self._supports, histories)
+        self.is_free = self._moving.is_free
         external_force(problem)  # names a load that is not finite by its number
         self._dead = np.zeros((len(histories), *problem.mesh.points.shape))
         self._applied = np.zeros_like(problem.mesh.points)
@@ -58,9 +63,9 @@ class ExplicitLoads:
                 np.repeat([float(p.pressure) for p, _ in self._pressures], counts),
                 np.repeat([h for _, h in self._pressures], counts).astype(np.int32),
             )
-        # What is held at zero never moves, whatever its factor: nothing to step.
-        moves = np.where(self._held != 0.0, self._held_histories, -1).astype(np.int32)
-        run.set_moving_supports(self._held, moves)
+        run.set_moving_supports(*self._moving.terms())
+        if self._moving.slides is not None:
+            run.set_sliding_supports(*self._moving.slides)
 
     def apply(self, run: _core.ExplicitRun, force: ArrayLike, points: ArrayLike | None) -> None:
         """Push with other forces besides, in the place of those applied before."""
@@ -89,40 +94,25 @@ class ExplicitLoads:
             load += factors[history] * external_force(self._alone(pressure), displacement)
         return load
 
-    def held_at(self, time: float) -> Points:
-        """Where the held components are [m], 0 for the free ones, shape (num_points, 3)."""
+    def placed(self, displacement: Points, time: float) -> Points:
+        """A displacement with its held components where they are at that time [m]."""
+        held = self._held_at(time)
+        local = self._supports.to_local(displacement)
+        return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
+
+    def moved(self, increment: Points, time: float, next_time: float) -> Points:
+        """An increment from one time to the next, its held components those of the supports."""
+        held = self._held_at(next_time) - self._held_at(time)
+        local = self._supports.to_local(increment)
+        return self._supports.to_global(np.where(self._supports.is_free != 0, local, held))
+
+    def keep_free(self, vectors: Points) -> Points:
+        """Vectors without their held components."""
+        return self._supports.keep_free(vectors)
+
+    def _held_at(self, time: float) -> Points:
         factors = self._histories.at([time])[0]
-        held: Points = factors[np.maximum(self._held_histories, 0)] * self._held
-        return held
+        return self._supports.at(factors[list(self._histories.of_support)])
 
     def _alone(self, load: Load) -> Problem:
         return Problem(self._problem.mesh, self._problem.material, (), (load,))
-
-
-def _moving_constraints(
-    problem: Problem, histories: Histories
-) -> tuple[NDArray[np.uint8], Points, NDArray[np.int32]]:
-    """Free components, held values, and the history of each held component (-1 if free).
-
-    A component held by two supports needs the same value and the same amplitude.
-    """
-    is_free, held = constraints(problem)
-    of = np.full(held.shape, -1, dtype=np.int32)
-    for support, history in zip(problem.supports, histories.of_support, strict=True):
-        _mark(support, history, held, of)
-    return is_free, held, of
-
-
-def _mark(support: Support, history: int, held: Points, of: NDArray[np.int32]) -> None:
-    points = support.points
-    for axis in range(3):
-        if not support.components[axis]:
-            continue
-        clash = points[(of[points, axis] >= 0) & (of[points, axis] != history)]
-        clash = clash[held[clash, axis] != 0.0]
-        if clash.size:
-            raise InputError(
-                f"point {int(clash[0])} is held along {'xyz'[axis]} by two supports with "
-                "different amplitudes; separate the supports"
-            )
-        of[points, axis] = history

@@ -1,4 +1,4 @@
-"""Loads as nodal forces (the F of eq. 1), and supports as free and held components."""
+"""Loads as nodal forces (the F of eq. 1)."""
 
 from __future__ import annotations
 
@@ -64,33 +64,6 @@ def lumped_areas(mesh: TetMesh, facets: Indices) -> Floats:
     """A third of the rest area of each of these facets to its corners [m2], (num_points,)."""
     third = np.linalg.norm(_area_vectors(mesh.points, facets), axis=1) / 3.0
     return sum_at_points(third, facets, mesh.num_points)
-
-
-def constraints(problem: Problem) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.uint8]], Points]:
-    """Which components are free (1) or held (0), and the held values [m]; (num_points, 3) each.
-
-    Raises:
-        InputError: Two supports hold the same component of a point at different places.
-    """
-    is_free = np.ones((problem.mesh.num_points, 3), dtype=np.uint8)
-    held = np.zeros((problem.mesh.num_points, 3))
-    for number, support in enumerate(problem.supports, start=1):
-        points = support.points
-        for axis in range(3):
-            if not support.components[axis]:
-                continue
-            value = support.displacement[axis]
-            if not np.isfinite(value):
-                raise InputError(f"support {number}: its displacement is NaN or infinite")
-            clash = points[(is_free[points, axis] == 0) & (held[points, axis] != value)]
-            if clash.size:
-                raise InputError(
-                    f"point {int(clash[0])} is held at two displacements along {'xyz'[axis]}: "
-                    f"{held[clash[0], axis]:g} m and {value:g} m; separate the supports"
-                )
-            is_free[points, axis] = 0
-            held[points, axis] = value
-    return is_free, held
 
 
 def _mean_with_corners(corners: Floats, load: Traction) -> Floats:

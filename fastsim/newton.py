@@ -11,8 +11,9 @@ import numpy as np
 
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
-from palpate.fastsim.forces import constraints, external_force
+from palpate.fastsim.forces import external_force
 from palpate.fastsim.limit_point import smooth_direction
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain
@@ -26,6 +27,8 @@ LARGEST_GROWTH = 1e3
 
 # Out-of-balance force over that of a term, below which what pushes there is nearly settled.
 _CLOSE = 1e-2
+# Of the largest displacement: what turning a vector to other axes and back may leave.
+_ROUNDING = 1e-14
 # Slope of the potential at a step's end over that at its start, and how often it is cut.
 _STEEP = 0.8
 _MOST_CUTS = 8
@@ -121,7 +124,13 @@ class Newton:
         self.max_iterations = max_iterations
         self.iterations = 0
         self.linear_iterations = 0
-        self._is_free, self._held = constraints(problem)
+        # Steps and right sides are in the points' own components, where a support slants those.
+        self._supports = HeldPoints(problem)
+        self._is_free = self._supports.is_free
+        self._moves_supports = bool(np.any(self._supports.at(1.0)))
+        slanted = self._supports.slanted
+        if slanted is not None:
+            self.body.core.set_frames(slanted.points, slanted.axes.reshape(-1, 9))
         self._uses_multigrid = problem.mesh.num_points >= MULTIGRID_FROM_POINTS
         self._is_stale = True
         self._fresh_cost: float | None = None
@@ -136,20 +145,20 @@ class Newton:
         free = self._is_free.astype(bool)
         displacement = start.copy()
         # The held components' change goes through the tangent first: no cell is crushed by it.
-        jump = np.where(free, 0.0, factor * self._held - displacement)
+        jump = self._jump(displacement, factor)
         history: list[float] = []
         residual, internal = self._residual(displacement, factor)
         outcome = NewtonOutcome(None, history=history)
         for _ in range(self.max_iterations):
             self._assemble_tangent(displacement, factor)
-            right_side = residual
+            right_side = self._supports.to_local(residual)
             if np.any(jump):
-                right_side = residual - self.body.core.multiply(jump)
+                right_side = right_side - self.body.core.multiply(jump)
             step, reason = self._linear_solve(np.where(free, right_side, 0.0), history)
             if step is None:
                 outcome.reason = reason
                 return outcome
-            step = step + jump
+            step = self._supports.to_global(step + jump)
             self.iterations += 1
             moves_held = bool(np.any(jump))
             accepted = self._line_search(displacement, step, factor, residual, moves_held)
@@ -159,8 +168,8 @@ class Newton:
             if self._term is not None and not moves_held:
                 accepted = self._cut_before_kinks(displacement, step, factor, residual, accepted)
             displacement, residual, internal = accepted
-            jump = np.where(free, 0.0, factor * self._held - displacement)
-            norm = float(np.linalg.norm(residual[free]))
+            jump = self._jump(displacement, factor)
+            norm = self._free_norm(residual)
             history.append(norm / self._scale(internal, factor))
             if not np.isfinite(history[-1]):
                 outcome.reason = "the residual is not finite"
@@ -182,10 +191,33 @@ class Newton:
         self._is_stale = True
 
         def solve(right_side: Points) -> Points | None:
-            given = np.where(self._is_free != 0, right_side, 0.0)
-            return self._linear_solve(given, [1e-3])[0]
+            local = self._supports.to_local(right_side)
+            given = np.where(self._is_free != 0, local, 0.0)
+            found = self._linear_solve(given, [1e-3])[0]
+            return None if found is None else self._supports.to_global(found)
 
         return solve
+
+    def _jump(self, displacement: Points, factor: float) -> Points:
+        """How far held components are from where they are held, 0 for the free ones."""
+        here = self._supports.to_local(displacement)
+        jump = np.where(self._is_free != 0, 0.0, self._supports.at(factor) - here)
+        slanted = self._supports.slanted
+        if slanted is not None:
+            # What turning there and back has left is none.
+            size = _ROUNDING * float(np.abs(displacement).max(initial=0.0))
+            rows = jump[slanted.points]
+            jump[slanted.points] = np.where(np.abs(rows) <= size, 0.0, rows)
+        return jump
+
+    def _free_norm(self, forces: Points) -> float:
+        """Norm of the free components."""
+        return float(np.linalg.norm(self._supports.to_local(forces)[self._is_free != 0]))
+
+    def _free_dot(self, forces: Points, step: Points) -> float:
+        """Work of the free components."""
+        to_local = self._supports.to_local
+        return float(np.sum((to_local(forces) * to_local(step))[self._is_free != 0]))
 
     def _is_stable(self) -> bool:
         """Is the last tangent positive definite? The last step was too small to change it.
@@ -195,7 +227,8 @@ class Newton:
         """
         if self.body.strain is Strain.LINEAR or self._follows or self.iteration is Iteration.SECANT:
             return True
-        direction = np.where(self._is_free != 0, smooth_direction(self.problem.mesh), 0.0)
+        direction = self._supports.to_local(smooth_direction(self.problem.mesh))
+        direction = np.where(self._is_free != 0, direction, 0.0)
         return self._linear_solve(direction, [1.0])[0] is not None
 
     def _is_at_rounding(self, displacement: Points, norm: float, history: list[float]) -> bool:
@@ -209,8 +242,9 @@ class Newton:
     def _scale(self, internal: Points, factor: float) -> float:
         """Norm of what drives the problem: the load, and the reactions to moved supports."""
         scale = factor * float(np.linalg.norm(self._load))
-        if np.any(self._held) or scale == 0.0:
-            scale = max(scale, float(np.linalg.norm(internal[self._is_free == 0])))
+        if self._moves_supports or scale == 0.0:
+            held = self._supports.to_local(internal)[self._is_free == 0]
+            scale = max(scale, float(np.linalg.norm(held)))
         return max(scale, self._term_norm, float(np.finfo(float).tiny))
 
     def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
@@ -221,7 +255,7 @@ class Newton:
             force = self._term.force(displacement)
             residual = residual + force
             self._term_norm = float(np.linalg.norm(force))
-            left = float(np.linalg.norm(residual[self._is_free != 0]))
+            left = self._free_norm(residual)
             self._is_close = left < _CLOSE * self._term_norm
         return residual, internal
 
@@ -241,6 +275,8 @@ class Newton:
             # A multigrid of other points is of little use.
             if self._term.add_tangent(self.body, displacement):
                 self._is_stale = True
+        if self._supports.slanted is not None:
+            self.body.core.turn_matrix()
 
     def _linear_solve(self, right_side: Points, history: list[float]) -> tuple[Points | None, str]:
         """Solve K x = b; early Newton steps need few digits, the last ones many."""
@@ -277,13 +313,12 @@ class Newton:
         self, displacement: Points, step: Points, factor: float, residual: Points, moves_held: bool
     ) -> tuple[Points, Points, Points] | None:
         """Full step first; halve it while a cell is inverted or the residual explodes."""
-        free = self._is_free.astype(bool)
-        before = float(np.linalg.norm(residual[free]))
+        before = self._free_norm(residual)
         length = 1.0
         for _ in range(12):
             trial = displacement + length * step
             trial_residual, internal = self._residual(trial, factor)
-            norm = float(np.linalg.norm(trial_residual[free]))
+            norm = self._free_norm(trial_residual)
             if self.body.strain is Strain.LINEAR or not self.is_guarded:
                 return trial, trial_residual, internal
             is_whole = bool(self.body.core.det_f(trial).min() > 0.0)
@@ -304,12 +339,11 @@ class Newton:
 
         Points that are pushed and not in turn would otherwise be so for ever.
         """
-        free = self._is_free != 0
-        fall = float(np.sum((residual * step)[free]))
+        fall = self._free_dot(residual, step)
         low, high = 0.0, 1.0
         for _ in range(_MOST_CUTS):
             trial, trial_residual, _ = accepted
-            rise = -float(np.sum((trial_residual * step)[free]))
+            rise = -self._free_dot(trial_residual, step)
             if not (fall > 0.0 and abs(rise) > _STEEP * fall):
                 return accepted
             reached = float(np.sum((trial - displacement) * step) / np.sum(step * step))

@@ -6,6 +6,7 @@ simulator turns these into its own nodal forces and constraints; no mechanics he
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -20,9 +21,37 @@ def _no_facets() -> Indices:
     return np.zeros((0, 3), dtype=np.int32)
 
 
+@dataclass(frozen=True)
+class Rotation:
+    """A turn about an axis through a place.
+
+    Args:
+        axis: Unit vector, shape (3,); the turn is right-handed about it.
+        center: A place on the axis [m], shape (3,).
+        angle: [rad]; more than a whole turn is one.
+
+    Raises:
+        InputError: An axis that is no unit vector, or a number that is not finite.
+
+    >>> import palpate
+    >>> palpate.Rotation((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.5).angle
+    0.5
+    """
+
+    axis: tuple[float, float, float]
+    center: tuple[float, float, float]
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.axis, *self.center, self.angle]).all():
+            raise InputError(f"a rotation needs finite numbers, got {self}")
+        if abs(math.hypot(*self.axis) - 1.0) > 1e-9:
+            raise InputError(f"axis = {self.axis} of a rotation is no unit vector")
+
+
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Points held at a given displacement, by component.
+    """Points held at a given displacement: by component, turned, or along a normal alone.
 
     Args:
         points: Held points, shape (n,); every vertex of `facets` is held, and named here, too.
@@ -31,6 +60,14 @@ class Support:
         components: Which of x, y, z are held.
         displacement: Prescribed displacement [m], shape (3,); read where `components` is true.
         amplitude: Factor over time [-]; None is 1 at all times.
+        rotation: Turns the points besides: at a factor s of load or time a point X is moved by
+            s displacement + (R(s angle) - I)(X - center), the exact turn at every s.
+        normal: Holds the points along this direction alone, free to slide across it: a symmetry
+            plane or a smooth wall at any angle. Any length; `displacement` is read along it.
+            A point on two such planes is held along both normals.
+
+    Raises:
+        InputError: A rotation or a normal of single components, or both.
 
     >>> import palpate
     >>> palpate.Support([0, 1, 2], [[0, 1, 2]], components=(False, False, True)).displacement
@@ -42,12 +79,36 @@ class Support:
     components: tuple[bool, bool, bool] = (True, True, True)
     displacement: tuple[float, float, float] = (0.0, 0.0, 0.0)
     amplitude: TabularAmplitude | None = None
+    rotation: Rotation | None = None
+    normal: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         points, facets = np.asarray(self.points), np.asarray(self.facets)
         if not points.size or not np.isin(facets, points).all():
             points = np.union1d(points, facets).astype(np.int32)
         object.__setattr__(self, "points", points)
+        if self.rotation is not None and not all(self.components):
+            raise InputError("a support that is turned holds all three components")
+        if self.normal is None:
+            return
+        if self.rotation is not None or not all(self.components):
+            raise InputError("a support along a normal takes no components and no rotation")
+        if not (np.isfinite(self.normal).all() and any(self.normal)):
+            raise InputError(f"normal = {self.normal} of a support: needs a direction")
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether it is anywhere but at rest at full size."""
+        return any(self.displacement) or (self.rotation is not None and self.rotation.angle != 0.0)
+
+    @property
+    def directions(self) -> Floats:
+        """Unit vectors along which it holds its points, shape (1 to 3, 3)."""
+        if self.normal is not None:
+            along: Floats = np.array([self.normal]) / np.linalg.norm(self.normal)
+            return along
+        held: Floats = np.eye(3)[np.array(self.components)]
+        return held
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, checked_indices
+from palpate.meshes.arrays import Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import Load, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.rigid_tool import RigidTool
@@ -118,6 +118,41 @@ class TimeSpan:
             raise InputError(f"num_outputs = {self.num_outputs}: needs at least 1")
 
 
+@dataclass(frozen=True)
+class InitialVelocity:
+    """Velocity at the start of a motion, that of a rigid body: v + omega x (X - c).
+
+    Held components start as their supports do, whatever it says.
+
+    Args:
+        velocity: v, at the center [m/s], shape (3,).
+        angular_velocity: omega [rad/s], shape (3,).
+        center: c [m], shape (3,).
+
+    Raises:
+        InputError: A number that is not finite.
+
+    >>> import palpate
+    >>> spin = palpate.InitialVelocity(angular_velocity=(0.0, 0.0, 2.0))
+    >>> spin.at(np.array([[1.0, 0.0, 0.0]])).tolist()
+    [[0.0, 2.0, 0.0]]
+    """
+
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    angular_velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.velocity, *self.angular_velocity, *self.center]).all():
+            raise InputError(f"an initial velocity needs finite numbers, got {self}")
+
+    def at(self, points: Points) -> Points:
+        """At rest places [m/s], (n, 3)."""
+        turning = np.cross(self.angular_velocity, points - np.array(self.center))
+        velocity: Points = turning + np.array(self.velocity)
+        return velocity
+
+
 @dataclass(frozen=True, eq=False)
 class Inclusion:
     """Cells of another material than the rest of the body; cells shape (n,), each once.
@@ -141,13 +176,15 @@ class Problem:
         material: Of the whole body but its inclusions.
         supports: What is held.
         loads: What pushes.
-        time: Of a motion from rest; None asks for equilibrium.
+        time: Of a motion; None asks for equilibrium.
         tools: Rigid bodies that press.
         inclusions: Cells of other materials.
+        initial_velocity: Of a motion; None starts from rest.
 
     Raises:
         IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
-        InputError: Indices that are none, or a cell in two inclusions.
+        InputError: Indices that are none, a cell in two inclusions, a tool beside a support along
+            a slanted normal, or an initial velocity without a time span.
 
     >>> import numpy as np
     >>> import palpate
@@ -173,12 +210,20 @@ class Problem:
     time: TimeSpan | None = None
     tools: tuple[RigidTool, ...] = ()
     inclusions: tuple[Inclusion, ...] = ()
+    initial_velocity: InitialVelocity | None = None
 
     def __post_init__(self) -> None:
         for kind in ("supports", "loads", "tools"):
             items = enumerate(getattr(self, kind), start=1)
             checked = [_on_mesh(item, self.mesh, f"{kind[:-1]} {k}") for k, item in items]
             object.__setattr__(self, kind, tuple(checked))
+        if self.initial_velocity is not None and self.time is None:
+            raise InputError("an initial velocity is of a motion; give a time span")
+        if self.tools and any(support.normal is not None for support in self.supports):
+            raise InputError(
+                "a tool and a support along a slanted normal do not go together; turn the body so "
+                "that the plane's normal is x, y or z, and hold that component"
+            )
         taken = np.zeros(self.mesh.num_cells, dtype=bool)
         for number, inclusion in enumerate(self.inclusions, start=1):
             what = f"cells of inclusion {number}"

@@ -17,11 +17,12 @@ from palpate.meshes.boundary_conditions import (
     BodyForce,
     PointForce,
     Pressure,
+    Rotation,
     Support,
     Traction,
 )
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
+from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -38,7 +39,7 @@ from palpate.meshes.untrusted_arrays import read_npz
 from palpate.meshes.untrusted_text import parse_json
 
 # Written as tables of plain values.
-_PLAIN = ("material", "time")
+_PLAIN = ("material", "time", "initial_velocity")
 # What a problem is made of. The fields that version 0.1 knew are always written. One that came
 # later is left out at its default: the arrays of a problem that does not use it, and with them its
 # key, stay as they were.
@@ -62,6 +63,8 @@ _FIRST_FIELDS: dict[type[Any], str] = {
     ToolPath: "times positions rotations",
     ForceDrive: "direction force amplitude mass",
     Inclusion: "cells material",
+    InitialVelocity: "velocity angular_velocity center",
+    Rotation: "axis center angle",
 }
 _KINDS = {kind.__name__: kind for kind in _FIRST_FIELDS}
 
@@ -164,6 +167,10 @@ def load_problem(path: str | Path) -> Problem:
         values = {name: value for name, value in header.items() if name != "schema"}
         values["material"] = Material(**header["material"])
         values["time"] = TimeSpan(**header["time"]) if header["time"] else None
+        if "initial_velocity" in values:
+            given = values["initial_velocity"]
+            triples = {name: tuple(numbers) for name, numbers in given.items()}
+            values["initial_velocity"] = InitialVelocity(**triples)
         for name, entries in values.items():
             if isinstance(entries, list):
                 values[name] = tuple(

@@ -68,7 +68,7 @@ def free_rigid_modes(mesh: TetMesh, supports: Sequence[Support]) -> list[int]:
                     [zero, zero, one, y, -x, zero],
                 ]
             )
-            rows += [modes[axis].T for axis in range(3) if support.components[axis]]
+            rows += [np.tensordot(d, modes, axes=1).T for d in support.directions]
         held_modes = np.vstack(rows) if rows else np.zeros((0, 6))
         if len(held_modes) == 0:
             free.append(6)

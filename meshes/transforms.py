@@ -17,12 +17,12 @@ from palpate.meshes.boundary_conditions import (
     Load,
     PointForce,
     Pressure,
+    Rotation,
     Support,
     Traction,
 )
-from palpate.meshes.errors import InputError
 from palpate.meshes.moved_tools import scaled_tool, turned_tool
-from palpate.meshes.problem import Inclusion, Material, Problem
+from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 
 Back = Callable[[Points], Points]
@@ -41,9 +41,8 @@ def rotation(axis: tuple[float, float, float], angle_deg: float) -> Matrix:
 def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
     """Turn everything, mesh, supports, loads and tools; a matrix of determinant -1 mirrors.
 
-    Raises:
-        InputError: A support of single components with a matrix that does not take axes to axes:
-            it does not turn along.
+    Where the matrix does not take axes to axes, a support of single components becomes one along
+    a normal for each.
     """
     # Where axes go to axes, held components go with them.
     axes = np.abs(matrix)
@@ -54,26 +53,33 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
     def facets(rows: Indices) -> Indices:
         return np.ascontiguousarray(rows[:, order])
 
+    def vector(values: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = (matrix @ np.array(values)).tolist()
+        return x, y, z
+
     cells = problem.mesh.cells[:, [0, *(1 + k for k in order)]]
     supports = []
     for support in problem.supports:
-        if not all(support.components) and not is_of_axes:
-            raise InputError("a support of single components turns with its axes only")
         x, y, z = (np.round(axes) @ np.array(support.components) > 0.5).tolist()
-        moved = matrix @ np.array(support.displacement)
-        supports.append(
-            dataclasses.replace(
-                support,
-                facets=facets(support.facets),
-                components=(x, y, z) if is_of_axes else support.components,
-                displacement=tuple(moved.tolist()),
-            )
+        turned = dataclasses.replace(
+            support,
+            facets=facets(support.facets),
+            components=(x, y, z) if is_of_axes else (True, True, True),
+            displacement=vector(support.displacement),
+            rotation=_turned_rotation(support.rotation, matrix),
+            normal=None if support.normal is None else vector(support.normal),
         )
+        if is_of_axes or all(support.components):
+            supports.append(turned)
+        else:
+            for a, b, c in (support.directions @ matrix.T).tolist():
+                supports.append(dataclasses.replace(turned, normal=(a, b, c)))
     changed = dataclasses.replace(
         problem,
         mesh=TetMesh(problem.mesh.points @ matrix.T, cells),
         supports=tuple(supports),
         loads=tuple(_turned(load, matrix, facets) for load in problem.loads),
+        initial_velocity=_turned_velocity(problem.initial_velocity, matrix),
         tools=tuple(
             dataclasses.replace(
                 turned_tool(tool, matrix), contact_facets=facets(tool.contact_facets)
@@ -82,6 +88,25 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
         ),
     )
     return changed, lambda answer: answer @ matrix
+
+
+def _turned_rotation(given: Rotation | None, matrix: Matrix) -> Rotation | None:
+    """A rotation's axis is turned as vectors are, and once more the other way by a mirror."""
+    if given is None:
+        return None
+    sign = 1.0 if np.linalg.det(matrix) > 0.0 else -1.0
+    x, y, z = (sign * matrix @ np.array(given.axis)).tolist()
+    a, b, c = (matrix @ np.array(given.center)).tolist()
+    return Rotation((x, y, z), (a, b, c), given.angle)
+
+
+def _turned_velocity(given: InitialVelocity | None, matrix: Matrix) -> InitialVelocity | None:
+    if given is None:
+        return None
+    sign = 1.0 if np.linalg.det(matrix) > 0.0 else -1.0
+    rows = np.array([given.velocity, given.angular_velocity, given.center]) @ matrix.T
+    (a, b, c), (p, q, r), (x, y, z) = (rows * [[1.0], [sign], [1.0]]).tolist()
+    return InitialVelocity((a, b, c), (p, q, r), (x, y, z))
 
 
 def _turned(load: Load, matrix: Matrix, facets: Callable[[Indices], Indices]) -> Load:
@@ -180,10 +205,21 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
 
     def support_of(support: Support) -> Support:
         x, y, z = (scale * d for d in support.displacement)
-        return dataclasses.replace(support, displacement=(x, y, z))
+        turned = support.rotation
+        if turned is not None:
+            a, b, c = (scale * x for x in turned.center)
+            turned = dataclasses.replace(turned, center=(a, b, c))
+        return dataclasses.replace(support, displacement=(x, y, z), rotation=turned)
 
+    start = problem.initial_velocity
+    if start is not None:
+        (a, b, c), (x, y, z) = (
+            [scale * number for number in numbers] for numbers in (start.velocity, start.center)
+        )
+        start = dataclasses.replace(start, velocity=(a, b, c), center=(x, y, z))
     changed = dataclasses.replace(
         problem,
+        initial_velocity=start,
         mesh=TetMesh(scale * problem.mesh.points, problem.mesh.cells),
         material=material(problem.material),
         supports=tuple(map(support_of, problem.supports)),

@@ -67,7 +67,7 @@ def audit_displacement(
     discrete = DiscreteProblem(
         problem, strain=Strain(strain), degree=degree, element=Element(element)
     )
-    u = discrete.space.from_points(displacement)
+    u = discrete.to_local(discrete.space.from_points(displacement))
     if progress:
         num_dofs = 3 * discrete.space.num_global_blocks
         progress(f"audit on degree {degree}: {num_dofs} degrees of freedom")
@@ -105,7 +105,9 @@ def audit_displacement(
 
 
 def _solver(discrete: DiscreteProblem, *, is_symmetric: bool) -> LinearSolver:
-    return LinearSolver(discrete.space.coordinates, is_symmetric=is_symmetric)
+    return LinearSolver(
+        discrete.space.coordinates, is_symmetric=is_symmetric, to_local=discrete.to_local
+    )
 
 
 def _dual_norm(discrete: DiscreteProblem, residual: Floats) -> tuple[float, Floats]:
@@ -146,10 +148,10 @@ def _imbalance(discrete: DiscreteProblem, u: Floats, residual: Floats) -> tuple[
     """
     loose = np.zeros_like(residual)
     loose[discrete.free] = residual[discrete.free]
-    forces = loose.reshape(-1, 3)
+    forces = discrete.to_global(loose).reshape(-1, 3)
     places = discrete.space.coordinates
     if discrete.strain is Strain.GREEN:
-        places = places + u.reshape(-1, 3)
+        places = places + discrete.to_global(u).reshape(-1, 3)
     total = np.linalg.norm(fenicsx.total(forces.sum(axis=0)))
     moment = np.linalg.norm(fenicsx.total(np.cross(places, forces).sum(axis=0)))
     return float(total), float(moment)
@@ -181,7 +183,7 @@ def _estimate_errors(
         )
     except LinearSolveError:
         return None, None
-    at_points = discrete.space.at_points
+    at_points = discrete.at_points
     size = float(np.linalg.norm(at_points(u + step)))
     displacement_error = float(np.linalg.norm(at_points(step))) / size if size else None
     before = measure_state(discrete, u).volume - rest_volume

@@ -17,20 +17,17 @@ Note:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import ufl
 from palpate.reference.kinematics import deformation_gradient
-from palpate.reference.supports import hold
 
 
 def cauchy_stress(F: Any, S: Any) -> Any:
@@ -68,24 +65,16 @@ def _cell_means(discrete: DiscreteProblem, tensor: Any) -> Floats:
     return means
 
 
-def support_forces(
-    discrete: DiscreteProblem, displacement: Floats, supports: Sequence[Support]
-) -> Points:
+def support_forces(discrete: DiscreteProblem, displacement: Floats) -> Points:
     """Force of each support on the body [N], shape (num_supports, 3).
 
     The nodal forces that are out of balance without it, R = internal - external - contact, summed
-    over what it holds: with the loads they add up to nothing, to rounding. What several supports
-    hold counts for the first.
+    over what it holds: with the loads they add up to nothing, to rounding. See `HeldDofs.shares`.
     """
     reactions = discrete.of_displacement(
         discrete.internal_force(displacement)
         - discrete.external_force(displacement)
         - discrete.contact_force(displacement)
     )
-    forces = np.zeros((len(supports), 3))
-    for force, support in zip(forces, supports, strict=True):
-        dofs = hold(discrete.space, [support]).dofs
-        np.add.at(force, dofs % 3, reactions[dofs])
-        reactions[dofs] = 0.0
-    total: Points = fenicsx.total(forces)
+    total: Points = fenicsx.total(discrete.held.shares(reactions.reshape(-1, 3)))
     return total

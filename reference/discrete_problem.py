@@ -23,7 +23,7 @@ from palpate.reference.st_venant_kirchhoff import (
     second_piola_kirchhoff_stress,
     strain_energy_density,
 )
-from palpate.reference.supports import hold
+from palpate.reference.supports import NodeFrames, hold
 
 
 class ElasticBody:
@@ -48,6 +48,9 @@ class ElasticBody:
     """
 
     _smoothed: SmoothedStress | None = None
+    # Of nodes on slanted planes, whose degrees of freedom are along axes of their own: all flat
+    # vectors of this class are, in and out.
+    frames: NodeFrames | None = None
 
     def __init__(
         self,
@@ -88,8 +91,16 @@ class ElasticBody:
         return self._unknown
 
     def of_displacement(self, values: Floats) -> Floats:
-        """The part of a flat vector that belongs to displacements, in the order of `space`."""
-        return values
+        """The part of a flat vector that belongs to displacements along x, y, z, as in `space`."""
+        return self.to_global(values)
+
+    def to_local(self, values: Floats) -> Floats:
+        """A flat vector along x, y, z with components along the nodes' own axes."""
+        return values if self.frames is None else self.frames.to_local(values)
+
+    def to_global(self, values: Floats) -> Floats:
+        """And back."""
+        return values if self.frames is None else self.frames.to_global(values)
 
     def at_points(self, values: Floats) -> Points:
         """Displacements of a flat vector at the TetMesh's points, shape (num_points, 3)."""
@@ -97,7 +108,7 @@ class ElasticBody:
 
     def set_displacement(self, displacement: Floats) -> None:
         """Make `u` the given flat vector, and the stress that of `u`."""
-        self._unknown.x.array[: self.num_dofs] = displacement
+        self._unknown.x.array[: self.num_dofs] = self.to_global(displacement)
         self._unknown.x.scatter_forward()
         if self._smoothed is not None:
             self._smoothed.update()
@@ -105,7 +116,7 @@ class ElasticBody:
     def internal_force(self, displacement: Floats) -> Floats:
         """Nodal internal forces [N], flat, shape (num_dofs,)."""
         self.set_displacement(displacement)
-        return fenicsx.assemble_vector(self._force)
+        return self.to_local(fenicsx.assemble_vector(self._force))
 
     def strain_energy(self, displacement: Floats) -> float:
         """Stored energy [J]."""
@@ -139,10 +150,11 @@ class DiscreteProblem(ElasticBody):
         space = create_space(transfer(problem.mesh), degree)
         super().__init__(space, problem.material, strain, problem.inclusions, element=element)
         self.held = hold(space, problem.supports)
+        self.frames = self.held.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
         loads = apply_loads(space, problem.loads, self.u, self.v, strain)
-        self.dead_force = loads.dead
-        self.contacts = create_contacts(problem, space, self.held)
+        self.dead_force = self.to_local(loads.dead)
+        self.contacts = create_contacts(problem, space, self.held.dofs)
         self._linearise(self.virtual_work, loads.followers, ufl.TrialFunction(space.space))
 
     def _linearise(self, virtual_work: Any, follower_works: Sequence[Any], trial: Any) -> None:
@@ -153,10 +165,6 @@ class DiscreteProblem(ElasticBody):
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
-    def of_displacement(self, values: Floats) -> Floats:
-        """The part of a flat vector that belongs to displacements, in the order of `space`."""
-        return values
-
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
         """A flat vector of another mesh's problem as one of this one's, on one rank.
 
@@ -166,7 +174,7 @@ class DiscreteProblem(ElasticBody):
             cells: The cell of the other TetMesh that each of this one's lies in.
         """
         other.set_displacement(values)
-        return carry_field(other.space, other.u, self.space, cells)
+        return self.to_local(carry_field(other.space, other.u, self.space, cells))
 
     def destroy(self) -> None:
         """Give the matrix back at once: Python's collector sees only its handle."""
@@ -178,7 +186,7 @@ class DiscreteProblem(ElasticBody):
         if self.has_followers:
             self.set_displacement(displacement)
             for follower in self._followers:
-                force += follower.force()
+                force += self.to_local(follower.force())
         return force
 
     def contact_force(self, displacement: Floats) -> Floats:
@@ -190,6 +198,10 @@ class DiscreteProblem(ElasticBody):
 
     def tangent(self, displacement: Floats, load_factor: float) -> Any:
         """dR/du as a PETSc matrix without supports; may be the same object each time."""
+        matrix = self._along_axes(displacement, load_factor)
+        return matrix if self.frames is None else self.frames.turned(matrix)
+
+    def _along_axes(self, displacement: Floats, load_factor: float) -> Any:
         self.set_displacement(displacement)
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)

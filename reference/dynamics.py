@@ -60,7 +60,7 @@ def simulate_implicit(
         degree: Polynomial degree of the displacement, 1 to 3.
         displacement: Initial, at the mesh's points [m], shape (num_points, 3), linear between
             them; or a function of rest points, shape (n, 3); None is rest.
-        velocity: Initial [m/s], likewise; None is zero.
+        velocity: Initial [m/s], likewise; None is the problem's.
         amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
             takes each load's own.
         support_amplitude: The same for the supports' displacements.
@@ -107,7 +107,11 @@ def simulate_implicit(
     tell = progress or (lambda _line: None)
     tell(f"{3 * motion.body.space.num_global_blocks} degrees of freedom, {motion.solver.name}")
     space = body.space
-    state = motion.start(_flat(space, displacement), _flat(space, velocity))
+    speed = body.to_local(_flat(space, velocity))
+    if velocity is None and problem.initial_velocity is not None:
+        speed = body.to_local(_flat(space, problem.initial_velocity.at))
+        speed[loads.held] = 0.0
+    state = motion.start(body.to_local(_flat(space, displacement)), speed)
     motion.tools.require_outside(state.u)
     states, smallest_det_f = [state], motion.sampler.smallest(state.u)
     felt = [motion.tools.mean_forces(0.0)]
@@ -121,8 +125,8 @@ def simulate_implicit(
         tell(f"t = {output * per_output * dt:.4g} s of {span.end_time:g} s")
     return ImplicitResult(
         times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
-        displacements=np.array([space.at_points(s.u) for s in states]),
-        velocities=np.array([space.at_points(s.v) for s in states]),
+        displacements=np.array([body.at_points(s.u) for s in states]),
+        velocities=np.array([body.at_points(s.v) for s in states]),
         kinetic_energies=np.array([motion.kinetic_energy(s.v) for s in states]),
         strain_energies=np.array([motion.body.strain_energy(s.u) for s in states]),
         external_works=np.array([s.external_work for s in states]),
@@ -152,7 +156,7 @@ def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int
         return motion.step(state, time, dt)
     except StepLostError as error:
         if halvings == 0:
-            at_points = motion.body.space.at_points(state.u)
+            at_points = motion.body.at_points(state.u)
             raise ReferenceStepError(time, dt, str(error), at_points) from None
     half = _advance(motion, state, time, 0.5 * dt, halvings - 1)
     return _advance(motion, half, time + 0.5 * dt, 0.5 * dt, halvings - 1)

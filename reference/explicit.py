@@ -44,7 +44,8 @@ def simulate_explicit(
         problem: With `time` set, its `time_step` too: the outputs lie whole steps apart.
         strain: Strain measure.
         displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
-        velocity: Initial [m/s], shape (num_points, 3); None is zero.
+        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of held components
+            it is not read.
         amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
             takes each load's own.
         support_amplitude: The same for the supports' displacements.
@@ -66,26 +67,28 @@ def simulate_explicit(
     run = _Assembly(problem, Strain(strain), Element(element), amplitude, support_amplitude)
     body, half = run.body, 0.5 * span.mass_damping * dt
     zero = np.zeros_like(problem.mesh.points)
-    now = run.at_supports(
-        body.space.from_points(zero if displacement is None else displacement), 0.0
-    )
-    speed = body.space.from_points(zero if velocity is None else velocity)
+    given = body.space.from_points(zero if displacement is None else displacement)
+    now = run.at_supports(body.to_local(given), 0.0)
+    if velocity is None and problem.initial_velocity is not None:
+        velocity = problem.initial_velocity.at(problem.mesh.points)
+    speed = body.to_local(body.space.from_points(zero if velocity is None else velocity))
+    speed[run.held] = 0.0
     acceleration = run.force(now, 0.0) / run.mass - span.mass_damping * speed
     before = now - dt * speed + 0.5 * dt**2 * acceleration
     mobility = dt**2 / (run.mass * (1.0 + half))
     tools = SteppedTools(problem, body.space, run.held, mobility)
     tools.require_outside(now)
-    states, energies = [body.space.at_points(now)], [body.strain_energy(now)]
+    states, energies = [body.at_points(now)], [body.strain_energy(now)]
     felt = [tools.mean_forces()]
     for step in range(per_output * span.num_outputs):
         force = run.force(now, step * dt)
         ahead = (dt**2 * force / run.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
         ahead = tools.keep_out(run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt)
         if not np.isfinite(ahead).all():
-            raise ReferenceBlowUpError(step, step * dt, body.space.at_points(now))
+            raise ReferenceBlowUpError(step, step * dt, body.at_points(now))
         now, before = ahead, now
         if (step + 1) % per_output == 0:
-            states.append(body.space.at_points(now))
+            states.append(body.at_points(now))
             energies.append(body.strain_energy(now))
             felt.append(tools.mean_forces())
     return ExplicitResult(

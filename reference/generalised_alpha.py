@@ -161,7 +161,7 @@ class Motion:
         self.solver: LinearSolver | LaggedFactors = (
             LaggedFactors(is_symmetric=is_symmetric)
             if self.tools
-            else LinearSolver(space.coordinates, is_symmetric=is_symmetric)
+            else LinearSolver(space.coordinates, is_symmetric=is_symmetric, to_local=body.to_local)
         )
         self.iterations = 0
         # Of a linear body: the factors of mass and stiffness, and their matrix.
@@ -172,9 +172,9 @@ class Motion:
         if self._row_sums is not None:
             force: Floats = self._row_sums * acceleration
             return force
-        self._w.x.array[: len(acceleration)] = acceleration
+        self._w.x.array[: len(acceleration)] = self.body.to_global(acceleration)
         self._w.x.scatter_forward()
-        return fenicsx.assemble_vector(self._inertia)
+        return self.body.to_local(fenicsx.assemble_vector(self._inertia))
 
     def kinetic_energy(self, velocity: Floats) -> float:
         """Half of v . M v [J]."""
@@ -207,9 +207,9 @@ class Motion:
         if touching is not None:
             self.tools.add_tangent(self._matrix, touching)
         self.iterations += 1
-        return self.solver.solve(
-            self._matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance
-        )
+        frames = self.body.frames
+        matrix = self._matrix if frames is None else frames.turned(self._matrix)
+        return self.solver.solve(matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance)
 
     def _assemble(self, mass: float, stiffness: float) -> None:
         """Without followers, lumped mass and tools; of a linear body once for each time step."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ class LinearSolver:
         num_multipliers: Unknowns besides displacements (pressures), each a negative pivot of a
             stable body; with any, always direct.
         largest_direct: Unknowns up to which it is direct; LARGEST_DIRECT where None.
+        to_local: Turns a flat vector along x, y, z to the axes that the unknowns are along.
     """
 
     def __init__(
@@ -50,7 +52,9 @@ class LinearSolver:
         is_always_direct: bool = False,
         num_multipliers: int = 0,
         largest_direct: int | None = None,
+        to_local: Callable[[Floats], Floats] | None = None,
     ) -> None:
+        self._to_local = to_local or (lambda flat: flat)
         num_nodes = fenicsx.total(len(coordinates))
         centre = fenicsx.total(coordinates.sum(axis=0)) / num_nodes
         self._centred = coordinates - centre
@@ -243,7 +247,7 @@ class LinearSolver:
         for axis in range(3):
             modes[axis, :, axis] = 1.0
             modes[3 + axis] = np.cross(np.eye(3)[axis], self._centred / extent)
-        flat = modes.reshape(6, -1)
+        flat = np.array([self._to_local(mode) for mode in modes.reshape(6, -1)])
         flat[:, held] = 0.0
         # By their Gram matrix, summed over the ranks; what the supports leave nothing of goes.
         sizes, directions = np.linalg.eigh(fenicsx.total(flat @ flat.T))

@@ -47,24 +47,21 @@ class LoadsOverTime:
         self._followers: list[tuple[Amplitude, FollowerLoad]] = []
         own: Amplitudes = [load.amplitude for load in problem.loads]
         factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
+        self._supports = hold(space, problem.supports)  # refuses supports that disagree
+        self.held: Indices = self._supports.dofs
+        self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), self.held)
+        body.frames = self._supports.frames
         du = ufl.TrialFunction(space.space)
         for load, factor in zip(problem.loads, factors, strict=True):
             applied = apply_loads(space, [load], body.u, body.v, body.strain)
-            self._dead.append((factor, applied.dead))
+            self._dead.append((factor, body.to_local(applied.dead)))
             for work in applied.followers:
                 follower = FollowerLoad(space.transferred.mesh, work, body.u, du)
                 self._followers.append((factor, follower))
-        together = hold(space, problem.supports)  # refuses supports that disagree
-        self.held: Indices = together.dofs
-        self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), together.dofs)
         own = [support.amplitude for support in problem.supports]
-        factors = _one_each(
+        self._support_factors = _one_each(
             own if supports_by is None else supports_by, len(problem.supports), "supports"
         )
-        self._held: list[tuple[Amplitude, Indices, Floats]] = []
-        for support, factor in zip(problem.supports, factors, strict=True):
-            held = hold(space, [support])
-            self._held.append((factor, held.dofs, held.values))
 
     @property
     def has_followers(self) -> bool:
@@ -79,7 +76,7 @@ class LoadsOverTime:
         if self._followers:
             self._body.set_displacement(displacement)
         for factor, follower in self._followers:
-            force += factor(time) * follower.force()
+            force += factor(time) * self._body.to_local(follower.force())
         return force
 
     def add_tangent(self, matrix: Any, weight: float, time: float) -> None:
@@ -90,8 +87,7 @@ class LoadsOverTime:
     def at_supports(self, displacement: Floats, time: float) -> Floats:
         """The displacement with its held components where they are at that time [m]."""
         moved = displacement.copy()
-        for factor, dofs, values in self._held:
-            moved[dofs] = factor(time) * values
+        moved[self.held] = self._supports.at([factor(time) for factor in self._support_factors])
         return moved
 
 

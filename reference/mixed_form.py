@@ -31,7 +31,7 @@ from palpate.reference.loads import apply_loads
 from palpate.reference.materials import lame_by_cell, lame_parameters
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
 from palpate.reference.result import Formulation
-from palpate.reference.supports import HeldDofs, hold
+from palpate.reference.supports import hold
 
 
 class MixedProblem(DiscreteProblem):
@@ -104,10 +104,8 @@ class MixedProblem(DiscreteProblem):
         virtual_work = ufl.derivative(potential, self._unknown, both)
         self._force = fenicsx.form(virtual_work)
 
-        held = hold(self.space, problem.supports)
-        where = self._dofs[held.dofs]
-        order_of = np.argsort(where)
-        self.held = HeldDofs(where[order_of], held.values[order_of])
+        self.held = hold(self.space, problem.supports).renumbered(self._dofs)
+        self.frames = self.held.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
 
         followers = [x for x in problem.loads if isinstance(x, Pressure) and strain is Strain.GREEN]
@@ -115,13 +113,14 @@ class MixedProblem(DiscreteProblem):
         plain = apply_loads(self.space, dead, None, ufl.TestFunction(collapsed), strain)
         self.dead_force = np.zeros(self.num_dofs)
         self.dead_force[self._dofs] = plain.dead
+        self.dead_force = self.to_local(self.dead_force)
         works = apply_loads(self.space, followers, self.u, v, strain).followers
         self.contacts = ()
         self._linearise(virtual_work, works, ufl.TrialFunction(self._mixed))
 
     def of_displacement(self, values: Floats) -> Floats:
         """The part of a flat vector that belongs to displacements, in the order of `space`."""
-        part: Floats = values[self._dofs]
+        part: Floats = self.to_global(values)[self._dofs]
         return part
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
@@ -137,4 +136,4 @@ class MixedProblem(DiscreteProblem):
             both[dofs] = carry_field(source, part, target, cells)
         # The unknown is p h / mu.
         both[self._pressure_dofs] *= other.pressure_unit / self.pressure_unit
-        return both
+        return self.to_local(both)

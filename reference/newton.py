@@ -85,6 +85,7 @@ class Newton:
             has_contact=bool(discrete.contacts),
             num_multipliers=discrete.num_pressures,
             largest_direct=largest_direct,
+            to_local=discrete.to_local,
         )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
@@ -163,7 +164,7 @@ class Newton:
         """
         eq = self._discrete
         held, free = eq.held.dofs, eq.free
-        target = load_factor * eq.held.values
+        target = eq.held.at(load_factor)
         u = start.copy()
         det_f = self._sampler.smallest(u)
         rounding, first, last_norm, relative = 0.0, 0.0, 0.0, math.inf

@@ -138,7 +138,7 @@ class Equilibrium:
             second_piola_kirchhoff_stress=second_piola_kirchhoff,
             cauchy_stress=cauchy,
             first_piola_kirchhoff_stress=first,
-            support_forces=support_forces(discrete, self.displacement, problem.supports),
+            support_forces=support_forces(discrete, self.displacement),
         )
 
     def destroy(self) -> None:

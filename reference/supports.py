@@ -1,30 +1,243 @@
-"""Supports as held degrees of freedom with their prescribed values."""
+"""Supports as held degrees of freedom with their prescribed values.
+
+A node on slanted planes has axes of its own, the first of which span their normals: its degrees
+of freedom are the components along these. A held component is then a degree of freedom like any
+other, and nothing is penalised.
+"""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Indices
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.errors import InputError
 from palpate.reference import fenicsx
+from palpate.reference.fenicsx import PETSc
 from palpate.reference.mesh_transfer import TransferredSpace
+
+# Singular values of unit normals below which two planes are one.
+_ONE_PLANE = 1e-8
+# Supports of a slanted or turned node agree to this part of the largest displacement they ask for.
+_AGREE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class HeldDofs:
-    """Which degrees of freedom are held, and where.
+class NodeFrames:
+    """Nodes with axes of their own.
 
     Attributes:
-        dofs: Sorted degrees of freedom (three per node), shape (n,).
-        values: Displacement of each under the full load [m], shape (n,).
+        dofs: Degrees of freedom of each, shape (n, 3).
+        axes: Unit vectors as rows, shape (n, 3, 3).
     """
 
     dofs: Indices
-    values: Floats
+    axes: Floats
+
+    def to_local(self, flat: Floats) -> Floats:
+        """A flat vector along x, y, z with components along the nodes' own axes, a copy."""
+        return self._turned(flat, self.axes)
+
+    def to_global(self, flat: Floats) -> Floats:
+        """And back."""
+        return self._turned(flat, self.axes.transpose(0, 2, 1))
+
+    def turned(self, matrix: Any) -> Any:
+        """Q A Q^T, a new matrix, for vectors along the nodes' own axes."""
+        first, last = matrix.getOwnershipRange()
+        # Q^T by rows: one entry of 1 but for these nodes, which have three.
+        counts = np.ones(last - first, dtype=PETSc.IntType)
+        counts[self.dofs] = 3
+        starts = np.concatenate([[0], np.cumsum(counts)]).astype(PETSc.IntType)
+        columns = np.repeat(np.arange(first, last, dtype=PETSc.IntType), counts)
+        entries = np.ones(starts[-1])
+        places = starts[self.dofs][:, :, None] + np.arange(3)
+        columns[places] = self.dofs[:, None, :] + first
+        entries[places] = self.axes.transpose(0, 2, 1)
+        back = PETSc.Mat().createAIJ(
+            matrix.getSizes(),
+            bsize=matrix.getBlockSizes(),
+            csr=(starts, columns, entries),
+            comm=fenicsx.COMM,
+        )
+        turned = matrix.ptap(back)
+        back.destroy()
+        turned.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        return turned
+
+    def _turned(self, flat: Floats, by: Floats) -> Floats:
+        turned = flat.copy()
+        turned[self.dofs] = np.einsum("nij,nj->ni", by, flat[self.dofs])
+        return turned
+
+
+class HeldDofs:
+    """Which degrees of freedom are held, and where.
+
+    Args:
+        coordinates: Rest places of the nodes that this rank owns [m], shape (num_blocks, 3).
+        supports: All of them.
+        blocks: Nodes of each support.
+
+    Attributes:
+        dofs: Sorted degrees of freedom (three per node), shape (n,); of nodes with axes of their
+            own along those.
+        values: Displacement of each under the full load [m], shape (n,).
+        frames: Nodes with axes of their own; None where there are none.
+
+    Raises:
+        InputError: Two supports that want different displacements of one point.
+    """
+
+    def __init__(
+        self, coordinates: Points, supports: Sequence[Support], blocks: Sequence[Indices]
+    ) -> None:
+        self._coordinates, self._supports, self._blocks = coordinates, supports, blocks
+        self._owner = np.full((len(coordinates), 3), -1)
+        for number, (support, nodes) in enumerate(zip(supports, blocks, strict=True)):
+            if support.normal is None:
+                for axis in np.flatnonzero(support.components):
+                    self._owner[nodes, axis] = number
+        self._slanted = self._find_slanted()
+        is_held = self._owner >= 0
+        self.frames: NodeFrames | None = None
+        # On all ranks or on none.
+        if any(support.normal is not None for support in supports):
+            nodes = np.array([node.block for node in self._slanted], dtype=np.int32)
+            for node in self._slanted:
+                self._owner[node.block] = -1
+                is_held[node.block] = np.arange(3) < len(node.values)
+            axes = np.array([node.axes for node in self._slanted]).reshape(-1, 3, 3)
+            self.frames = NodeFrames(3 * nodes[:, None] + np.arange(3, dtype=np.int32), axes)
+        self._places: Indices = np.flatnonzero(is_held).astype(np.int32)
+        self.dofs: Indices = self._places
+        self._require_agreement(1.0)
+        if any(support.rotation is not None for support in supports):
+            self._require_agreement(0.5)
+
+    @cached_property
+    def values(self) -> Floats:  # noqa: D102  (an attribute above)
+        return self.at(1.0)
+
+    def at(self, factors: float | Sequence[float]) -> Floats:
+        """Displacement of each at a part of the full size, of all supports or one for each [m]."""
+        return self._everywhere(factors)[self._places]
+
+    def renumbered(self, new: Indices) -> HeldDofs:
+        """The same with other numbers for the degrees of freedom, `new` of each old one."""
+        other = copy.copy(self)
+        other.__dict__.pop("values", None)
+        order = np.argsort(new[self._places])
+        other._places = self._places[order]
+        other.dofs = new[other._places]
+        if self.frames is not None:
+            other.frames = NodeFrames(new[self.frames.dofs], self.frames.axes)
+        return other
+
+    def shares(self, reactions: Points) -> Points:
+        """What each support takes of nodal forces on the body [N], shape (num_supports, 3).
+
+        What several hold along x, y, z counts for the first; on slanted planes each pushes along
+        its normal.
+        """
+        left = reactions.copy()
+        forces = np.zeros((len(self._supports), 3))
+        for node in self._slanted:
+            # r = sum of pushes times directions, by least squares where one plane is named twice.
+            pushes = np.linalg.pinv(node.directions.T, rcond=_ONE_PLANE) @ left[node.block]
+            np.add.at(forces, node.supports, pushes[:, None] * node.directions)
+            left[node.block] = 0.0
+        for number, (support, nodes) in enumerate(zip(self._supports, self._blocks, strict=True)):
+            if support.normal is None:
+                held = left[nodes] * np.array(support.components)
+                forces[number] += held.sum(axis=0)
+                left[nodes] -= held
+        return forces
+
+    def _everywhere(self, factors: float | Sequence[float]) -> Floats:
+        """Flat, 0 where free."""
+        each = np.broadcast_to(np.asarray(factors, dtype=np.float64), len(self._supports))
+        held = np.zeros_like(self._coordinates)
+        for number, support in enumerate(self._supports):
+            mine = self._owner == number
+            nodes = np.flatnonzero(mine.any(axis=1))
+            moved = _placed(support, self._coordinates[nodes], float(each[number]))
+            held[mine] = moved[mine[nodes]]
+        for node in self._slanted:
+            held[node.block, : len(node.values)] = node.values @ self._asked(node, each)
+        return held.ravel()
+
+    def _asked(self, node: _SlantedNode, factors: Floats) -> Floats:
+        """What supports ask for along their directions."""
+        place = self._coordinates[node.block][None]
+        return np.array(
+            [
+                float(direction @ _placed(self._supports[s], place, float(factors[s]))[0])
+                for s, direction in zip(node.supports, node.directions, strict=True)
+            ]
+        )
+
+    def _find_slanted(self) -> list[_SlantedNode]:
+        slanting: dict[int, list[tuple[int, Floats]]] = {}
+        for number, (support, nodes) in enumerate(zip(self._supports, self._blocks, strict=True)):
+            if support.normal is not None:
+                for node in nodes.tolist():
+                    slanting.setdefault(node, []).append((number, support.directions[0]))
+        found = []
+        for block, held in sorted(slanting.items()):
+            by_axis = [
+                (int(self._owner[block, axis]), np.eye(3)[axis])
+                for axis in range(3)
+                if self._owner[block, axis] >= 0
+            ]
+            together = by_axis + held
+            supports = np.array([number for number, _ in together])
+            # The planes' normals span the first right singular vectors.
+            rows = np.array([direction for _, direction in together])
+            left, sizes, axes = np.linalg.svd(rows)
+            rank = int(np.sum(sizes > _ONE_PLANE))
+            values = left[:, :rank].T / sizes[:rank, None]
+            found.append(_SlantedNode(block, supports, rows, axes, values))
+        return found
+
+    def _require_agreement(self, factor: float) -> None:
+        flat = self._everywhere(factor)
+        placed = (flat if self.frames is None else self.frames.to_global(flat)).reshape(-1, 3)
+        size = fenicsx.largest(float(np.abs(placed).max(initial=0.0)))
+        for number, (support, nodes) in enumerate(
+            zip(self._supports, self._blocks, strict=True), start=1
+        ):
+            wanted = _placed(support, self._coordinates[nodes], factor)
+            along = (placed[nodes] - wanted) @ support.directions.T
+            is_plain = support.rotation is None and not self._slanted
+            clash = np.argwhere(np.abs(along) > (0.0 if is_plain else _AGREE * size))
+            if len(clash):
+                row, k = clash[0]
+                direction = support.directions[k]
+                here, there = direction @ placed[nodes[row]], direction @ wanted[row]
+                named = "xyz"[int(np.abs(direction).argmax())]
+                if support.normal is not None:
+                    named = "its normal"
+                raise InputError(
+                    f"support {number} prescribes {there:g} m along {named} where another support "
+                    f"prescribes {here:g} m; give each point one displacement"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class _SlantedNode:
+    block: int
+    supports: NDArray[np.int64]  # that hold it, one for each direction
+    directions: Floats  # unit vectors, (n, 3)
+    axes: Floats  # its own, as rows
+    values: Floats  # held components from what is asked along the directions, (rank, n)
 
 
 def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
@@ -36,25 +249,14 @@ def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
         InputError: A prescribed displacement that is not finite, a facet inside the body, or two
             supports that want different displacements of one point.
     """
-    held: dict[int, float] = {}
+    blocks = []
     for number, support in enumerate(supports, start=1):
         what = f"support {number}"
         displacement = np.asarray(support.displacement, dtype=np.float64)
         if displacement.shape != (3,) or not np.isfinite(displacement).all():
             raise InputError(f"{what}: displacement {support.displacement} needs 3 finite values")
-        blocks = _blocks(space, support, what)
-        for axis in range(3):
-            if not support.components[axis]:
-                continue
-            value = float(displacement[axis])
-            for dof in (3 * blocks + axis).tolist():
-                if held.setdefault(dof, value) != value:
-                    raise InputError(
-                        f"{what} prescribes {value:g} m along {'xyz'[axis]} where another support "
-                        f"prescribes {held[dof]:g} m; give each point one displacement"
-                    )
-    dofs = np.array(sorted(held), dtype=np.int32)
-    return HeldDofs(dofs, np.array([held[int(d)] for d in dofs], dtype=np.float64))
+        blocks.append(_blocks(space, support, what))
+    return HeldDofs(space.coordinates, tuple(supports), blocks)
 
 
 def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
@@ -62,3 +264,17 @@ def _blocks(space: TransferredSpace, support: Support, what: str) -> Indices:
     on_facets = fenicsx.fem.locate_dofs_topological(space.space, 2, entities)
     owned = np.asarray(on_facets, dtype=np.int32)
     return np.union1d(space.owned_dofs(support.points), owned[owned < space.num_blocks])
+
+
+def _placed(support: Support, places: Points, factor: float) -> Points:
+    """Where a support holds rest places at a part of its full size: displacements [m], (n, 3)."""
+    displacement = np.asarray(support.displacement, dtype=np.float64)
+    moved: Points = np.tile(factor * displacement, (len(places), 1))
+    if support.rotation is not None:
+        # exp([theta]_x) by the half angle's quaternion (w, v): R r - r = 2 v x (v x r + w r).
+        half = 0.5 * factor * support.rotation.angle
+        axis = np.asarray(support.rotation.axis)
+        v, w = np.sin(half) * axis / np.linalg.norm(axis), np.cos(half)
+        r = places - np.asarray(support.rotation.center)
+        moved += 2.0 * np.cross(v, np.cross(v, r) + w * r)
+    return moved

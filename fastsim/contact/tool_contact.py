@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.forces import constraints, lumped_areas
+from palpate.fastsim.forces import lumped_areas
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import (
@@ -62,7 +63,7 @@ class ToolContact:
         self.shape = core_shape(tool.shape)
         self.facets = tool.contact_facets if len(tool.contact_facets) else mesh.boundary_facets
         lumped = lumped_areas(mesh, self.facets)
-        is_free = constraints(problem)[0].any(axis=1)
+        is_free = HeldPoints(problem).is_free.any(axis=1)
         self.vertices = np.flatnonzero((lumped > 0.0) & is_free).astype(np.int32)
         self.areas = lumped[self.vertices]
         self._rest = mesh.points[self.vertices]

@@ -141,6 +141,15 @@ void bind_explicit_run(nb::module_ &module) {
                 run.set_moving_supports(as_span(values), as_span(histories));
             },
             nb::arg("values").noconvert(), nb::arg("histories").noconvert())
+        .def(
+            "set_sliding_supports",
+            [](Run &run, GivenColumn<Index> points, GivenTable<double, 6> directions,
+               GivenTable<double, 2> values, GivenTable<Index, 2> histories) {
+                run.set_sliding_supports(as_span(points), as_span(directions), as_span(values),
+                                         as_span(histories));
+            },
+            nb::arg("points").noconvert(), nb::arg("directions").noconvert(),
+            nb::arg("values").noconvert(), nb::arg("histories").noconvert())
         .def("set_mass_damping", &Run::set_mass_damping, nb::arg("mass_damping"))
         .def(
             "add_tool",

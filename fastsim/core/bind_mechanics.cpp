@@ -138,6 +138,19 @@ void bind_mechanics(nb::module_ &module) {
                 add_diagonal_blocks(as_span(points), as_rows<Matrix3>(blocks), body.matrix);
             },
             nb::arg("points").noconvert(), nb::arg("blocks").noconvert())
+        .def(
+            "set_frames",
+            [](ElasticBody &body, GivenColumn<Index> points, GivenTable<double, 9> axes) {
+                const auto numbers = as_span(points);
+                const auto rows = as_rows<Matrix3>(axes);
+                body.frames = {{numbers.begin(), numbers.end()}, {rows.begin(), rows.end()}};
+            },
+            nb::arg("points").noconvert(), nb::arg("axes").noconvert())
+        .def("turn_matrix",
+             [](ElasticBody &body) {
+                 nb::gil_scoped_release release;
+                 body.turn_matrix();
+             })
         .def("absolute_row_sums",
              [](const ElasticBody &body) {
                  return vectors_by(body, [&](auto sums) { absolute_row_sums(body.matrix, sums); });
@@ -152,7 +165,7 @@ void bind_mechanics(nb::module_ &module) {
             "build_multigrid",
             [](ElasticBody &body, Flags is_free) {
                 nb::gil_scoped_release release;
-                body.multigrid.emplace(body.matrix, body.points, as_span(is_free));
+                body.multigrid.emplace(body.matrix, body.points, as_span(is_free), body.frames);
                 return body.multigrid->num_levels();
             },
             nb::arg("is_free").noconvert())

@@ -84,7 +84,7 @@ def solve_duals(
         discrete.set_displacement(found.displacement)
         functional, scale = _FUNCTIONALS[quantity](discrete, state)
         form = fenicsx.form(ufl.derivative(functional, discrete.unknown))
-        gradient = fenicsx.assemble_vector(form) / (scale or 1.0)
+        gradient = discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0))
         gradient[discrete.held.dofs] = 0.0
         try:
             dual = found.newton.solve_again(found.displacement, gradient, tolerance=_TOLERANCE)

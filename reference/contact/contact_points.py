@@ -19,7 +19,6 @@ from palpate.reference import fenicsx
 from palpate.reference.fenicsx import ufl
 from palpate.reference.loads import traction_work
 from palpate.reference.mesh_transfer import TransferredSpace
-from palpate.reference.supports import HeldDofs
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +43,7 @@ class ContactPoints:
         return placed
 
 
-def find_contact_points(space: TransferredSpace, facets: Indices, held: HeldDofs) -> ContactPoints:
+def find_contact_points(space: TransferredSpace, facets: Indices, held: Indices) -> ContactPoints:
     """Collect the nodes of the facets that may touch a tool.
 
     A node that is held along all three axes takes no part.
@@ -52,7 +51,7 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: HeldDofs
     Args:
         space: Displacement space.
         facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
-        held: What is held.
+        held: Degrees of freedom that are held, shape (n,).
 
     Raises:
         InputError: A facet inside the body.
@@ -70,7 +69,7 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: HeldDofs
     entities = space.transferred.facet_entities(chosen, "a tool")
     nodes = np.asarray(fenicsx.fem.locate_dofs_topological(space.space, 2, entities), np.int32)
     nodes = nodes[nodes < space.num_blocks]
-    nodes = nodes[np.bincount(held.dofs // 3, minlength=space.num_blocks)[nodes] < 3]
+    nodes = nodes[np.bincount(held // 3, minlength=space.num_blocks)[nodes] < 3]
     # Of degree 2 the shape functions of vertices integrate to rounding errors.
     least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
     areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)

@@ -23,7 +23,6 @@ from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_contact import require_frictionless_on_path
 from palpate.reference.contact.tool_distance import tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
-from palpate.reference.supports import HeldDofs
 
 # A node with held components leaves the tool along another line than its normal, in some goes.
 _MOST_CORRECTIONS = 6
@@ -48,8 +47,7 @@ class SteppedTools:
     ) -> None:
         loose = mobility.copy()
         loose[held] = 0.0
-        all_held = HeldDofs(held, np.zeros(len(held)))
-        self._tools = [_SteppedTool(tool, space, all_held, loose) for tool in problem.tools]
+        self._tools = [_SteppedTool(tool, space, held, loose) for tool in problem.tools]
         self._steps = 0
 
     def require_outside(self, displacement: Floats) -> None:
@@ -84,7 +82,7 @@ class SteppedTools:
 
 class _SteppedTool:
     def __init__(
-        self, tool: RigidTool, space: TransferredSpace, held: HeldDofs, mobility: Floats
+        self, tool: RigidTool, space: TransferredSpace, held: Indices, mobility: Floats
     ) -> None:
         require_frictionless_on_path(tool)
         self._tool = tool

@@ -25,7 +25,6 @@ from palpate.reference.contact.tool_contact import (
     require_frictionless_on_path,
 )
 from palpate.reference.mesh_transfer import TransferredSpace
-from palpate.reference.supports import HeldDofs
 
 # The multipliers carry all but this many times the tolerance of the forces on tools.
 _OVER_TOLERANCE = 100.0
@@ -52,8 +51,7 @@ class ImplicitTools:
         for tool in problem.tools:
             require_frictionless_on_path(tool)
         self._carried = _OVER_TOLERANCE * tolerance
-        dofs = HeldDofs(held, np.zeros(len(held)))
-        self._contacts: Sequence[ToolContact] = create_contacts(problem, space, dofs)
+        self._contacts: Sequence[ToolContact] = create_contacts(problem, space, held)
         materials = (problem.material, *(i.material for i in problem.inclusions))
         self._density = max(material.density for material in materials)
         self._impulses = np.zeros((len(self._contacts), 3))

@@ -30,7 +30,6 @@ from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.friction import Drag, Friction
 from palpate.reference.contact.tool_distance import Distance, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
-from palpate.reference.supports import HeldDofs
 
 # Penalty over Young's modulus by facet size: an Uzawa step leaves about a hundredth of the
 # penetration, and the tangent's condition is no worse by more than that.
@@ -62,7 +61,7 @@ class ToolContact:
     Args:
         space: Displacement space.
         tool: Shape and path.
-        held: What is held.
+        held: Degrees of freedom that are held, shape (n,).
         youngs_modulus: Largest of the body [Pa].
 
     Raises:
@@ -70,7 +69,7 @@ class ToolContact:
     """
 
     def __init__(
-        self, space: TransferredSpace, tool: RigidTool, held: HeldDofs, youngs_modulus: float
+        self, space: TransferredSpace, tool: RigidTool, held: Indices, youngs_modulus: float
     ) -> None:
         require_on_path(tool)
         self.tool = tool
@@ -244,7 +243,7 @@ class ToolContact:
 
 
 def create_contacts(
-    problem: Problem, space: TransferredSpace, held: HeldDofs
+    problem: Problem, space: TransferredSpace, held: Indices
 ) -> tuple[ToolContact, ...]:
     """Set every tool of a problem against the body."""
     stiffest = max(

@@ -12,8 +12,9 @@ from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_body import Precision
-from palpate.fastsim.forces import constraints, external_force
+from palpate.fastsim.forces import external_force
 from palpate.fastsim.statics import solve_static
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
@@ -83,7 +84,8 @@ def test_a_run_follows_the_plain_loop(
     problem = beam(ragged_box, TimeSpan(0.5, mass_damping=3.0, num_outputs=4))
     result = simulate(problem, strain=strain, element=element)
     body, dt = Body(ragged_box, SOFT, strain, element=element), result.time_step
-    is_free, held = constraints(problem)
+    supports = HeldPoints(problem)
+    is_free, held = supports.is_free, supports.at(1.0)
     M, F = body.lumped_mass[:, None], external_force(problem)
     D = 3.0 * M
     now = held.copy()

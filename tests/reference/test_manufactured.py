@@ -6,8 +6,11 @@ respect to F: another route than the one the solver takes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.availability import is_available
@@ -19,13 +22,23 @@ if is_available():
     from palpate.reference.fenicsx import ufl
     from palpate.reference.materials import lame_parameters
     from palpate.reference.newton import Newton
-    from palpate.reference.supports import HeldDofs
 
 pytestmark = pytest.mark.dolfinx
 
 MATERIAL = Material(1.0, 0.3)
 # Gradients up to about 0.2: the quadratic part of the strain matters, and nothing softens much.
 AMPLITUDE = 0.06
+
+
+@dataclass
+class Pinned:
+    """Degrees of freedom held each at a value of its own."""
+
+    dofs: NDArray[np.int32]
+    values: NDArray[np.float64]
+
+    def at(self, factor):
+        return factor * self.values
 
 
 def chosen_displacement(x):
@@ -77,7 +90,7 @@ def solve_errors(mesh, degree, strain, *, force_strain=None):
     values = chosen_values(nodes)
     outside = np.any((nodes < 1e-12) | (nodes > 1 - 1e-12), axis=1)
     dofs = (3 * np.flatnonzero(outside)[:, None] + np.arange(3)).ravel()
-    discrete.held = HeldDofs(dofs.astype(np.int32), values.ravel()[dofs])
+    discrete.held = Pinned(dofs.astype(np.int32), values.ravel()[dofs])
     discrete.free = np.setdiff1d(np.arange(discrete.num_dofs), dofs)
     newton = Newton(discrete, DetFSampler(discrete), relative_tolerance=1e-11)
     outcome = newton.solve(values.ravel(), 1.0)

@@ -26,6 +26,17 @@ class TimeSpec(Table):
     """States kept after the first, evenly spaced."""
 
 
+class StartSpec(Table):
+    """Velocity at the start, that of a rigid body: velocity + angular_velocity x (X - center)."""
+
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """At the center [units.length per s]."""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """[rad/s]."""
+    center: Vector = (0.0, 0.0, 0.0)
+    """[units.length]."""
+
+
 class AmplitudeSpec(Table):
     """A factor over time, by knots; see meshes/amplitude.py."""
 

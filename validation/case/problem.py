@@ -15,12 +15,13 @@ from palpate.meshes.boundary_conditions import (
     Load,
     PointForce,
     Pressure,
+    Rotation,
     Support,
     Traction,
 )
 from palpate.meshes.errors import InputError
 from palpate.meshes.face_loads import affine_traction, moment_traction, profile_traction
-from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
+from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -35,8 +36,19 @@ from palpate.meshes.rigid_tool import (
 )
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.geometry import inside_folder, load_surface
-from palpate.validation.case.motion_schema import AmplitudeSpec, DriveSpec, PoseSpec, ToolSpec
-from palpate.validation.case.regions import nearest_point, select_cells, select_facets
+from palpate.validation.case.motion_schema import (
+    AmplitudeSpec,
+    DriveSpec,
+    PoseSpec,
+    StartSpec,
+    ToolSpec,
+)
+from palpate.validation.case.regions import (
+    flat_normal,
+    nearest_point,
+    select_cells,
+    select_facets,
+)
 from palpate.validation.case.schema import (
     CaseSpec,
     ForceSpec,
@@ -49,6 +61,7 @@ from palpate.validation.case.schema import (
     PressureSpec,
     SupportSpec,
     TractionSpec,
+    TurnSpec,
 )
 from palpate.validation.case.units import Units
 from palpate.validation.exchange.facets import facet_areas
@@ -83,8 +96,11 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
         else TimeSpan(time.end_time, time.time_step, time.mass_damping, time.num_outputs),
         tuple(build.tool(s, f"tool {k}") for k, s in enumerate(spec.tool, 1)),
         tuple(build.inclusion(s, f"inclusion {k}") for k, s in enumerate(spec.inclusion, 1)),
+        build.start(spec.initial_velocity),
     )
-    require_supported(problem)
+    # A motion may be that of a free body.
+    if time is None:
+        require_supported(problem)
     return problem
 
 
@@ -111,13 +127,39 @@ class _Builder:
         factors = (1.0,) if amplitude is None else amplitude.factors
         _require_usable(np.outer(factors, displacement), what, "m")
         if spec.region.nearest is not None:
-            point = nearest_point(self.mesh, spec.region, self.units, what)
-            return Support(
-                point, components=(x, y, z), displacement=displacement, amplitude=amplitude
-            )
-        facets = select_facets(self.mesh, spec.region, self.units, what)
-        points = np.unique(facets).astype(np.int32)
-        return Support(points, facets, (x, y, z), displacement, amplitude)
+            points = nearest_point(self.mesh, spec.region, self.units, what)
+            facets = np.zeros((0, 3), dtype=np.int32)
+        else:
+            facets = select_facets(self.mesh, spec.region, self.units, what)
+            points = np.unique(facets).astype(np.int32)
+        normal = _unit(spec.normal) if spec.normal is not None else None
+        if spec.sliding:
+            normal = flat_normal(self.mesh, facets, what)
+        if normal is not None:
+            axis = [abs(n) == 1.0 for n in normal]
+            if not any(axis):
+                return Support(
+                    points, facets, displacement=displacement, amplitude=amplitude, normal=normal
+                )
+            x, y, z = axis
+        return Support(
+            points, facets, (x, y, z), displacement, amplitude, self._rotation(spec.rotation)
+        )
+
+    def _rotation(self, spec: TurnSpec | None) -> Rotation | None:
+        if spec is None:
+            return None
+        return Rotation(
+            _unit(spec.axis), self.units.place(spec.center), math.radians(spec.angle_deg)
+        )
+
+    def start(self, spec: StartSpec | None) -> InitialVelocity | None:
+        if spec is None:
+            return None
+        place = self.units.place
+        given = place(spec.velocity), spec.angular_velocity, place(spec.center)
+        _require_usable(np.array(given), "initial_velocity", "m/s")
+        return InitialVelocity(*given)
 
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         built = self._load(spec, material, what)
@@ -217,6 +259,15 @@ def _require_usable(values: NDArray[np.float64], what: str, unit: str) -> None:
     size = float(np.abs(values).max())
     if not size < _LARGEST:
         raise InputError(f"{what}: {size:g} {unit} is too large to compute with; lower it")
+
+
+def _unit(values: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The direction of a vector; exact along an axis, and no square is lost or without end."""
+    largest = max(abs(v) for v in values)
+    parts = [v / largest for v in values]
+    size = math.hypot(*parts)
+    x, y, z = (part / size for part in parts)
+    return x, y, z
 
 
 def _amplitude(spec: AmplitudeSpec | None) -> TabularAmplitude | None:

@@ -11,10 +11,12 @@ from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.validation.case.numbers import Vector
 from palpate.validation.case.region_schema import RegionSpec
 from palpate.validation.case.units import Units
-from palpate.validation.exchange.facets import are_among
+from palpate.validation.exchange.facets import are_among, area_vectors
 
 # A point is there within this part of the body's size.
 SAME_PLACE = 1e-6
+# Facets whose normals differ by no more lie in one plane: what files in single precision leave.
+_FLAT_DEG = 0.01
 
 
 class EmptyRegionError(InputError):
@@ -98,6 +100,33 @@ def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     boundary = np.unique(mesh.boundary_facets)
     distance = np.linalg.norm(mesh.points[boundary] - place, axis=1)
     return boundary[[int(np.argmin(distance))]].astype(np.int32)
+
+
+def flat_normal(mesh: TetMesh, facets: Indices, what: str) -> tuple[float, float, float]:
+    """The normal of facets that lie in one plane or in parallel ones, shape (3,).
+
+    Two sides of a slab have the same, so that sliding along both is plane strain.
+
+    Raises:
+        InputError: They are not flat; the message tells by what angle.
+    """
+    vectors = area_vectors(mesh.points, facets)
+    normals = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    normals *= np.where(normals @ normals[0] < 0.0, -1.0, 1.0)[:, None]
+    mean = normals.mean(axis=0)
+    mean /= np.linalg.norm(mean)
+    angle = float(np.rad2deg(np.linalg.norm(np.cross(normals, mean), axis=1).max()))
+    if angle > _FLAT_DEG:
+        raise InputError(
+            f"{what}: sliding needs a flat face, this one's normals differ by {angle:.3g} degrees; "
+            "choose one face for each support, or give its `normal`"
+        )
+    # A face along an axis that is read with rounding is one along that axis.
+    mean[np.abs(mean) < 1e-9] = 0.0
+    if np.count_nonzero(mean) == 1:
+        mean = np.sign(mean)
+    x, y, z = mean.tolist()
+    return x, y, z
 
 
 def point_at(mesh: TetMesh, place: Vector, units: Units, what: str) -> int:

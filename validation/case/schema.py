@@ -10,9 +10,15 @@ from pydantic import BeforeValidator, Field, model_validator
 from palpate.meshes.face_loads import Profile
 from palpate.meshes.problem import Strain
 from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
-from palpate.validation.case.motion_schema import AmplitudeSpec, TimeSpec, ToolSpec, as_list
+from palpate.validation.case.motion_schema import (
+    AmplitudeSpec,
+    StartSpec,
+    TimeSpec,
+    ToolSpec,
+    as_list,
+)
 from palpate.validation.case.named_values import require_inputs
-from palpate.validation.case.numbers import Count, Number, PlainData, Vector, plain_number
+from palpate.validation.case.numbers import Count, Flag, Number, PlainData, Vector, plain_number
 from palpate.validation.case.region_schema import RegionSpec, Table
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, Metric
@@ -57,15 +63,59 @@ class OverTime(Table):
     """Its factor over time; statics take it as 1."""
 
 
+class TurnSpec(Table):
+    """A turn about an axis through a place, the exact one at every part of the load."""
+
+    axis: Vector
+    """Direction of the axis, of any length; the turn is right-handed about it."""
+    center: Vector
+    """A place on the axis [units.length]."""
+    angle_deg: Number
+    """At full size [degrees]; more than a whole turn is one."""
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> TurnSpec:
+        if not any(self.axis):
+            raise ValueError("axis = [0, 0, 0] turns nothing; give a direction")
+        return self
+
+
 class SupportSpec(OverTime):
-    """What is held."""
+    """What is held: by component, turned, or along a normal alone."""
 
     region: RegionSpec
     """What is held."""
     components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
     """Which components are held."""
+    sliding: Flag = False
+    """Held along the normal of its face only, which has to be flat: a symmetry plane."""
+    normal: Vector | None = None
+    """Or held along this direction only, of any length; free to slide across it."""
     displacement: Vector = (0.0, 0.0, 0.0)
-    """Where the held part is moved to [units.length]."""
+    """Where the held part is moved to [units.length]; of what slides, its part along the normal."""
+    rotation: TurnSpec | None = None
+    """Turns the held part besides; all components are held then."""
+
+    @model_validator(mode="after")
+    def _holds_in_one_way(self) -> SupportSpec:
+        given = self.model_fields_set
+        ways = [
+            name
+            for name, is_there in (
+                ("components", "components" in given),
+                ("sliding", self.sliding),
+                ("normal", self.normal is not None),
+                ("rotation", self.rotation is not None),
+            )
+            if is_there
+        ]
+        if len(ways) > 1:
+            raise ValueError(f"{' and '.join(ways)} do not go together; choose one")
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal = [0, 0, 0] is no direction")
+        if self.sliding and self.region.nearest is not None:
+            raise ValueError("a single point has no face to slide along; give a normal")
+        return self
 
 
 class ForceSpec(OverTime):
@@ -331,7 +381,9 @@ class CaseSpec(Table):
     tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()
     """Rigid tools; [tool] stands for a single [[tool]]."""
     time: TimeSpec | None = None
-    """Makes the case a motion from rest; statics without."""
+    """Makes the case a motion, from rest or with an initial_velocity; statics without."""
+    initial_velocity: StartSpec | None = None
+    """Of a motion; what is held starts as its support does. Free bodies need no support."""
     check: tuple[CheckSpec, ...] = ()
     """What is judged, with the reason for each limit."""
     truth: TruthSpec = TruthSpec()
@@ -348,6 +400,8 @@ class CaseSpec(Table):
 
     @model_validator(mode="after")
     def _motion_needs_time(self) -> CaseSpec:
+        if self.initial_velocity is not None and self.time is None:
+            raise ValueError("initial_velocity is of a motion: give [time]")
         for check in self.check:
             metric = check.about
             if metric.needs_tools and not self.tool:

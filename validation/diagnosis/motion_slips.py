@@ -139,6 +139,8 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
         words = words.replace("halved", "half as fast")
         yield words, Cause.TIME, Slip(step_factor=factor)
     for number, support in enumerate(problem.supports, start=1):
+        if support.normal is not None:
+            continue
         released = np.zeros_like(body.held)
         released[np.ix_(support.points, np.flatnonzero(support.components))] = True
         yield f"support {number} is not held", Cause.SUPPORT, Slip(released=released)

@@ -57,6 +57,8 @@ def _released_words(body: Body, off: Mask) -> tuple[str, bool]:
     """Which supports are not held, and whether it is whole ones or whole components."""
     parts, plain = [], True
     for number, support in enumerate(body.problem.supports, start=1):
+        if support.normal is not None:
+            continue
         mine = np.zeros_like(off)
         mine[np.ix_(support.points, np.flatnonzero(support.components))] = True
         missing = mine & off

@@ -24,6 +24,7 @@ from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
 from palpate.validation.exchange.array_hash import array_hash
 from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.exchange.nodal_loads import nodal_force, rest_arrays
+from palpate.validation.exchange.supports import held_slopes
 
 SCHEMA = 1
 FILES = ("case.json", "rest.vtu", "rest.npz")
@@ -70,6 +71,9 @@ def write_case_folder(
     write_mesh(target / "rest.vtu", problem.mesh, point_data=by_point, cell_data=by_cell)
     arrays |= _follower_pressures(problem)
     arrays["support"] = _holding_supports(problem)
+    arrays |= _sliding_points(problem)
+    if problem.initial_velocity is not None:
+        arrays["initial_velocity"] = problem.initial_velocity.at(problem.mesh.points)
     for index, load in enumerate(problem.loads):
         if load.amplitude is not None and not isinstance(load, Pressure):
             arrays[f"external_force_{index}"] = nodal_force(problem.mesh, load)
@@ -85,7 +89,8 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
     time = None
     if span is not None:
         outputs = np.linspace(0.0, span.end_time, span.num_outputs + 1)
-        time = {**dataclasses.asdict(span), "output_times": outputs.tolist(), "starts": "at rest"}
+        time = {**dataclasses.asdict(span), "output_times": outputs.tolist()}
+        time["starts"] = "at rest" if problem.initial_velocity is None else "at initial_velocity"
     return {
         "palpate_case": SCHEMA,
         "name": name,
@@ -104,6 +109,8 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
                 "components": list(support.components),
                 "displacement": list(support.displacement),
                 "amplitude": _plain(support.amplitude),
+                "rotation": _plain(support.rotation),
+                "normal": _plain(support.normal),
             }
             for support in problem.supports
         ],
@@ -153,6 +160,22 @@ def _holding_supports(problem: Problem) -> NDArray[np.int32]:
     """Number of the support that holds a component, -1 where free, (num_points, 3)."""
     numbers = np.full(problem.mesh.points.shape, -1, dtype=np.int32)
     for number, support in enumerate(problem.supports):
-        for axis in np.flatnonzero(support.components):
+        for axis in np.flatnonzero(support.components) if support.normal is None else ():
             numbers[support.points, axis] = number
     return numbers
+
+
+def _sliding_points(problem: Problem) -> dict[str, NDArray[Any]]:
+    """Directions along which points slide on slanted planes; nothing where none does."""
+    slopes = held_slopes(problem)
+    if slopes is None:
+        return {}
+    directions, values = slopes.directions()
+    normals, places = np.zeros((problem.mesh.num_points, 6)), np.zeros((problem.mesh.num_points, 2))
+    normals[slopes.points], places[slopes.points] = directions.reshape(-1, 6), values
+    # All that move a sliding point have one amplitude.
+    numbers = np.full(problem.mesh.num_points, -1, dtype=np.int32)
+    for number, support in enumerate(problem.supports):
+        if support.is_moved:
+            numbers[np.intersect1d(support.points, slopes.points)] = number
+    return {"sliding_normals": normals, "sliding_displacement": places, "sliding_support": numbers}

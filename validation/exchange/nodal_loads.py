@@ -15,6 +15,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pres
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.facets import facet_areas
+from palpate.validation.exchange.supports import held_components
 
 
 def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
@@ -79,31 +80,6 @@ def _add_varying(force: Points, points: Points, areas: Points, load: Traction) -
         found = (weight * areas)[:, None] * load.at(np.einsum("k,mkj->mj", place, corners))
         for corner, share in enumerate(place):
             np.add.at(force, load.facets[:, corner], share * found)
-
-
-def held_components(
-    problem: Problem, time: float | None = None
-) -> tuple[NDArray[np.uint8], Points]:
-    """Which components of which points are held, and where.
-
-    Args:
-        problem: With its supports.
-        time: Of their amplitudes [s]; at full size where None.
-
-    Returns:
-        `fixed`, 1 where held, shape (num_points, 3); `prescribed_displacement` [m], the same
-        shape, 0 where free.
-    """
-    fixed = np.zeros(problem.mesh.points.shape, dtype=np.uint8)
-    moved = np.zeros_like(problem.mesh.points)
-    for support in problem.supports:
-        factor = 1.0
-        if time is not None and support.amplitude is not None:
-            factor = support.amplitude(time)
-        for axis in np.flatnonzero(support.components):
-            fixed[support.points, axis] = 1
-            moved[support.points, axis] = factor * support.displacement[axis]
-    return fixed, moved
 
 
 def touchable_points(problem: Problem) -> NDArray[np.bool_]:

@@ -17,11 +17,11 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.exchange.nodal_loads import (
-    cell_materials,
+from palpate.validation.exchange.nodal_loads import cell_materials, nodal_force, touchable_points
+from palpate.validation.exchange.supports import (
     held_components,
-    nodal_force,
-    touchable_points,
+    held_slopes,
+    pushes_of_supports,
 )
 from palpate.validation.mechanics.laws import (
     MEASURES,
@@ -79,7 +79,8 @@ class Body:
         prescribed: Where they are held [m], at full amplitude.
         touchable: Points that a tool may touch, (num_points,).
         free: Components where the sum of forces must vanish, (num_points, 3). Points that a tool
-            may touch are left out: what it pushes there is not known.
+            may touch are left out: what it pushes there is not known; so are those that slide.
+        slopes: Points that slide along slanted planes; None where none does.
     """
 
     def __init__(self, problem: Problem, strain: Strain, element: Element = Element.LINEAR) -> None:
@@ -94,6 +95,7 @@ class Body:
         self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu) if is_smoothed else None
         fixed, self.prescribed = held_components(problem)
         self.held: Mask = fixed.astype(bool)
+        self.slopes = held_slopes(problem)
 
     @cached_property
     def touchable(self) -> Mask:  # noqa: D102  (an attribute above)
@@ -101,7 +103,10 @@ class Body:
 
     @cached_property
     def free(self) -> Mask:  # noqa: D102
-        return ~self.held & ~self.touchable[:, None]
+        free: Mask = ~self.held & ~self.touchable[:, None]
+        if self.slopes is not None:
+            free[self.slopes.points] = False
+        return free
 
     @property
     def follows(self) -> bool:
@@ -250,6 +255,8 @@ class Body:
         internal, external = self.internal(displacement), self.external(displacement)
         scale = np.linalg.norm(np.concatenate([internal, external]), axis=1).max()
         left = np.where(self.held, 0.0, external - internal)
+        if self.slopes is not None:
+            left = self.slopes.without(left)
         return left, float(scale) if np.isfinite(scale) else np.inf
 
     def support_reactions(self, displacement: Points) -> Points:
@@ -259,14 +266,14 @@ class Body:
         Follower pressure on held points is not subtracted.
         """
         force = self.internal(displacement) - dead_force(self.problem)
-        force = np.where(self.held, force, 0.0)
-        return np.array(
-            [force[s.points].sum(axis=0) * np.array(s.components) for s in self.problem.supports]
-        ).reshape(-1, 3)
+        return pushes_of_supports(self.problem, force)
 
     def miss(self, displacement: Points) -> float:
         """How far held components are from where they are held, over the largest displacement."""
         apart = np.abs(displacement - self.prescribed)[self.held].max(initial=0.0)
+        if self.slopes is not None:
+            gap = self.slopes.held_part(displacement) - self.slopes.places
+            apart = max(apart, np.abs(gap).max())
         return ratio(float(apart), float(np.abs(displacement).max()))
 
 

@@ -16,7 +16,8 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
+from palpate.validation.exchange.nodal_loads import lumped_mass
+from palpate.validation.exchange.supports import held_components, held_slopes
 from palpate.validation.mechanics.body import Body, Mask
 from palpate.validation.mechanics.laws import Array, Law
 
@@ -106,17 +107,18 @@ class Stepper:
         held = body.held if slip.released is None else body.held & ~slip.released
         damping = span.mass_damping if slip.damping is None else slip.damping
         size = float(np.ptp(body.mesh.points, axis=0).max())
-        now = np.where(held, self._places(0.0, slip), 0.0)
+        now = self._slid(np.where(held, self._places(0.0, slip), 0.0), 0.0, slip)
         acceleration = self._acceleration(now, 0.0, slip)
+        speed = self._speed_at_start(held)
         match slip.start:
             case Start.RIGHT:
-                before = now + 0.5 * dt**2 * acceleration
+                before = now - dt * speed + 0.5 * dt**2 * (acceleration - damping * speed)
             case Start.NONE:
-                before = now
+                before = now - dt * speed
             case Start.DOUBLE:
-                before = now + dt**2 * acceleration
+                before = now - dt * speed + dt**2 * (acceleration - damping * speed)
         left, right = 1.0 / dt**2 + damping / (2.0 * dt), 1.0 / dt**2 - damping / (2.0 * dt)
-        velocity = np.zeros_like(now)
+        velocity = speed
         every = self.per_output * slip.pieces
         for step in range(1, every * self.num_outputs + 1 + max(-slip.late, 0)):
             acceleration = self._acceleration(now, (step - 1) * dt, slip)
@@ -126,6 +128,7 @@ class Stepper:
                 velocity = velocity + dt * (acceleration - damping * velocity)
                 after = now + dt * velocity
             after = np.where(held, self._places(step * dt, slip), after)
+            after = self._slid(after, step * dt, slip)
             if not np.abs(after).max() < _FAR * size:
                 return
             before, now = now, after
@@ -147,6 +150,25 @@ class Stepper:
             return solved
         mass = self._mass if slip.mass is None else slip.mass
         return force / (slip.mass_factor * mass[:, None])
+
+    def _speed_at_start(self, held: Mask) -> Points:
+        """What is free of the initial velocity [m/s]."""
+        problem = self.body.problem
+        if problem.initial_velocity is None:
+            return np.zeros_like(self.body.mesh.points)
+        speed = np.where(held, 0.0, problem.initial_velocity.at(self.body.mesh.points))
+        slopes = self.body.slopes
+        return speed if slopes is None else slopes.without(speed)
+
+    def _slid(self, displacement: Points, time: float, slip: Slip) -> Points:
+        """With the points that slide where their planes are."""
+        slopes, problem = self.body.slopes, self.body.problem
+        if slopes is None:
+            return displacement
+        if slip.with_amplitudes and any(s.amplitude for s in problem.supports):
+            slopes = held_slopes(problem, time)
+            assert slopes is not None
+        return slopes.placed(displacement)
 
     def _places(self, time: float, slip: Slip) -> Points:
         """Where held components are [m]."""

@@ -16,8 +16,9 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Pressure
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.nodal_loads import held_components, nodal_force
+from palpate.validation.exchange.nodal_loads import nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
+from palpate.validation.exchange.supports import held_components
 from palpate.validation.mechanics.body import body_of, factor_at_end, load_force
 from palpate.validation.states import State
 
@@ -69,12 +70,13 @@ def own_reactions(
     for number, support in enumerate(problem.supports):
         touched = _with_neighbours(mesh, fractions[number] > _ROUNDING)
         between = touched & (fractions[number] < 1.0 - _ROUNDING)
-        found = force[touched].sum(axis=0) * np.array(support.components)
+        onto = support.directions.T @ support.directions
+        found = onto @ force[touched].sum(axis=0)
         shifted = min(weight[touched].sum(), size[between].sum())
         doubts.append(float(loose[touched].sum() + moving[between].sum() + shifted))
         # Between two supports a point's force may belong to either.
         for other, rival in enumerate(problem.supports):
-            if other != number and np.any(np.array(support.components) & rival.components):
+            if other != number and np.any(np.abs(support.directions @ rival.directions.T) > 0.0):
                 theirs = _with_neighbours(mesh, fractions[other] > _ROUNDING)
                 doubts[-1] += float(size[between & theirs].sum())
         errors.append(float(np.linalg.norm(found - expected[number])))

@@ -14,7 +14,6 @@ close enough to resolve the motion.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
 
@@ -24,7 +23,8 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_loads import held_components, lumped_mass
+from palpate.validation.exchange.nodal_loads import lumped_mass
+from palpate.validation.exchange.supports import held_components
 from palpate.validation.mechanics.body import body_of, load_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency
@@ -125,7 +125,7 @@ def largest_acceleration(
     """Bound of sqrt(a.M a) over the whole motion [m/s2 sqrt(kg)].
 
     Args:
-        problem: With its time span, from rest.
+        problem: With its time span, from rest or with an initial velocity.
         strain: Whose law the supports pull with.
         outputs: The motion at the outputs; looked at where supports move or tools press.
         element: Whose tetrahedra the supports pull at.
@@ -146,11 +146,29 @@ def largest_acceleration(
             by_loads += varied * _over_mass(force, mass, is_free)
         start += first * force
     by_loads += _over_mass(start, mass, is_free)
+    if problem.initial_velocity is not None:
+        by_loads += _by_start(problem, problem.initial_velocity.at(problem.mesh.points))
     if problem.tools:
         return by_loads + _seen(problem, strain, outputs, mass, element)
     if by_supports > 0.0:
         by_supports = min(by_supports, _seen(problem, strain, outputs, mass, element))
     return by_loads + by_supports
+
+
+def _by_start(problem: Problem, velocity: Points) -> float:
+    """Of a motion that starts with a velocity: a' = -M^-1 K v keeps (a.M a) + (v.K v).
+
+    Besides, the damping's lambda v.
+    """
+    assert problem.time is not None
+    speed = np.where(held_components(problem)[0] > 0, 0.0, velocity)
+    stretched = float(np.sum(speed * body_of(problem, Strain.LINEAR).internal(speed)))
+    kinetic = float(np.sum(lumped_mass(problem)[:, None] * speed**2))
+    # A turn strains a body whose points go straight: its accelerations are omega^2 r at most.
+    turning = problem.initial_velocity
+    spin = 0.0 if turning is None else float(np.linalg.norm(turning.angular_velocity))
+    damping = problem.time.mass_damping
+    return math.sqrt(max(stretched, 0.0)) + (damping + spin) * math.sqrt(kinetic)
 
 
 def _seen(
@@ -168,8 +186,16 @@ def _seen(
 
 
 def _moved_by(problem: Problem, support: Support) -> Points:
-    """Displacement of the held points at the amplitude's factor 1 [m], (num_points, 3)."""
-    return held_components(dataclasses.replace(problem, supports=(support,)))[1]
+    """Displacement of the held points for a change of the factor by 1 [m], (num_points, 3)."""
+    moved = np.zeros_like(problem.mesh.points)
+    rate = np.tile(np.array(support.displacement), (len(support.points), 1))
+    if support.rotation is not None:
+        turned = support.rotation
+        arms = problem.mesh.points[support.points] - np.array(turned.center)
+        rate += turned.angle * np.cross(np.array(turned.axis), arms)
+    directions = support.directions
+    moved[support.points] = rate @ directions.T @ directions
+    return moved
 
 
 def _variation(item: Load | Support, end: float) -> tuple[float, float]:

@@ -187,7 +187,8 @@ def _largest_resultant(problem: Problem, state: State, integrals: StressIntegral
         totals.append(at_points.sum(axis=0))
         left -= at_points
     for support in problem.supports:
-        totals.append(left[support.points].sum(axis=0) * np.array(support.components))
+        onto = support.directions.T @ support.directions
+        totals.append(onto @ left[support.points].sum(axis=0))
     found = float(np.linalg.norm(totals, axis=1).max())
     return found if found > _NO_FORCE * float(np.linalg.norm(force, axis=1).sum()) else 0.0
 

@@ -123,12 +123,21 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
         names = "".join(
             name for name, is_held in zip("xyz", support.components, strict=True) if is_held
         )
+        if support.normal is not None:
+            names = f"slides along its plane, normal {_vector(support.directions[0])},"
         moved = np.array(support.displacement) / scale
         where = f"{len(support.facets)} facets, {area / scale**2:.4g} {unit}2"
         if not len(support.facets):
             where = f"{len(support.points)} point(s)"
         where += f" ({100 * area / mesh.surface_area:.0f} % of the boundary)" if area else ""
         moving = f", moved by {_vector(moved)} {unit}" if moved.any() else ""
+        if support.rotation is not None:
+            turned = support.rotation
+            moving += (
+                f", turned by {np.rad2deg(turned.angle):.4g} degrees about "
+                f"{_vector(np.array(turned.axis))} through "
+                f"{_vector(np.array(turned.center) / scale)} {unit}"
+            )
         look.say(f"support {number}", f"{where}, {names} held{moving}")
     total = np.zeros(3)
     for number, load in enumerate(problem.loads, 1):
@@ -156,8 +165,17 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
         shape = type(tool.shape).__name__.removesuffix("Shape").lower()
         ends = " to ".join(_vector(p / scale) for p in (path.positions[0], path.positions[-1]))
         look.say(f"tool {number}", f"{shape}, from {ends} {unit}")
-    moves = any(np.any(support.displacement) for support in problem.supports)
-    if not (problem.loads or problem.tools or moves):
+    moves = any(support.is_moved for support in problem.supports)
+    start = problem.initial_velocity
+    if start is not None:
+        speed = np.array(start.velocity) / scale
+        spin = np.array(start.angular_velocity)
+        turning = (
+            f", turning by {_vector(spin)} rad/s about "
+            f"{_vector(np.array(start.center) / scale)} {unit}"
+        )
+        look.say("starts", f"at {_vector(speed)} {unit}/s" + (turning if spin.any() else ""))
+    if not (problem.loads or problem.tools or moves or start is not None):
         look.warnings.append("nothing pushes or moves the body: add a [[load]] or a [tool]")
 
 

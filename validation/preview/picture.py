@@ -25,6 +25,7 @@ from palpate.validation.case.units import LENGTH
 from palpate.validation.drawing.scene import (
     BLUE,
     DRAWN_BY,
+    GREEN,
     OCHRE,
     RED,
     Marks,
@@ -76,6 +77,14 @@ def _panels(case: Case) -> list[Panel]:
         marks.append(Marks(points[np.concatenate(single)], BLUE))
     if problem.supports:
         legend.append(("held", BLUE))
+    marks += _ways_of_supports(problem, points, LENGTH[unit])
+    if any(support.normal is not None for support in problem.supports):
+        legend.append(("arrows on it: held along these alone, it slides across them", BLUE))
+    if any(support.rotation is not None for support in problem.supports):
+        legend.append(("line: axis of a support that turns", BLUE))
+    if problem.initial_velocity is not None:
+        marks.append(_velocities(problem, points))
+        legend.append(("velocity at the start", GREEN))
     if loads:
         marks.append(_arrows(points, loads, LENGTH[unit]))
         what = "the whole force of a load"
@@ -92,6 +101,34 @@ def _panels(case: Case) -> list[Panel]:
         Panel(f"{case.name}: {case.title}", surfaces, _SIDES[0], marks, unit, legend),
         Panel(f"{size} {unit}, from the other side and below", surfaces, _SIDES[1], marks),
     ]
+
+
+def _ways_of_supports(problem: Problem, points: Points, scale: float) -> list[Marks]:
+    """Normals of what slides, and axes of what turns."""
+    reach = float(np.ptp(points, axis=0).max())
+    found = []
+    for support in problem.supports:
+        if support.normal is not None:
+            rows = support.points[:: -(-len(support.points) // _MOST_ARROWS)]
+            arrow = 0.08 * reach * support.directions
+            vectors = np.repeat(arrow, len(rows), axis=0)
+            found.append(Marks(points[rows] - vectors, BLUE, vectors=vectors))
+        if support.rotation is not None:
+            middle, axis = np.array(support.rotation.center) / scale, support.rotation.axis
+            ends = 0.4 * reach * np.outer([-1.0, 1.0], axis)
+            found.append(Marks(middle + ends, BLUE, is_path=True))
+    return found
+
+
+def _velocities(problem: Problem, points: Points) -> Marks:
+    """The initial velocity at some points of the boundary, the fastest as long as a fifth."""
+    assert problem.initial_velocity is not None
+    outer = np.unique(problem.mesh.boundary_facets)
+    rows = outer[:: -(-len(outer) // _MOST_ARROWS)]
+    speed = problem.initial_velocity.at(problem.mesh.points[rows])
+    largest = float(np.linalg.norm(speed, axis=1).max()) or 1.0
+    reach = float(np.ptp(points, axis=0).max())
+    return Marks(points[rows], GREEN, vectors=0.2 * reach / largest * speed)
 
 
 def _tools(problem: Problem, scale: float) -> list[tuple[list[Surface], Marks]]:

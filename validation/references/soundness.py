@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_loads import held_components, touchable_points
+from palpate.validation.exchange.nodal_loads import touchable_points
+from palpate.validation.exchange.supports import held_components, held_slopes
 from palpate.validation.mechanics.body import body_of
 from palpate.validation.mechanics.stepping import Slip, Stepper, steps_per_output
 from palpate.validation.metrics import COMPARISONS, make_state
@@ -209,18 +211,31 @@ def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
     fixed, full = held_components(problem)
     scale = largest(np.abs((state.displacement, full)).ravel())
     gap = float(np.abs((state.displacement - full) * fixed).max())
+    gap = largest((gap, _gap_of_slopes(problem, None, state.displacement)))
     if state.trajectory is not None:
         motion = state.trajectory
         scale = largest((scale, float(np.abs(motion.displacements).max())))
         gap = largest(
-            float(np.abs((placed - held_components(problem, float(time))[1]) * fixed).max())
+            max(
+                float(np.abs((placed - held_components(problem, float(time))[1]) * fixed).max()),
+                _gap_of_slopes(problem, float(time), placed),
+            )
             for time, placed in zip(motion.times, motion.displacements, strict=True)
         )
-        start = float(np.abs(motion.displacements[0] * (1 - fixed)).max())
+        slopes = held_slopes(problem)
+        begins = motion.displacements[0] * (1 - fixed)
+        start = float(np.abs(begins if slopes is None else slopes.without(begins)).max())
         if start > _SINGLE * scale:
             yield f"a free point is {start:.3g} m from rest at t = 0; motions start at rest"
     if gap > _SINGLE * scale:
         yield f"a held point is {gap:.3g} m from where its support holds it"
+
+
+def _gap_of_slopes(problem: Problem, time: float | None, displacement: Points) -> float:
+    slopes = held_slopes(problem, time)
+    if slopes is None:
+        return 0.0
+    return float(np.abs(slopes.held_part(displacement) - slopes.places).max())
 
 
 def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:

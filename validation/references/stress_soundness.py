@@ -12,7 +12,8 @@ import numpy as np
 
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.nodal_loads import held_components, touchable_points
+from palpate.validation.exchange.nodal_loads import touchable_points
+from palpate.validation.exchange.supports import held_components, held_slopes
 from palpate.validation.mechanics.body import dead_force
 from palpate.validation.states import State
 
@@ -39,6 +40,9 @@ def wrong_stresses(problem: Problem, state: State) -> Iterator[str]:
         if isinstance(load, Pressure):
             # It follows the truth's own surface, which is not kept.
             free[load.facets] = False
+    slopes = held_slopes(problem)
+    if slopes is not None:
+        free[slopes.points] = False
     dead = dead_force(problem)
     scale = float(np.abs(np.concatenate([kept.internal_force, dead])).max())
     left = float(np.abs(kept.internal_force - dead)[free].max(initial=0.0))

@@ -17,7 +17,8 @@ constexpr double most_roundings = 1e4;
 template <typename Real>
 void EnergyBalance<Real>::add(std::size_t thread, const Portion &portion,
                               const Motion<Real> &motion, const Pushes<Real> &pushes,
-                              const MovingSupports<Real> &supports, bool begins) {
+                              const MovingSupports<Real> &supports,
+                              const SlidingSupports<Real> &slides, bool begins) {
     Sums &sums = _sums[thread];
     const double dt = motion.scheme.time_step;
     double behind = 0.0, ahead = 0.0, squared = 0.0;
@@ -37,6 +38,11 @@ void EnergyBalance<Real>::add(std::size_t thread, const Portion &portion,
             }
     for (const auto &support : supports.of(thread))
         add_entry(support.entry, support.pull, support.next);
+    // Their points' inertia has been counted among the free ones'.
+    for (const auto &slide : slides.of(thread)) {
+        behind += 0.5 * slide.pull * slide.last;
+        ahead += 0.5 * slide.pull * slide.next;
+    }
     const double half_loss = 0.5 * dt * motion.scheme.mass_damping * squared;
     if (sums.is_begun) {
         sums.work += behind;

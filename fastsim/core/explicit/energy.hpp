@@ -21,7 +21,8 @@ template <typename Real> class EnergyBalance {
     /// Where all that pushes is known: completes the step behind, and begins the one ahead if one
     /// is made.
     void add(std::size_t thread, const Portion &portion, const Motion<Real> &motion,
-             const Pushes<Real> &pushes, const MovingSupports<Real> &supports, bool begins);
+             const Pushes<Real> &pushes, const MovingSupports<Real> &supports,
+             const SlidingSupports<Real> &slides, bool begins);
 
     /// At the last state where `add` was called.
     EnergyRecord total() const;

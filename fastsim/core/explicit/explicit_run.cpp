@@ -24,7 +24,7 @@ template <typename Real> class Run final : public ExplicitRun {
                                               settings.num_threads)),
           _portions(_internal->portions), _team(_portions.size()), _at_forces(_team.size()),
           _at_end(_team.size()), _parts(_team.size()), _supports(_team.size()),
-          _tools(_team.size()) {
+          _slides(_team.size()), _tools(_team.size()) {
         const std::size_t num_points = _records.size();
         for (auto *array : {&_motion.displacement, &_motion.increment, &_motion.external,
                             &_motion.force, &_motion.mobility})
@@ -80,6 +80,12 @@ template <typename Real> class Run final : public ExplicitRun {
     void set_moving_supports(std::span<const double> values,
                              std::span<const Index> histories) override {
         _supports.set(_records, _portions, values, histories, _motion);
+    }
+
+    void set_sliding_supports(std::span<const Index> points, std::span<const double> directions,
+                              std::span<const double> values,
+                              std::span<const Index> histories) override {
+        _slides.set(_records, _portions, points, directions, values, histories);
     }
 
     void add_tool(const TouchSettings &settings, std::span<const double> points,
@@ -142,7 +148,8 @@ template <typename Real> class Run final : public ExplicitRun {
                 else if (reason != StopReason::none)
                     return;
                 if (reason == StopReason::none && _settings.tracks_energy)
-                    _balance.add(thread, _portions[thread], _motion, _pushes, _supports, false);
+                    _balance.add(thread, _portions[thread], _motion, _pushes, _supports, _slides,
+                                 false);
             });
         }
         if (outcome.reason != StopReason::none) {
@@ -235,6 +242,7 @@ template <typename Real> class Run final : public ExplicitRun {
             _loads.combine(portion, factors, _motion);
         const auto next = plan.factors_at(step + 1);
         _monitor.give(thread, _supports.pull(thread, factors, next, _motion, _pushes));
+        _monitor.give(thread, _slides.hold(thread, factors, next, _motion));
         if (_tools.size() > 0) {
             const auto touched = _tools.touch(thread, portion, plan.tools_at(step),
                                               plan.tools_at(step + 1), _motion, _pushes.tools);
@@ -248,7 +256,7 @@ template <typename Real> class Run final : public ExplicitRun {
     StopReason move(std::size_t thread, const ExplicitPlan &plan, std::size_t step, bool looks) {
         const Portion &portion = _portions[thread];
         if (_settings.tracks_energy)
-            _balance.add(thread, portion, _motion, _pushes, _supports, true);
+            _balance.add(thread, portion, _motion, _pushes, _supports, _slides, true);
         // Owned points begin at whole packs; the last portion ends in the padding.
         const std::size_t last =
             (4 * portion.last_owned + longest_pack - 1) / longest_pack * longest_pack;
@@ -257,6 +265,7 @@ template <typename Real> class Run final : public ExplicitRun {
              _motion.external.data(), _motion.mobility.data(), 4 * portion.first_owned, last,
              _motion.keep, static_cast<Real>(_settings.displacement_limit)});
         _supports.move(thread, plan.factors_at(step + 1), _motion);
+        _slides.settle(thread, plan.factors_at(step + 1), _motion);
         _at_end.cast(thread, step,
                      !is_inside                 ? StopReason::out_of_bounds
                      : !_parts[thread].is_known ? StopReason::deep_in_tool
@@ -327,6 +336,7 @@ template <typename Real> class Run final : public ExplicitRun {
     DeadLoads<Real> _loads;
     FollowerPressure<Real> _pressure;
     MovingSupports<Real> _supports;
+    SlidingSupports<Real> _slides;
     RigidTools<Real> _tools;
     SelfContact<Real> _self_contact;
     EnergyBalance<Real> _balance;

@@ -74,9 +74,15 @@ class ExplicitRun {
     virtual void set_pressure(std::span<const double> points, std::span<const Index> facets,
                               std::span<const double> pressures,
                               std::span<const Index> histories) = 0;
-    /// Held components that move: factor times value; history -1 for all others.
+    /// Held components that move: a sum of factors times values, given as some terms for all
+    /// points one after another; history -1 for all others.
     virtual void set_moving_supports(std::span<const double> values,
                                      std::span<const Index> histories) = 0;
+    /// Points held along one or two orthonormal directions only, where factor times value is.
+    virtual void set_sliding_supports(std::span<const Index> points,
+                                      std::span<const double> directions,
+                                      std::span<const double> values,
+                                      std::span<const Index> histories) = 0;
     virtual void add_tool(const TouchSettings &settings, std::span<const double> points,
                           std::span<const Index> vertices, std::span<const double> stiffnesses) = 0;
     virtual void set_self_contact(std::unique_ptr<BodyTouch> touch,

@@ -104,15 +104,27 @@ void MovingSupports<Real>::set(const PointRecords &records, const std::vector<Po
                                std::span<const double> values, std::span<const Index> histories,
                                const Motion<Real> &motion) {
     _supports.assign(portions.size(), {});
+    _terms.clear();
+    const std::size_t size = 3 * records.size();
     for (std::size_t thread = 0; thread < portions.size(); ++thread)
         for (std::size_t k = portions[thread].first_owned; k < portions[thread].last_owned; ++k)
             for (std::size_t j = 0; j < 3; ++j) {
-                const std::size_t from = 3 * records.point_of[k] + j;
-                if (histories[from] >= 0)
-                    _supports[thread].push_back({4 * k + j,
-                                                 static_cast<std::size_t>(histories[from]),
-                                                 values[from], motion.mass[k]});
+                const std::size_t first = _terms.size();
+                for (std::size_t from = 3 * records.point_of[k] + j; from < values.size();
+                     from += size)
+                    if (histories[from] >= 0)
+                        _terms.push_back({static_cast<std::size_t>(histories[from]), values[from]});
+                if (_terms.size() > first)
+                    _supports[thread].push_back({4 * k + j, motion.mass[k], first, _terms.size()});
             }
+}
+
+template <typename Real>
+double MovingSupports<Real>::place(const Support &support, std::span<const double> factors) const {
+    double sum = 0.0;
+    for (std::size_t t = support.first_term; t < support.last_term; ++t)
+        sum += factors[_terms[t].history] * _terms[t].value;
+    return sum;
 }
 
 template <typename Real>
@@ -123,7 +135,11 @@ double MovingSupports<Real>::pull(std::size_t thread, std::span<const double> no
     double work = 0.0;
     for (Support &support : _supports[thread]) {
         const std::size_t i = support.entry;
-        support.next = (next[support.history] - now[support.history]) * support.value;
+        support.next = 0.0;
+        for (std::size_t t = support.first_term; t < support.last_term; ++t) {
+            const Term &term = _terms[t];
+            support.next += (next[term.history] - now[term.history]) * term.value;
+        }
         // It moved before the start as it does after: no blow at the first step.
         if (!motion.has_begun)
             motion.increment[i] = static_cast<Real>(support.next);
@@ -144,9 +160,76 @@ template <typename Real>
 void MovingSupports<Real>::move(std::size_t thread, std::span<const double> next,
                                 Motion<Real> &motion) const {
     for (const Support &support : _supports[thread]) {
-        motion.displacement[support.entry] =
-            static_cast<Real>(next[support.history] * support.value);
+        motion.displacement[support.entry] = static_cast<Real>(place(support, next));
         motion.increment[support.entry] = static_cast<Real>(support.next);
+    }
+}
+
+template <typename Real>
+void SlidingSupports<Real>::set(const PointRecords &records, const std::vector<Portion> &portions,
+                                std::span<const Index> points, std::span<const double> directions,
+                                std::span<const double> values, std::span<const Index> histories) {
+    _slides.assign(portions.size(), {});
+    for (std::size_t k = 0; k < points.size(); ++k) {
+        const std::size_t entry = records.first_entry(points[k]);
+        std::size_t thread = 0;
+        while (4 * portions[thread].last_owned <= entry)
+            ++thread;
+        for (std::size_t d = 2 * k; d < 2 * k + 2; ++d)
+            if (histories[d] >= 0)
+                _slides[thread].push_back(
+                    {entry,
+                     static_cast<std::size_t>(histories[d]),
+                     values[d],
+                     {directions[3 * d], directions[3 * d + 1], directions[3 * d + 2]},
+                     0.0,
+                     0.0,
+                     0.0});
+    }
+}
+
+template <typename Real>
+double SlidingSupports<Real>::hold(std::size_t thread, std::span<const double> now,
+                                   std::span<const double> next, Motion<Real> &motion) {
+    double work = 0.0;
+    for (Slide &slide : _slides[thread]) {
+        slide.next = (next[slide.history] - now[slide.history]) * slide.value;
+        slide.last = 0.0;
+        for (std::size_t j = 0; j < 3; ++j)
+            slide.last +=
+                slide.direction[j] * static_cast<double>(motion.increment[slide.entry + j]);
+        // It moved before the start as it does after, like all supports.
+        if (!motion.has_begun) {
+            for (std::size_t j = 0; j < 3; ++j)
+                motion.increment[slide.entry + j] +=
+                    static_cast<Real>((slide.next - slide.last) * slide.direction[j]);
+            slide.last = slide.next;
+            // The speed it has then is its wall's, not gained from nothing.
+            const double speed = slide.next / motion.scheme.time_step;
+            work += 0.5 * motion.mass[slide.entry / 4] * speed * speed;
+        }
+        double ahead = 0.0;
+        for (std::size_t j = 0; j < 3; ++j)
+            ahead +=
+                slide.direction[j] * static_cast<double>(motion.increment_ahead(slide.entry + j));
+        const double mobility = static_cast<double>(motion.mobility[slide.entry]);
+        slide.pull = (slide.next - ahead) / mobility;
+        for (std::size_t j = 0; j < 3; ++j)
+            motion.force[slide.entry + j] -= static_cast<Real>(slide.pull * slide.direction[j]);
+        work += 0.5 * slide.pull * (slide.next + slide.last);
+    }
+    return work;
+}
+
+template <typename Real>
+void SlidingSupports<Real>::settle(std::size_t thread, std::span<const double> next,
+                                   Motion<Real> &motion) const {
+    for (const Slide &slide : _slides[thread]) {
+        double off = -next[slide.history] * slide.value;
+        for (std::size_t j = 0; j < 3; ++j)
+            off += slide.direction[j] * static_cast<double>(motion.displacement[slide.entry + j]);
+        for (std::size_t j = 0; j < 3; ++j)
+            motion.displacement[slide.entry + j] -= static_cast<Real>(off * slide.direction[j]);
     }
 }
 
@@ -156,5 +239,7 @@ template class FollowerPressure<float>;
 template class FollowerPressure<double>;
 template class MovingSupports<float>;
 template class MovingSupports<double>;
+template class SlidingSupports<float>;
+template class SlidingSupports<double>;
 
 } // namespace fastsim

@@ -44,18 +44,23 @@ template <typename Real> class FollowerPressure {
     std::vector<Index> _histories;
 };
 
-/// Held components that move: factor times value.
+/// Held components that move: a sum of factors times values.
 template <typename Real> class MovingSupports {
   public:
+    struct Term {
+        std::size_t history;
+        double value;
+    };
     struct Support {
-        std::size_t entry, history;
-        double value, mass;
+        std::size_t entry;
+        double mass;
+        std::size_t first_term, last_term;
         double next = 0.0, pull = 0.0; // increment ahead [m], and what makes it so [N]
     };
 
     explicit MovingSupports(std::size_t num_threads) : _supports(num_threads) {}
 
-    /// History -1 for components that do not move.
+    /// Some terms, one after another for all points; history -1 for components without the term.
     void set(const PointRecords &records, const std::vector<Portion> &portions,
              std::span<const double> values, std::span<const Index> histories,
              const Motion<Real> &motion);
@@ -68,7 +73,40 @@ template <typename Real> class MovingSupports {
     std::span<const Support> of(std::size_t thread) const { return _supports[thread]; }
 
   private:
+    double place(const Support &support, std::span<const double> factors) const;
+
     std::vector<std::vector<Support>> _supports; // by thread
+    std::vector<Term> _terms;
+};
+
+/// Points that slide: held along one or two directions, free across them.
+template <typename Real> class SlidingSupports {
+  public:
+    struct Slide {
+        std::size_t entry, history;
+        double value;
+        std::array<double, 3> direction;
+        double last = 0.0, next = 0.0, pull = 0.0; // increments along it [m], and what makes them
+    };
+
+    explicit SlidingSupports(std::size_t num_threads) : _slides(num_threads) {}
+
+    /// Two directions for each point, orthonormal or zero, with a value and a history each.
+    void set(const PointRecords &records, const std::vector<Portion> &portions,
+             std::span<const Index> points, std::span<const double> directions,
+             std::span<const double> values, std::span<const Index> histories);
+
+    /// Adds what holds the points to the forces, when all else has been found: the increments ahead
+    /// are then those of the supports. Returns the work of the supports along them.
+    double hold(std::size_t thread, std::span<const double> now, std::span<const double> next,
+                Motion<Real> &motion);
+    /// Takes off what rounding has left, after the step.
+    void settle(std::size_t thread, std::span<const double> next, Motion<Real> &motion) const;
+
+    std::span<const Slide> of(std::size_t thread) const { return _slides[thread]; }
+
+  private:
+    std::vector<std::vector<Slide>> _slides; // by thread
 };
 
 } // namespace fastsim

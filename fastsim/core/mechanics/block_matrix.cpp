@@ -131,6 +131,30 @@ void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3>
     }
 }
 
+void turn_to_frames(const PointFrames &frames, BlockMatrix &matrix) {
+    std::vector<const Matrix3 *> axes_of(matrix.num_points, nullptr);
+    for (std::size_t k = 0; k < frames.points.size(); ++k)
+        axes_of[static_cast<std::size_t>(frames.points[k])] = &frames.axes[k];
+    for (std::size_t i = 0; i < matrix.num_points; ++i)
+        for (std::size_t k = matrix.row_start[i]; k < matrix.row_start[i + 1]; ++k) {
+            Matrix3 &m = matrix.blocks[k];
+            if (const Matrix3 *const own = axes_of[i]) {
+                const Matrix3 &q = *own, given = m;
+                for (std::size_t r = 0; r < 3; ++r)
+                    for (std::size_t c = 0; c < 3; ++c)
+                        m[3 * r + c] = q[3 * r] * given[c] + q[3 * r + 1] * given[3 + c] +
+                                       q[3 * r + 2] * given[6 + c];
+            }
+            if (const Matrix3 *const other = axes_of[static_cast<std::size_t>(matrix.columns[k])]) {
+                const Matrix3 &q = *other, given = m;
+                for (std::size_t r = 0; r < 3; ++r)
+                    for (std::size_t c = 0; c < 3; ++c)
+                        m[3 * r + c] = given[3 * r] * q[3 * c] + given[3 * r + 1] * q[3 * c + 1] +
+                                       given[3 * r + 2] * q[3 * c + 2];
+            }
+        }
+}
+
 void absolute_row_sums(const BlockMatrix &matrix, std::span<double> sums) {
     for (std::size_t i = 0; i < matrix.num_points; ++i)
         for (std::size_t r = 0; r < 3; ++r) {

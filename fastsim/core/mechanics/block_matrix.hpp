@@ -42,6 +42,15 @@ void add_pressure_tangent(std::span<const double> displaced_points, std::span<co
 void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,
                          BlockMatrix &matrix);
 
+/// Axes of their own for some points, as rows: a vector v of such a point has components Q v there.
+struct PointFrames {
+    std::vector<Index> points; // each once
+    std::vector<Matrix3> axes; // orthonormal
+};
+
+/// The same matrix for components in the points' own axes: Q A Q^T.
+void turn_to_frames(const PointFrames &frames, BlockMatrix &matrix);
+
 /// Sum of the magnitudes of each row: Gershgorin's bound on the eigenvalues.
 void absolute_row_sums(const BlockMatrix &matrix, std::span<double> sums);
 

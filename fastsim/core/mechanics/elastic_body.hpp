@@ -18,6 +18,7 @@ struct ElasticBody {
     ElasticCells elastic;
     std::optional<SmoothingPatches> patches; // of the smoothed element
     BlockMatrix matrix;
+    PointFrames frames; // of points that supports hold along slanted directions
     std::optional<Multigrid> multigrid;
 
     /// Pre-condition: every cell has positive signed volume.
@@ -36,6 +37,9 @@ struct ElasticBody {
     /// so with the tangent K_T = K + N1 + N2, N1 linear and N2 quadratic in a, P = N1/2 + N2/3, and
     /// K + P = 2/3 K_T(0) + 5/12 K_T(a) - 1/12 K_T(-a).
     void assemble_secant(std::span<const double> displacement);
+
+    /// The matrix for components in the frames, once all has been added to it.
+    void turn_matrix() { turn_to_frames(frames, matrix); }
 
   private:
     void clear_matrix();

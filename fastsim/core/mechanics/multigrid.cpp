@@ -251,7 +251,7 @@ void transpose_blocks(BlockSparse<6, 6> &matrix) {
 } // namespace
 
 Multigrid::Multigrid(const BlockMatrix &matrix, std::span<const double> points,
-                     std::span<const std::uint8_t> is_free) {
+                     std::span<const std::uint8_t> is_free, const PointFrames &frames) {
     const std::size_t n = matrix.num_points;
     std::vector<bool> is_active(n);
     std::array<double, 3> centre{};
@@ -269,11 +269,21 @@ Multigrid::Multigrid(const BlockMatrix &matrix, std::span<const double> points,
         const double y = (points[3 * i + 1] - centre[1]) / size;
         const double z = (points[3 * i + 2] - centre[2]) / size;
         modes[i] = {1, 0, 0, 0, z, -y, 0, 1, 0, -z, 0, x, 0, 0, 1, y, -x, 0};
+    }
+    for (std::size_t k = 0; k < frames.points.size(); ++k) {
+        Block<3, 6> &own = modes[at(frames.points[k])];
+        const Block<3, 6> given = own;
+        own = {};
+        for (std::size_t r = 0; r < 3; ++r)
+            for (std::size_t s = 0; s < 3; ++s)
+                for (std::size_t c = 0; c < 6; ++c)
+                    own[6 * r + c] += frames.axes[k][3 * r + s] * given[6 * s + c];
+    }
+    for (std::size_t i = 0; i < n; ++i)
         for (std::size_t r = 0; r < 3; ++r)
             if (is_free[3 * i + r] == 0)
                 for (std::size_t c = 0; c < 6; ++c)
                     modes[i][6 * r + c] = 0.0;
-    }
     set_finest(matrix, is_free);
     std::vector<Block<6, 6>> coarse_modes, next_modes;
     BlockSparse<6, 6> next = coarsen<3>(matrix, _fine, is_active, modes, coarse_modes);

@@ -25,9 +25,10 @@ template <std::size_t R> struct MultigridLevel {
 
 class Multigrid {
   public:
-    /// Pre-conditions: `matrix` is symmetric, its columns ascend; held components are cut out here.
+    /// Pre-conditions: `matrix` is symmetric, its columns ascend, components are those of the
+    /// frames where points have one; held components are cut out here.
     Multigrid(const BlockMatrix &matrix, std::span<const double> points,
-              std::span<const std::uint8_t> is_free);
+              std::span<const std::uint8_t> is_free, const PointFrames &frames);
 
     /// Takes over another matrix of the same pattern, coarse levels unchanged.
     void set_finest(const BlockMatrix &matrix, std::span<const std::uint8_t> is_free);

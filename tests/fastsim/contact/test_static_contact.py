@@ -15,8 +15,8 @@ from palpate.fastsim.contact.errors import ContactLostError, ToolInsideError
 from palpate.fastsim.contact.static_contact import ContactResult, solve_contact
 from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
 from palpate.fastsim.dynamic_relaxation import relax
-from palpate.fastsim.forces import constraints
 from palpate.fastsim.statics import solve_static
+from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
@@ -105,7 +105,7 @@ def test_equilibrium_and_complementarity(slab: TetMesh, strain: Strain, form: Co
     found = solve_contact(problem, strain=strain, law=ContactLaw(form))
     u = found.displacements[-1]
     internal = Body(slab, SOFT, strain).internal_force(u)
-    free = constraints(problem)[0].astype(bool)
+    free = HeldPoints(problem).is_free.astype(bool)
     contact = ToolContact(problem, SPHERE)
     gaps = contact.gaps(u, poses_at(SPHERE.path, np.array([2.0]))[0])
     push = np.where(free, internal, 0.0)

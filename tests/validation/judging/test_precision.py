@@ -18,12 +18,8 @@ from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
-from palpate.validation.exchange.nodal_loads import (
-    cell_materials,
-    held_components,
-    lumped_mass,
-    nodal_force,
-)
+from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass, nodal_force
+from palpate.validation.exchange.supports import held_components
 from palpate.validation.judging import judge, outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.mechanics.body import body_of, shape_gradients

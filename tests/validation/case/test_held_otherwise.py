@@ -1,0 +1,210 @@
+"""Supports that slide or turn and motions that start with a velocity, in case files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import Rotation
+from palpate.meshes.bricks import side
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import InitialVelocity, Strain
+from palpate.validation.case import load_case
+from palpate.validation.case.regions import flat_normal
+from palpate.validation.exchange.case_folder import write_case_folder
+from palpate.validation.exchange.supports import free_part, held_slopes, pushes_of_supports
+from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.stepping import Slip, Stepper
+from palpate.validation.preview.look import look_at
+from palpate.validation.preview.picture import draw_case
+
+Write = Callable[..., Path]
+CLAMP = "[[support]]\nregion = { half_space = { point = [0.001, 0.0, 0.0], "
+CLAMP += "normal = [-1.0, 0.0, 0.0] } }"
+SIDE = "region = {{ half_space = {{ point = {}, normal = {} }} }}\n"
+ROOT = SIDE.format([0.001, 0.0, 0.0], [-1.0, 0.0, 0.0])
+FLOOR = SIDE.format([0.0, 0.0, 0.001], [0.0, 0.0, -1.0])
+BACK = SIDE.format([0.0, 0.001, 0.0], [0.0, -1.0, 0.0])
+END = SIDE.format([1.999, 0.0, 0.0], [1.0, 0.0, 0.0])
+TIME = "[time]\nend_time = 0.02\ntime_step = 1e-3\nnum_outputs = 4\n\n[[load]]"
+
+
+def three_walls(how: str) -> str:
+    return "".join(f"[[support]]\n{region}{how}\n" for region in (ROOT, FLOOR, BACK))
+
+
+def test_a_flat_face_along_an_axis_is_a_support_of_that_component(write_case: Write) -> None:
+    problem = load_case(write_case((CLAMP, three_walls("sliding = true")))).problem
+    assert [s.components for s in problem.supports] == [
+        (True, False, False),
+        (False, False, True),
+        (False, True, False),
+    ]
+    assert held_slopes(problem) is None
+
+
+def test_both_sides_of_a_slab_slide_as_one_support_in_plane_strain(write_case: Write) -> None:
+    both = "[[support]]\nregion = { box = { min = [-1, -1, -1], max = [3, 2, 2] } }\nsliding = true"
+    with pytest.raises(InputError, match=r"support 1: sliding needs a flat face.*differ by"):
+        assert load_case(write_case((CLAMP, both))).problem
+    mesh = load_case(write_case()).problem.mesh
+    sides = np.vstack([side(mesh, 1, 0.0), side(mesh, 1, 1.0)])
+    assert flat_normal(mesh, sides, "support 1") in ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0))
+
+
+def slanted(write_case: Write, *changes: tuple[str, str]) -> Path:
+    walls = three_walls("").replace(BACK, BACK + "normal = [0.0, 3.0, 4.0]")
+    return write_case((CLAMP, walls), *changes)
+
+
+def test_a_normal_holds_along_it_alone(write_case: Write) -> None:
+    case = load_case(slanted(write_case))
+    problem = case.problem
+    assert problem.supports[2].normal == pytest.approx((0.0, 0.6, 0.8))
+    lines = "\n".join(look_at(case).lines)
+    assert "slides along its plane, normal [0, 0.6, 0.8], held" in lines
+    slopes = held_slopes(problem)
+    assert slopes is not None
+    # On the clamped root and floor nothing slides any more.
+    assert not np.isin(problem.supports[0].points, slopes.points).any()
+
+
+@pytest.mark.parametrize(
+    ("how", "complaint"),
+    [
+        ("sliding = true\nnormal = [1, 0, 0]", "sliding and normal do not go together"),
+        ("sliding = true\ncomponents = ['x']", "components and sliding do not go together"),
+        ("normal = [0, 0, 0]", "is no direction"),
+        ("rotation = { axis = [0, 0, 0], center = [0, 0, 0], angle_deg = 3 }", "turns nothing"),
+        (
+            "components = ['x']\n"
+            "rotation = { axis = [0, 0, 1], center = [0, 0, 0], angle_deg = 3 }",
+            "components and rotation do not go together",
+        ),
+        ("rotation = { axis = [0, 0, 1], angle_deg = 3 }", "center"),
+        ("rotation = { axis = [0, 0, 1], center = [0, 0, 0], angle = 3 }", "angle_deg"),
+    ],
+)
+def test_bad_supports_are_named(write_case: Write, how: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        load_case(write_case((CLAMP, f"[[support]]\n{ROOT}{how}")))
+
+
+def test_walls_that_leave_it_afloat_are_refused(write_case: Write) -> None:
+    loose = f"[[support]]\n{BACK}normal = [0.0, 3.0, 4.0]"
+    with pytest.raises(InputError, match="rigid motions are free"):
+        assert load_case(write_case((CLAMP, loose))).problem
+
+
+TURNED = (
+    CLAMP + f"\n[[support]]\n{END}"
+    "rotation = { axis = [2.0, 0.0, 0.0], center = [2.0, 0.5, 0.5], angle_deg = 30.0 }"
+)
+
+
+def test_a_turned_face(write_case: Write, tmp_path: Path) -> None:
+    case = load_case(write_case((CLAMP, TURNED)))
+    support = case.problem.supports[1]
+    assert support.rotation == Rotation((1.0, 0.0, 0.0), (2.0, 0.5, 0.5), np.deg2rad(30.0))
+    lines = "\n".join(look_at(case).lines)
+    assert "turned by 30 degrees about [1, 0, 0] through [2, 0.5, 0.5] m" in lines
+    draw_case(case, tmp_path / "case.png", by=("matplotlib",))
+    found = solve_static(case.problem).displacement
+    body = Body(case.problem, case.strain)
+    assert body.miss(found) < 1e-12
+    left, scale = body.out_of_balance(found)
+    assert np.abs(left).max() < 1e-8 * scale
+
+
+def test_equilibrium_on_slanted_walls_is_judged_along_them(write_case: Write) -> None:
+    problem = load_case(slanted(write_case)).problem
+    found = solve_static(problem).displacement
+    body = Body(problem, Strain.GREEN)
+    assert body.miss(found) < 1e-12
+    left, scale = body.out_of_balance(found)
+    assert np.abs(left).max() < 1e-8 * scale
+    # And a wall that is not there is seen.
+    off = found.copy()
+    off[body.slopes.points] += 1e-3 * np.array([0.0, 0.6, 0.8])  # type: ignore[union-attr]
+    assert body.miss(off) > 1e-3
+    assert np.abs(free_part(problem, body.out_of_balance(off)[0])).max() > 1e-6 * scale
+
+
+def test_pushes_of_walls_hold_the_loads(write_case: Write) -> None:
+    problem = load_case(slanted(write_case)).problem
+    found = solve_static(problem).displacement
+    body = Body(problem, Strain.GREEN)
+    pushes = body.support_reactions(found)
+    # Root and floor hold all components here; what they share counts for both.
+    wall = pushes[2]
+    assert np.abs(np.cross(wall, [0.0, 0.6, 0.8])).max() < 1e-12 * np.abs(wall).max()
+    only = pushes_of_supports(problem, np.zeros_like(found))
+    assert not only.any()
+
+
+def test_a_motion_starts_with_a_velocity_and_needs_no_support(
+    write_case: Write, tmp_path: Path
+) -> None:
+    start = "[initial_velocity]\nvelocity = [0.0, 0.0, 1.0]\nangular_velocity = [0.0, 2.0, 0.0]\n"
+    start += "center = [1.0, 0.5, 0.5]\n\n"
+    path = write_case((CLAMP, ""), ("[[load]]", start + TIME))
+    case = load_case(path)
+    problem = case.problem
+    assert problem.initial_velocity == InitialVelocity((0, 0, 1), (0, 2, 0), (1.0, 0.5, 0.5))
+    assert any(line.startswith("starts") for line in look_at(case).lines)
+    ours = simulate(problem, strain=case.strain)
+    stepper = Stepper(Body(problem, case.strain), 1e-3, 5, 4)
+    theirs = np.array(list(stepper.outputs(Slip())))
+    assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
+    write_case_folder(tmp_path / "out", problem, case.strain, name="free")
+    told = json.loads((tmp_path / "out" / "case.json").read_text())
+    assert told["time"]["starts"] == "at initial_velocity"
+    with np.load(tmp_path / "out" / "rest.npz") as arrays:
+        assert np.abs(arrays["initial_velocity"]).max() > 1.0
+
+
+def test_an_initial_velocity_without_time_is_refused(write_case: Write) -> None:
+    start = "[initial_velocity]\nvelocity = [0.0, 0.0, 1.0]\n\n[[load]]"
+    with pytest.raises(InputError, match=r"initial_velocity is of a motion: give \[time\]"):
+        load_case(write_case(("[[load]]", start)))
+
+
+def test_steps_along_moving_slanted_walls_by_the_words_alone(
+    write_case: Write, tmp_path: Path
+) -> None:
+    ramp = "amplitude = { times = [0.0, 0.02], factors = [0.0, 1.0] }\ndisplacement = [0, 0, 0.05]"
+    walls = three_walls("").replace(BACK, BACK + "normal = [0.0, 3.0, 4.0]\n" + ramp)
+    walls = walls.replace("[[support]]\n" + FLOOR, "").replace(ROOT, ROOT + "components = ['x']")
+    case = load_case(write_case((CLAMP, walls), ("[[load]]", TIME)))
+    problem = case.problem
+    ours = simulate(problem, strain=case.strain)
+    theirs = np.array(list(Stepper(Body(problem, case.strain), 1e-3, 5, 4).outputs(Slip())))
+    assert np.abs(ours.displacements[1:] - theirs).max() < 1e-11 * np.abs(theirs).max()
+    # What an outside simulator is given says where the walls are.
+    write_case_folder(tmp_path / "out", problem, case.strain, name="slides")
+    with np.load(tmp_path / "out" / "rest.npz") as arrays:
+        normals = arrays["sliding_normals"].reshape(-1, 2, 3)
+        places, numbers = arrays["sliding_displacement"], arrays["sliding_support"]
+        fixed = arrays["fixed"]
+    last = theirs[-1]
+    along = np.einsum("nkj,nj->nk", normals, last)
+    slides = np.abs(normals).any(axis=(1, 2))
+    assert slides.any()
+    # What slides keeps a direction; at the root, where x is held too, just one.
+    assert fixed[slides].sum(axis=1).max() == 1
+    assert np.abs(along - places)[slides].max() < 1e-12
+    assert set(numbers[slides]) == {1}
+
+
+def test_what_slides_and_flies_is_drawn(write_case: Write, tmp_path: Path) -> None:
+    start = "[initial_velocity]\nangular_velocity = [0.0, 2.0, 0.0]\n\n" + TIME
+    draw_case(load_case(slanted(write_case)), tmp_path / "slides.png", by=("matplotlib",))
+    flies = load_case(write_case((CLAMP, ""), ("[[load]]", start)))
+    draw_case(flies, tmp_path / "flies.png", by=("matplotlib",))
+    assert all((tmp_path / f"{name}.png").stat().st_size > 5000 for name in ("slides", "flies"))

@@ -1,0 +1,187 @@
+"""What supports hold, as arrays over the points: for simulators, and to judge them by.
+
+Written apart from every simulator's own, like `nodal_loads`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.problem import Problem
+from palpate.meshes.transforms import rotation
+
+# Of unit normals: singular values below which two planes are one.
+_ONE_PLANE = 1e-8
+
+
+def held_components(
+    problem: Problem, time: float | None = None
+) -> tuple[NDArray[np.uint8], Points]:
+    """Which components of which points are held along x, y, z, and where.
+
+    Points that slide along slanted planes are in `held_slopes`, but for those that the planes
+    leave no freedom.
+
+    Args:
+        problem: With its supports.
+        time: Of their amplitudes [s]; at full size where None.
+
+    Returns:
+        `fixed`, 1 where held, shape (num_points, 3); `prescribed_displacement` [m], the same
+        shape, 0 where free.
+    """
+    fixed = np.zeros(problem.mesh.points.shape, dtype=np.uint8)
+    moved = np.zeros_like(problem.mesh.points)
+    for support in problem.supports:
+        if support.normal is None:
+            placed = moved_by(support, problem.mesh.points[support.points], time)
+            for axis in np.flatnonzero(support.components):
+                fixed[support.points, axis] = 1
+                moved[support.points, axis] = placed[:, axis]
+    slopes = _all_slopes(problem, time)
+    if slopes is not None:
+        whole = slopes.rank == 3
+        fixed[slopes.points[whole]] = 1
+        moved[slopes.points[whole]] = slopes.places[whole]
+    return fixed, moved
+
+
+@dataclass(frozen=True, eq=False)
+class HeldSlopes:
+    """Points that are held along directions that are not x, y or z, or along several.
+
+    Attributes:
+        points: Their numbers, shape (n,).
+        projectors: Onto the held directions, shape (n, 3, 3).
+        places: Where they are held, along these [m], shape (n, 3).
+        rank: How many directions, shape (n,).
+    """
+
+    points: NDArray[np.int32]
+    projectors: Floats
+    places: Points
+    rank: NDArray[np.int64]
+
+    def held_part(self, vectors: Points) -> Points:
+        """Of these points' vectors, (n, 3), from those of all points."""
+        part: Points = np.einsum("nij,nj->ni", self.projectors, vectors[self.points])
+        return part
+
+    def without(self, vectors: Points) -> Points:
+        """Vectors of all points without what is held."""
+        free = vectors.copy()
+        free[self.points] -= self.held_part(vectors)
+        return free
+
+    def placed(self, displacement: Points) -> Points:
+        """A displacement of all points with what is held where it is held."""
+        moved = self.without(displacement)
+        moved[self.points] += self.places
+        return moved
+
+    def directions(self) -> tuple[Floats, Floats]:
+        """Up to two orthonormal directions of each, else 0, (n, 2, 3), and where, (n, 2) [m]."""
+        _, axes = np.linalg.eigh(self.projectors)
+        found = axes.transpose(0, 2, 1)[:, :0:-1] * (np.arange(2) < self.rank[:, None])[:, :, None]
+        return found, np.einsum("nkj,nj->nk", found, self.places)
+
+
+def held_slopes(problem: Problem, time: float | None = None) -> HeldSlopes | None:
+    """Points that slide: held along one or two directions, none of which need be x, y or z.
+
+    None where there are none. What `held_components` holds of them is among the directions.
+    """
+    found = _all_slopes(problem, time)
+    if found is None:
+        return None
+    rows = found.rank < 3
+    if not rows.any():
+        return None
+    return HeldSlopes(
+        found.points[rows], found.projectors[rows], found.places[rows], found.rank[rows]
+    )
+
+
+def free_part(problem: Problem, vectors: Points) -> Points:
+    """Vectors of all points without their held components."""
+    free = np.where(held_components(problem)[0] > 0, 0.0, vectors)
+    slopes = held_slopes(problem)
+    return free if slopes is None else slopes.without(free)
+
+
+def moved_by(support: Support, points: Points, time: float | None = None) -> Points:
+    """Where a support puts rest places: displacements [m], (n, 3); at full size where no time."""
+    factor = 1.0
+    if time is not None and support.amplitude is not None:
+        factor = support.amplitude(time)
+    moved = np.tile(factor * np.array(support.displacement), (len(points), 1))
+    turned = support.rotation
+    if turned is not None:
+        r = points - np.array(turned.center)
+        moved += r @ rotation(turned.axis, np.rad2deg(factor * turned.angle)).T - r
+    return moved
+
+
+def pushes_of_supports(problem: Problem, forces: Points) -> Points:
+    """Total force that each support exerts [N], (num_supports, 3), of nodal forces where held.
+
+    What several hold along x, y, z counts for each; on slanted planes each pushes along its
+    normal, as far as these tell them apart.
+    """
+    totals = np.zeros((len(problem.supports), 3))
+    slopes = _all_slopes(problem, None)
+    slanted = np.zeros(problem.mesh.num_points, dtype=bool)
+    if slopes is not None:
+        slanted[slopes.points] = True
+        for point, held in _holders(problem).items():
+            directions = np.array([direction for _, direction in held])
+            sizes = np.linalg.pinv(directions.T, rcond=_ONE_PLANE) @ forces[point]
+            for (number, direction), size in zip(held, sizes, strict=True):
+                totals[number] += size * direction
+    fixed = held_components(problem)[0]
+    for number, support in enumerate(problem.supports):
+        if support.normal is None:
+            mine = support.points[~slanted[support.points]]
+            along = np.where(fixed[mine] > 0, forces[mine], 0.0)
+            totals[number] += along.sum(axis=0) * np.array(support.components)
+    return totals
+
+
+def _holders(problem: Problem) -> dict[int, list[tuple[int, Floats]]]:
+    """Of every point on a slanted plane: which supports hold it along which directions."""
+    found: dict[int, list[tuple[int, Floats]]] = {}
+    for support in problem.supports:
+        if support.normal is not None:
+            found.update({point: [] for point in np.asarray(support.points).tolist()})
+    if not found:
+        return found
+    for number, support in enumerate(problem.supports):
+        for point in np.asarray(support.points).tolist():
+            if point in found:
+                found[point] += [(number, direction) for direction in support.directions]
+    return found
+
+
+def _all_slopes(problem: Problem, time: float | None) -> HeldSlopes | None:
+    holders = _holders(problem)
+    if not holders:
+        return None
+    points = np.array(sorted(holders), dtype=np.int32)
+    projectors, places, ranks = [], [], []
+    for point in points.tolist():
+        held = holders[point]
+        directions = np.array([direction for _, direction in held])
+        asked = [
+            direction @ moved_by(problem.supports[k], problem.mesh.points[[point]], time)[0]
+            for k, direction in held
+        ]
+        back = np.linalg.pinv(directions, rcond=_ONE_PLANE)
+        projectors.append(back @ directions)
+        places.append(back @ np.array(asked))
+        ranks.append(np.linalg.matrix_rank(directions, tol=_ONE_PLANE))
+    return HeldSlopes(points, np.array(projectors), np.array(places), np.array(ranks))
