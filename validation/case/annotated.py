@@ -9,7 +9,8 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from palpate.validation.case.schema import CaseSpec, PointForceSpec
+from palpate.validation.case.acting_schema import PointForceSpec
+from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.tables import choices_of, keys_of, plain_kind, tables_of
 from palpate.validation.metrics import CATALOGUE
 

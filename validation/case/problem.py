@@ -35,6 +35,17 @@ from palpate.meshes.rigid_tool import (
     ToolShape,
 )
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.case.acting_schema import (
+    ForceSpec,
+    GravitySpec,
+    LoadSpec,
+    MomentSpec,
+    PointForceSpec,
+    PressureSpec,
+    SupportSpec,
+    TractionSpec,
+    TurnSpec,
+)
 from palpate.validation.case.geometry import inside_folder, load_surface
 from palpate.validation.case.motion_schema import (
     AmplitudeSpec,
@@ -49,20 +60,7 @@ from palpate.validation.case.regions import (
     select_cells,
     select_facets,
 )
-from palpate.validation.case.schema import (
-    CaseSpec,
-    ForceSpec,
-    GravitySpec,
-    InclusionSpec,
-    LoadSpec,
-    MaterialSpec,
-    MomentSpec,
-    PointForceSpec,
-    PressureSpec,
-    SupportSpec,
-    TractionSpec,
-    TurnSpec,
-)
+from palpate.validation.case.schema import CaseSpec, InclusionSpec, MaterialSpec
 from palpate.validation.case.units import Units
 from palpate.validation.exchange.facets import facet_areas
 

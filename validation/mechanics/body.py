@@ -254,9 +254,7 @@ class Body:
         """
         internal, external = self.internal(displacement), self.external(displacement)
         scale = np.linalg.norm(np.concatenate([internal, external]), axis=1).max()
-        left = np.where(self.held, 0.0, external - internal)
-        if self.slopes is not None:
-            left = self.slopes.without(left)
+        left = self.freed(external - internal)
         return left, float(scale) if np.isfinite(scale) else np.inf
 
     def support_reactions(self, displacement: Points) -> Points:
@@ -270,11 +268,21 @@ class Body:
 
     def miss(self, displacement: Points) -> float:
         """How far held components are from where they are held, over the largest displacement."""
-        apart = np.abs(displacement - self.prescribed)[self.held].max(initial=0.0)
-        if self.slopes is not None:
-            gap = self.slopes.held_part(displacement) - self.slopes.places
-            apart = max(apart, np.abs(gap).max())
+        apart = np.abs(self.to_supports(displacement)).max(initial=0.0)
         return ratio(float(apart), float(np.abs(displacement).max()))
+
+    def freed(self, vectors: Points) -> Points:
+        """Vectors without their held components, (num_points, 3)."""
+        free = np.where(self.held, 0.0, vectors)
+        return free if self.slopes is None else self.slopes.without(free)
+
+    def to_supports(self, displacement: Points) -> Points:
+        """How far held components are from where they are held [m], 0 elsewhere."""
+        gap = np.where(self.held, self.prescribed - displacement, 0.0)
+        if self.slopes is not None:
+            slid = self.slopes.places - self.slopes.held_part(displacement)
+            gap[self.slopes.points] = slid
+        return gap
 
 
 # What metrics and relations ask of one problem again and again is worked out once.

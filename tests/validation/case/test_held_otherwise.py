@@ -208,3 +208,19 @@ def test_what_slides_and_flies_is_drawn(write_case: Write, tmp_path: Path) -> No
     flies = load_case(write_case((CLAMP, ""), ("[[load]]", start)))
     draw_case(flies, tmp_path / "flies.png", by=("matplotlib",))
     assert all((tmp_path / f"{name}.png").stat().st_size > 5000 for name in ("slides", "flies"))
+
+
+@pytest.mark.dolfinx
+def test_the_audit_knows_slanted_walls_on_degree_2(write_case: Write) -> None:
+    from palpate.reference.audit import audit_displacement
+    from palpate.validation.mechanics.audit import audit_on_own_mesh
+
+    problem = load_case(slanted(write_case)).problem
+    found = solve_static(problem).displacement
+    audit = audit_displacement(problem, found, strain=Strain.GREEN, degree=1)
+    assert audit.residual_norm < 1e-6
+    assert audit.support_gap < 1e-12
+    spoiled = audit_displacement(problem, 1.01 * found, strain=Strain.GREEN, degree=1)
+    assert spoiled.displacement_error == pytest.approx(0.01, rel=0.05)
+    with pytest.raises(InputError, match="audit on degree 2"):
+        audit_on_own_mesh(problem, found, Strain.GREEN)

@@ -1,0 +1,174 @@
+"""The keys of a case file for what acts on the body: supports and loads."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from palpate.meshes.face_loads import Profile
+from palpate.validation.case.motion_schema import AmplitudeSpec
+from palpate.validation.case.numbers import Flag, Number, Vector
+from palpate.validation.case.region_schema import RegionSpec, Table
+
+
+class OverTime(Table):
+    """What acts from the start, or by a factor over time."""
+
+    amplitude: AmplitudeSpec | None = None
+    """Its factor over time; statics take it as 1."""
+
+
+class TurnSpec(Table):
+    """A turn about an axis through a place, the exact one at every part of the load."""
+
+    axis: Vector
+    """Direction of the axis, of any length; the turn is right-handed about it."""
+    center: Vector
+    """A place on the axis [units.length]."""
+    angle_deg: Number
+    """At full size [degrees]; more than a whole turn is one."""
+
+    @model_validator(mode="after")
+    def _has_an_axis(self) -> TurnSpec:
+        if not any(self.axis):
+            raise ValueError("axis = [0, 0, 0] turns nothing; give a direction")
+        return self
+
+
+class SupportSpec(OverTime):
+    """What is held: by component, turned, or along a normal alone."""
+
+    region: RegionSpec
+    """What is held."""
+    components: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+    """Which components are held."""
+    sliding: Flag = False
+    """Held along the normal of its face only, which has to be flat: a symmetry plane."""
+    normal: Vector | None = None
+    """Or held along this direction only, of any length; free to slide across it."""
+    displacement: Vector = (0.0, 0.0, 0.0)
+    """Where the held part is moved to [units.length]; of what slides, its part along the normal."""
+    rotation: TurnSpec | None = None
+    """Turns the held part besides; all components are held then."""
+
+    @model_validator(mode="after")
+    def _holds_in_one_way(self) -> SupportSpec:
+        given = self.model_fields_set
+        ways = [
+            name
+            for name, is_there in (
+                ("components", "components" in given),
+                ("sliding", self.sliding),
+                ("normal", self.normal is not None),
+                ("rotation", self.rotation is not None),
+            )
+            if is_there
+        ]
+        if len(ways) > 1:
+            raise ValueError(f"{' and '.join(ways)} do not go together; choose one")
+        if self.normal is not None and not any(self.normal):
+            raise ValueError("normal = [0, 0, 0] is no direction")
+        if self.sliding and self.region.nearest is not None:
+            raise ValueError("a single point has no face to slide along; give a normal")
+        return self
+
+
+class ForceSpec(OverTime):
+    """A total force, spread evenly over the region's area."""
+
+    kind: Literal["force"]
+    """A total force, spread evenly over the region's area."""
+    region: RegionSpec
+    """What is pushed."""
+    force: Vector
+    """In all [units.force]."""
+
+
+class TractionAt(Table):
+    """Force per rest area at a place."""
+
+    at: Vector
+    """The place [units.length]; it need not lie on the face."""
+    traction: Vector
+    """[units.stress]."""
+
+
+class TractionSpec(OverTime):
+    """Force per rest area, uniform or varying; dead: it does not turn with the body."""
+
+    kind: Literal["traction"]
+    """Force per rest area."""
+    region: RegionSpec
+    """What is pushed."""
+    traction: Vector | None = None
+    """[units.stress]; with a profile, where that is 1. In place of values."""
+    profile: Profile | None = None
+    """Along start to end, s from 0 to 1: linear is s, parabolic 4 s (1 - s), uniform 1."""
+    start: Vector | None = None
+    """Of a profile: where s = 0 [units.length]."""
+    end: Vector | None = None
+    """Of a profile: where s = 1 [units.length]."""
+    values: tuple[TractionAt, ...] = Field(default=(), max_length=4)
+    """Or its values at 1 to 4 places, affine in between and beyond."""
+
+    @model_validator(mode="after")
+    def _says_it_once(self) -> TractionSpec:
+        if (self.traction is None) != bool(self.values):
+            raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 places")
+        given = {key for key in ("profile", "start", "end") if getattr(self, key) is not None}
+        if self.values and given:
+            raise ValueError(f"values go without {', '.join(sorted(given))}")
+        if given and len(given) < 3:
+            raise ValueError("profile, start and end go together")
+        if self.start is not None and self.start == self.end:
+            raise ValueError("start and end of a profile are the same place")
+        return self
+
+
+class MomentSpec(OverTime):
+    """A pure moment as the dead traction a x (X - c); no force in all."""
+
+    kind: Literal["moment"]
+    """A moment without a force, the same about every point."""
+    region: RegionSpec
+    """The face that it acts on; c is its centroid, a follows from its second moments."""
+    moment: Vector
+    """[units.force times units.length]; dead: cos(angle) of it is left where the face turns."""
+
+
+class PressureSpec(OverTime):
+    """Pressure that follows the surface; > 0 pushes inwards."""
+
+    kind: Literal["pressure"]
+    """A pressure that follows the surface."""
+    region: RegionSpec
+    """What is pressed."""
+    pressure: Number
+    """Above 0 pushes inwards [units.stress]."""
+
+
+class GravitySpec(OverTime):
+    """Weight: density times an acceleration [m/s2]."""
+
+    kind: Literal["gravity"]
+    """Weight."""
+    acceleration: Vector
+    """[m/s2], whatever the units."""
+
+
+class PointForceSpec(OverTime):
+    """A force on the point nearest to a place."""
+
+    kind: Literal["point_force"]
+    """A force on one point; has no truth to converge to."""
+    region: RegionSpec
+    """Its `nearest` chooses the point."""
+    force: Vector
+    """[units.force]."""
+
+
+LoadSpec = Annotated[
+    ForceSpec | TractionSpec | MomentSpec | PressureSpec | GravitySpec | PointForceSpec,
+    Field(discriminator="kind"),
+]
