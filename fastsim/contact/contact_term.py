@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from palpate.fastsim.body import Body
 from palpate.fastsim.contact.box_faces import BoxFaces
 from palpate.fastsim.contact.contact_law import half_thickness, mean_edge
+from palpate.fastsim.contact.drag import Drag
 from palpate.fastsim.contact.tool_contact import Gaps, ToolContact
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape
 
@@ -53,6 +54,10 @@ class ContactTerm:
         self._weights = [
             k * contact.areas for k, contact in zip(stiffnesses, contacts, strict=True)
         ]
+        self._drags = [
+            Drag(contact.tool.friction_coefficient, weight)
+            for contact, weight in zip(contacts, self._weights, strict=True)
+        ]
         shapes = [contact.tool.shape for contact in contacts]
         self._faces = [BoxFaces(s.half_widths) if isinstance(s, BoxShape) else None for s in shapes]
         # Normals in the tools' frames at the last equilibrium that was kept.
@@ -78,15 +83,30 @@ class ContactTerm:
     def force(self, displacement: Points) -> Points:
         """Of all tools on the body [N], shape (num_points, 3)."""
         force = np.zeros_like(displacement)
-        for contact, (gaps, push) in zip(self.contacts, self.pressed(displacement), strict=True):
-            force[contact.vertices] += push[:, None] * gaps.normals
+        pressed = self.pressed(displacement)
+        for number, (contact, (gaps, push)) in enumerate(zip(self.contacts, pressed, strict=True)):
+            dragged = self._dragged(number, displacement, gaps)[0]
+            force[contact.vertices] += push[:, None] * gaps.normals + dragged
         return force
+
+    def vectors(self, displacement: Points) -> list[Points]:
+        """Of each tool on its vertices [N], shape (n, 3)."""
+        return [
+            push[:, None] * gaps.normals + self._dragged(number, displacement, gaps)[0]
+            for number, (gaps, push) in enumerate(self.pressed(displacement))
+        ]
+
+    def _dragged(self, number: int, displacement: Points, gaps: Gaps) -> tuple[Points, Floats]:
+        places = self.contacts[number].places(displacement)
+        # Where a tool will be, the vertices that stick to it are to come along.
+        pose = (self._next_poses or self.poses)[number]
+        return self._drags[number].forces(places, pose, gaps.normals, self.multipliers[number])
 
     def add_tangent(self, body: Body, displacement: Points) -> bool:
         """Add minus the force's derivative to the matrix; say whether other vertices touch."""
         active = []
-        for contact, weight, settled, (gaps, push) in zip(
-            self.contacts, self._weights, self.settled, self.pressed(displacement), strict=True
+        for number, (contact, weight, settled, (gaps, push)) in enumerate(
+            zip(self.contacts, self._weights, self.settled, self.pressed(displacement), strict=True)
         ):
             touching = push > 0.0
             active.append(touching)
@@ -99,6 +119,11 @@ class ContactTerm:
             body.core.add_diagonal_blocks(
                 contact.vertices[touching], np.ascontiguousarray(blocks.reshape(-1, 9))
             )
+            if self._drags[number].coefficient > 0.0:
+                held = self._dragged(number, displacement, gaps)[1]
+                body.core.add_diagonal_blocks(
+                    contact.vertices, np.ascontiguousarray(held.reshape(-1, 9))
+                )
         changed = len(self._active) != len(active) or any(
             np.any(old != new) for old, new in zip(self._active, active, strict=True)
         )
@@ -115,12 +140,17 @@ class ContactTerm:
             _in_tool(contact.gaps(displacement, pose), pose)
             for contact, pose in zip(self.contacts, poses, strict=True)
         ]
-        for contact, pose, faces in zip(self.contacts, poses, self._faces, strict=True):
+        for contact, pose, faces, drag in zip(
+            self.contacts, poses, self._faces, self._drags, strict=True
+        ):
+            drag.keep(contact.places(displacement), pose)
             if faces is not None:
                 faces.keep(contact.places(displacement), pose)
 
     def go_back(self) -> None:
-        """Begin anew from the last equilibrium that was kept, as to the boxes."""
+        """Begin anew from the last equilibrium that was kept, as to friction and the boxes."""
+        for drag in self._drags:
+            drag.go_back()
         for faces in self._faces:
             if faces is not None:
                 faces.go_back()
@@ -172,9 +202,11 @@ class ContactTerm:
     def update_multipliers(self, displacement: Points) -> float:
         """Multiplier := p; return the norm of the change over the norm of the multipliers."""
         change, size = 0.0, float(np.finfo(float).tiny)
-        for number, (_, push) in enumerate(self.pressed(displacement)):
-            change += float(np.sum((push - self.multipliers[number]) ** 2))
-            size += float(np.sum(push**2))
+        for number, (gaps, push) in enumerate(self.pressed(displacement)):
+            dragged = self._dragged(number, displacement, gaps)[0]
+            drag_change, drag_size = self._drags[number].update(dragged, self.poses[number])
+            change += float(np.sum((push - self.multipliers[number]) ** 2)) + drag_change
+            size += float(np.sum(push**2)) + drag_size
             self.multipliers[number] = push
         return float(np.sqrt(change / size))
 

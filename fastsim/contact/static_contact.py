@@ -77,7 +77,7 @@ def solve_contact(
     The loads act in full at the first knot; from there on the tools move.
 
     Args:
-        problem: With at least one tool; frictionless, on paths.
+        problem: With at least one tool; on paths. With friction the answer depends on the steps.
         strain: Engineering or Green strain.
         element: Plain or smoothed.
         law: Penalty or constraint; None is the constraint.
@@ -91,14 +91,14 @@ def solve_contact(
         would leave.
 
     Raises:
-        InputError: Friction, or a tool driven by a force: neither is known to the statics.
+        InputError: A tool driven by a force, or friction with a penalty: not known to the statics.
         UnsupportedBodyError: The body can float.
         ToolInsideError: A tool is in the body at the first knot.
         ContactLostError: No (stable) equilibrium beyond a time; carries the results before it.
     """
-    _require_known_to_statics(problem)
-    require_supported(problem)
     law = law or ContactLaw()
+    _require_known_to_statics(problem, law.form)
+    require_supported(problem)
     contacts = [ToolContact(problem, tool) for tool in problem.tools]
     stiffnesses = [
         law.stiffness or _STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
@@ -252,10 +252,10 @@ class _Path:
     def _keep(self) -> None:
         term, u = self.term, self.displacement
         on_tools, areas, depths = [], [], []
-        for contact, pose, (gaps, push) in zip(
-            term.contacts, term.poses, term.pressed(u), strict=True
+        for contact, pose, (gaps, push), force in zip(
+            term.contacts, term.poses, term.pressed(u), term.vectors(u), strict=True
         ):
-            on_tools.append(on_tool(contact, u, push[:, None] * gaps.normals, pose))
+            on_tools.append(on_tool(contact, u, force, pose))
             areas.append(float(contact.areas[push > 0.0].sum()))
             depths.append(float(max(0.0, -gaps.distances.min(initial=0.0))))
         smallest = self.newton.body.smallest_det_f(u)[0]
@@ -267,7 +267,7 @@ def _knots(problem: Problem) -> Floats:
     return knots
 
 
-def _require_known_to_statics(problem: Problem) -> None:
+def _require_known_to_statics(problem: Problem, form: ContactForm) -> None:
     if not problem.tools:
         raise InputError("no tool: use palpate.fastsim.statics.solve_static")
     for number, tool in enumerate(problem.tools, start=1):
@@ -276,5 +276,7 @@ def _require_known_to_statics(problem: Problem) -> None:
                 f"tool {number} is driven by a force: statics take tools on a path; give one, or "
                 "use dynamics"
             )
-        if tool.friction_coefficient > 0.0:
-            raise InputError(f"tool {number} has friction: statics are frictionless; use dynamics")
+        if tool.friction_coefficient > 0.0 and form is ContactForm.PENALTY:
+            raise InputError(
+                f"tool {number} has friction: statics know it with the constraint, not a penalty"
+            )

@@ -259,8 +259,6 @@ def test_a_lost_path_says_how_far_it_went(slab: TetMesh) -> None:
 
 
 def test_what_statics_do_not_know_is_told(slab: TetMesh) -> None:
-    with pytest.raises(InputError, match="friction"):
-        solve_contact(standing(slab, replace(SPHERE, friction_coefficient=0.1)))
     start = ToolPath(np.zeros(1), np.array([[0.5, 0.5, 0.9]]))
     drive = ForceDrive((0.0, 0.0, -1.0), 1.0, TabularAmplitude((0.0,), (1.0,)), 1.0)
     with pytest.raises(InputError, match="force"):

@@ -1,0 +1,78 @@
+"""Friction in statics: Coulomb's law, and the same stick and slip as the reference's."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
+from palpate.fastsim.contact.static_contact import solve_contact
+from palpate.meshes.boundary_conditions import Support
+from palpate.meshes.bricks import brick_box, side
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
+from palpate.reference.availability import is_available
+from palpate.validation.case import load_case
+
+if is_available():
+    from palpate.reference.statics import solve_static
+
+FRICTION, DEPTH = 0.3, 0.05
+# In steps that both simulators take whole: what sticks where depends on the steps [mm].
+SPHERE = [[24.0 + 0.1 * k, 17.0 + 0.05 * k, 32.0 - 0.5 * min(k, 5)] for k in range(10)]
+TURNED = ((1.0, 0.0, 0.0, 0.0), (0.998, 0.0, 0.0, (1.0 - 0.998**2) ** 0.5))
+
+
+def block_on_a_plane(friction: float) -> Problem:
+    """A unit cube held at its top; a plane is pressed against its bottom and drawn along x."""
+    mesh = brick_box((2, 2, 2), (1.0, 1.0, 1.0))
+    top, bottom = side(mesh, 2, 1.0), side(mesh, 2, 0.0)
+    ways = DEPTH * np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 1.55])
+    knots = np.array([np.zeros(3), *([way, 0.0, DEPTH] for way in ways)])
+    tool = RigidTool(PlaneShape(), ToolPath(np.arange(len(knots)), knots), friction, bottom)
+    held = Support(np.unique(top).astype(np.int32), top)
+    return Problem(mesh, Material(1.0, 0.0), (held,), (), tools=(tool,))
+
+
+def drawn_ball(friction: float) -> Problem:
+    places = 1e-3 * np.array(SPHERE)
+    turns = np.array([TURNED[0]] * (len(places) - 1) + [TURNED[1]])
+    path = ToolPath(np.arange(len(places)), places, turns)
+    tool = RigidTool(SphereShape(0.012), path, friction)
+    return dataclasses.replace(load_case("press").problem, tools=(tool,))
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+def test_a_block_sticks_and_then_slips(strain: Strain) -> None:
+    forces = solve_contact(block_on_a_plane(FRICTION), strain=strain).forces[1:, 0]
+    normal, drag = -forces[:, 2], -forces[:, 0]
+    assert np.all(drag <= FRICTION * normal * (1.0 + 1e-8))
+    # Stuck, it is as stiff all the way; in the end it slips under mu N, within a thousandth.
+    assert drag[2] == pytest.approx(2.0 * drag[1], rel=1e-3)
+    assert drag[6] == pytest.approx(FRICTION * normal[6], rel=1e-3)
+    assert drag[7] - drag[6] == pytest.approx(-0.5 * drag[1], rel=0.02)
+    free = solve_contact(block_on_a_plane(0.0), strain=strain).forces[:, 0]
+    assert np.abs(free[:, :2]).max() < 1e-9 * normal[0]
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("strain", list(Strain))
+@pytest.mark.parametrize("problem", [block_on_a_plane, drawn_ball])
+def test_both_find_the_same_stick_and_slip(problem: object, strain: Strain) -> None:
+    posed = problem(FRICTION)  # type: ignore[operator]
+    ours, theirs = solve_contact(posed, strain=strain), solve_static(posed, strain=strain)
+    forces = np.array(theirs.tools[0].forces)
+    assert np.abs(forces[-1, :2]).max() > 0.02 * np.abs(forces[-1, 2])
+    assert len(theirs.load_steps) == len(forces)
+    apart = np.abs(ours.forces[:, 0] - forces).max()
+    assert apart <= 1e-8 * np.abs(forces).max()
+    size = np.abs(theirs.displacement).max()
+    assert np.abs(ours.displacements[-1] - theirs.displacement).max() <= 1e-7 * size
+
+
+def test_a_penalty_knows_no_friction() -> None:
+    with pytest.raises(InputError, match="friction"):
+        solve_contact(block_on_a_plane(FRICTION), law=ContactLaw(ContactForm.PENALTY))
