@@ -19,7 +19,7 @@ from palpate.reference.errors import (
     ReferenceUnavailableError,
 )
 from palpate.reference.result import Formulation, formulation_for
-from palpate.validation.metrics import COMPARISONS, stress_integrals
+from palpate.validation.metrics import COMPARISONS, measure, stress_integrals
 from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest, solve_truth
 from palpate.validation.references.sequences import (
     as_data,
@@ -253,6 +253,8 @@ def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) 
             continue
         for metric, compare in COMPARISONS.items():
             bars[metric, strain] = compare(problem.mesh, coarse, fine).value
+        if problem.tools:
+            bars["tool_force", strain] = measure("tool_force", problem, coarse, fine).value
     return bars
 
 

@@ -11,7 +11,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references import tool_truths
-from palpate.validation.references.sets import TRUTH
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH, estimate_bars
 from palpate.validation.references.tool_truths import rough_cells, solve_tool_truth
 from palpate.validation.states import State, Trajectory
 
@@ -75,6 +75,24 @@ def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -
     assert apart == pytest.approx(0.08 / 16 + 0.02 / 4, rel=1e-6)
     assert apart <= bars["tool_force"] <= 5.0 * apart
     assert set(details) == {"time", "mesh", "cells"}
+
+
+def test_a_live_static_truth_has_a_bar_for_the_force_on_a_tool() -> None:
+    problem = load_case("press").problem
+    displacement = 0.01 * problem.mesh.points
+    states = {
+        (label, Strain.GREEN): make_state(
+            problem.mesh,
+            displacement,
+            label=label,
+            simulator="reference",
+            strain=Strain.GREEN,
+            tool_forces=np.array([[0.0, 0.0, force]]),
+        )
+        for label, force in ((SAME_MESH, 1.2), (QUADRATIC, 1.0))
+    }
+    bars = estimate_bars(problem, states)
+    assert bars["tool_force", Strain.GREEN] == pytest.approx(0.2)
 
 
 def test_bars_that_shrink_with_no_mesh_allow_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
