@@ -9,6 +9,7 @@ from typing import Any
 
 from palpate.meshes.errors import FileFormatError, InputError, SurfaceError
 from palpate.meshes.files import read_mesh, read_surface
+from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.surface_checks import require_closed
@@ -94,6 +95,9 @@ _MAKERS: dict[str, Any] = {
     "cylinder": shape_cylinder,
     "sphere": shape_sphere,
     "kidney": shape_kidney,
+    "hollow_sphere": shape_hollow_sphere,
+    "hollow_octant": shape_hollow_octant,
+    "tube": shape_tube,
 }
 
 
@@ -107,6 +111,12 @@ def _extents(shape: str, sizes: list[Any]) -> Sequence[float]:
             return 2.0 * radius, 2.0 * radius, height
         case "sphere", [radius]:
             return (2.0 * radius,) * 3
+        case "hollow_sphere", [radius, _]:
+            return (2.0 * radius,) * 3
+        case "hollow_octant", [radius, _]:
+            return (radius,) * 3
+        case "tube", [radius, _, height]:
+            return 2.0 * radius, 2.0 * radius, height
         case "kidney", []:
             return _KIDNEY
     return sizes

@@ -16,14 +16,29 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "cylinder": ("radius", "height"),
     "sphere": ("radius",),
     "kidney": (),
+    "hollow_sphere": ("radius", "inner_radius"),
+    "hollow_octant": ("radius", "inner_radius"),
+    "tube": ("radius", "inner_radius", "height"),
 }
 
 
 class GeometrySpec(Table):
     """Exactly one of a built-in shape, a surface file or a mesh file."""
 
-    shape: Literal["box", "beam", "cylinder", "sphere", "kidney"] | None = None
-    """A built-in shape, in place of a file."""
+    shape: (
+        Literal[
+            "box",
+            "beam",
+            "cylinder",
+            "sphere",
+            "kidney",
+            "hollow_sphere",
+            "hollow_octant",
+            "tube",
+        ]
+        | None
+    ) = None
+    """A built-in shape, in place of a file; an octant has x, y, z >= 0, for symmetry planes."""
     surface: str | None = None
     """A closed surface beside this file: .stl, .obj, .ply, .off, .msh, .vtk, .vtu."""
     mesh: str | None = None
@@ -37,9 +52,11 @@ class GeometrySpec(Table):
     width: Positive | None = None
     """Of a beam, along y [units.length]."""
     height: Positive | None = None
-    """Of a beam or a cylinder, along z [units.length]."""
+    """Of a beam, a cylinder or a tube, along z [units.length]."""
     radius: Positive | None = None
-    """Of a cylinder or a sphere [units.length]."""
+    """Of a cylinder or a sphere, outside of what is hollow [units.length]."""
+    inner_radius: Positive | None = None
+    """Of what is hollow, below the radius [units.length]."""
     edge_length: Positive | None = None
     """Of a shape's facets [units.length]."""
 
