@@ -15,6 +15,7 @@ from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import is_still, tells_stress
+from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stress_bars import bar_of_part
 from palpate.validation.states import State, Verdict
@@ -128,9 +129,12 @@ class CaseJudge:
         is_truth = spec.against == "truth" and references.truth(strain) is not None
         if is_truth and self._reference(spec) is None:
             called = case_name(self.case)
+            # Of meshes refined for displacements nothing can be added: it is built anew.
+            how = "build it anew" if ADAPTIVE in references.provenance else "add them"
+            option = "" if ADAPTIVE in references.provenance else " --stress"
             return (
-                "the stored truth of this case has no stresses: add them with `palpate reference "
-                f"build {called} --stress` where FEniCSx is installed, then `palpate reference "
+                f"the stored truth of this case has no stresses: {how} with `palpate reference "
+                f"build {called}{option}` where FEniCSx is installed, then `palpate reference "
                 f"accept {called} --reason TEXT`"
             )
         is_there = spec.against != "same_mesh" or references.same_mesh(strain) is not None

@@ -14,6 +14,7 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.cli import main
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.references import additions
+from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.errors import UnsoundReferenceError
 from palpate.validation.references.reference_files import read_reference
 from palpate.validation.references.sets import QUADRATIC, TRUTH
@@ -93,6 +94,9 @@ def test_a_truth_without_them_is_inconclusive_and_says_what_to_do(whole):
             found = judge.check(asked, answer)
             assert found.verdict is Verdict.INCONCLUSIVE
             assert "palpate reference build block --stress" in found.message
+        anew = dataclasses.replace(bare, provenance={**bare.provenance, ADAPTIVE: {}})
+        told = CaseJudge(CASE, anew.of_element(element)).check(spec(), answer).message
+        assert "anew with `palpate reference build block`" in told
         # On the same mesh the displacement tells it.
         assert judge.check(spec(against="same_mesh"), answer).verdict is Verdict.PASSED
         with_them = CaseJudge(CASE, whole.of_element(element))
