@@ -17,7 +17,14 @@ from palpate.validation.case.motion_schema import (
     as_list,
 )
 from palpate.validation.case.named_values import require_inputs
-from palpate.validation.case.numbers import Count, Number, PlainData, Vector, plain_number
+from palpate.validation.case.numbers import (
+    Count,
+    NotNegative,
+    Number,
+    PlainData,
+    Vector,
+    plain_number,
+)
 from palpate.validation.case.region_schema import RegionSpec, Table
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, Metric
@@ -78,6 +85,8 @@ class CheckSpec(Table):
     """Of a published_oscillation."""
     expected: Number | None = None
     """The published number [units.length, Hz or 1/s]; the reason names its source."""
+    uncertainty: NotNegative | None = None
+    """Of the published or measured number, in its unit; counts in the verdict like an error bar."""
     region: RegionSpec | None = None
     """Of stress_l2: cells looked at, away from clamped edges; of traction_resultant: one side."""
     support: Annotated[Count, Field(ge=1)] | None = None
@@ -107,6 +116,8 @@ class CheckSpec(Table):
         if (about.is_published and about.is_fitted) != (self.quantity is not None):
             (swing,) = _names(lambda m: m.is_published and m.is_fitted)
             raise ValueError(f"quantity goes with {swing}: {swing} needs one")
+        if self.uncertainty is not None and not about.is_published:
+            raise ValueError(f"uncertainty goes with {' and '.join(_names(_is_published))}")
         if about.is_published and not self.expected:
             raise ValueError("expected = 0 gives no scale; choose another component or point")
         self._looks_somewhere()

@@ -33,8 +33,9 @@ class Comparison:
         error: Relative to the number expected [-]; infinite where there is none to be had.
         message: One line on it.
         scale: What errors of `metric_of_bar` are divided by, over the number expected [-].
-        uncertainty: Of what was fitted, or read between states, relative to the number expected
-            [-]; 0 of a truth, whose bars hold it; infinite where the states tell nothing of it.
+        uncertainty: Of the number expected, as the case states it, and of what was fitted or read
+            between states, relative to the number expected [-]; of a truth the first alone, its
+            bars hold the rest; infinite where the states tell nothing of it.
     """
 
     error: float
@@ -100,6 +101,9 @@ def _compare(
     assert spec.expected is not None
     size = abs(spec.expected)
     error = abs(found - spec.expected) / size
-    shown = f"{found:.8g} {unit}, expected {spec.expected:.8g}: {error:.2g}"
+    # That of what was measured or published counts like the answer's own.
+    stated = spec.uncertainty or 0.0
+    expected = f"{spec.expected:.8g}" + (f" +- {stated:.3g}" if stated else "")
+    shown = f"{found:.8g} {unit}, expected {expected}: {error:.2g}"
     message = f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"
-    return Comparison(error, message, scale / size, uncertainty / size)
+    return Comparison(error, message, scale / size, (uncertainty + stated) / size)
