@@ -118,6 +118,45 @@ def test_two_ranks_find_what_one_finds(tmp_path, box):
         assert np.abs(found[2][name] - alone).max() < apart * np.abs(alone).max(), name
 
 
+ADAPTIVE = """
+import sys
+import numpy as np
+from palpate.meshes.problem_files import load_problem
+from palpate.reference.adaptivity.adaptive import solve_adaptively
+from palpate.reference.adaptivity.goals import Goal, Quantity
+from palpate.reference.fenicsx import COMM
+
+goals = [Goal(Quantity.DISPLACEMENT_L2, 0.05), Goal(Quantity.SURFACE_AREA, 0.1)]
+found = solve_adaptively(load_problem(sys.argv[1]), goals)
+if COMM.rank == 0:
+    np.savez(sys.argv[2], displacement=found.displacement, bars=found.bars[2:],
+             estimates=found.estimates, unknowns=found.num_unknowns)
+"""
+
+
+def test_two_ranks_refine_as_one_does(tmp_path, box):
+    """One goes on from each mesh to the next; two raise the load on each from nothing."""
+    mesh = box((2, 1, 1), (0.2, 0.1, 0.1))
+    held = mesh.facet_groups["x0"]
+    pull = Traction(mesh.facet_groups["x1"], (300.0, 0.0, -200.0))
+    support = Support(np.unique(held).astype(np.int32), held)
+    save_problem(tmp_path / "problem.npz", Problem(mesh, Material(2e4, 0.3), (support,), (pull,)))
+    found = []
+    for n in (1, 2):
+        path = tmp_path / f"{n}.npz"
+        done = run(n, "-c", ADAPTIVE, str(tmp_path / "problem.npz"), str(path))
+        assert done.returncode == 0, done.stderr
+        with np.load(path) as stored:
+            found.append(dict(stored))
+    alone, both = found
+    assert np.array_equal(both["unknowns"], alone["unknowns"])
+    assert len(alone["unknowns"]) > 2
+    for name, apart in (("displacement", 1e-8), ("estimates", 1e-4), ("bars", 1e-4)):
+        np.testing.assert_allclose(
+            both[name], alone[name], rtol=apart, atol=apart * np.abs(alone[name]).max()
+        )
+
+
 # Cells of another rank at an edge would be missing from its average.
 SMOOTHED = """
 import sys
