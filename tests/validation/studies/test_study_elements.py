@@ -68,7 +68,7 @@ def test_who_is_quicker_is_told_error_by_error() -> None:
     # Who gets only so far is beaten from there on.
     short = curve(LINEAR, [0.4, 4.0, 5.0], [0.1, 0.025, 0.02])
     assert min(bar.quickness(short, FAST).items())[1] == math.inf
-    assert bar._told(bar.quickness(short, FAST)).endswith("below 2 % the other never get there")
+    assert bar._told(bar.quickness(short, FAST)).endswith("below 2 % the other never gets there")
 
 
 def test_what_gets_there_sooner_passes() -> None:

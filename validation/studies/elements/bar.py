@@ -17,7 +17,7 @@ from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.colours import BLUE, GREEN, GREY, OCHRE, PURPLE, RED
+from palpate.validation.report.colours import BLUE, BROWN, GREEN, GREY, OCHRE, PINK, PURPLE, RED
 from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Table, judged
 from palpate.validation.states import Progress, Verdict, gravest
@@ -249,13 +249,18 @@ def _told(times: Mapping[float, float]) -> str:
         else:
             shown, word = known, "as quick" if known else "the other is never there"
         if shown:
-            word = f"{min(shown):.2g} to {max(shown):.2g} times {word}"
+            word = f"{_plainly(min(shown))} to {_plainly(max(shown))} times {word}"
         missing = len(ratios) - len(known)
         if known and missing:
-            last = "the other" if is_quicker else "they"
-            word += f", and below {100 * levels[len(known) - 1]:.2g} % {last} never get there"
+            last = "the other never gets" if is_quicker else "they never get"
+            word += f", and below {100 * levels[len(known) - 1]:.2g} % {last} there"
         words.append(f"{where}: {word}")
     return "; ".join(words)
+
+
+def _plainly(ratio: float) -> str:
+    """Two digits, without a power of ten."""
+    return f"{float(f'{ratio:.2g}'):g}"
 
 
 def levels_table(bars: Bars) -> Table:
@@ -284,7 +289,7 @@ def draw_bars(bars: Bars) -> Figure:
     """A panel for each Poisson's ratio."""
     colours = {OURS[Element.LINEAR]: RED, OURS[Element.SMOOTHED]: BLUE}
     others = dict.fromkeys(who for nu in bars.truth_changes for who in _rivals(bars, nu))
-    colours |= dict(zip(others, cycle((OCHRE, GREEN, PURPLE, GREY)), strict=False))
+    colours |= dict(zip(others, cycle((OCHRE, GREEN, PURPLE, GREY, PINK, BROWN)), strict=False))
     panels = []
     for nu, change in bars.truth_changes.items():
         lines = []
