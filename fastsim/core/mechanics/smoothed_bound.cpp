@@ -15,7 +15,7 @@ using Vector3 = std::array<double, 3>;
 using Matrix6 = std::array<double, 36>;
 
 /// Points of all patches, patch by patch, each with the mean gradient of its shape function and
-/// its part of the mass, which is its weight over the sum of all weights of its point.
+/// the weight of its part of the mass.
 struct PatchPoints {
     std::vector<std::size_t> start{0};
     std::vector<Index> points;
@@ -63,41 +63,99 @@ struct PatchPoints {
     }
 };
 
-/// Adds s D D^T, D the strain rates of a point whose shape function has the gradient g.
-void add_strain_product(const Vector3 &g, double s, Matrix6 &a) {
-    static const double r = std::sqrt(0.5);
+Matrix3 identity(double scale) { return {scale, 0, 0, 0, scale, 0, 0, 0, scale}; }
+
+/// a += scale g g^T.
+void add_product(const Vector3 &g, double scale, Matrix3 &a) {
+    for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t j = 0; j < 3; ++j)
+            a[3 * i + j] += scale * g[i] * g[j];
+}
+
+/// Of a symmetric matrix.
+Matrix3 inverse(const Matrix3 &a) {
+    const double xx = a[4] * a[8] - a[5] * a[5], xy = a[2] * a[5] - a[1] * a[8],
+                 xz = a[1] * a[5] - a[2] * a[4];
+    const double yy = a[0] * a[8] - a[2] * a[2], yz = a[1] * a[2] - a[0] * a[5],
+                 zz = a[0] * a[4] - a[1] * a[1];
+    const double det = a[0] * xx + a[1] * xy + a[2] * xz;
+    return {xx / det, xy / det, xz / det, xy / det, yy / det,
+            yz / det, xz / det, yz / det, zz / det};
+}
+
+/// Adds s D^T R D, D the strain rates of a point whose shape function has the gradient g.
+void add_strain_product(const Vector3 &g, const Matrix3 &r, double s, Matrix6 &a) {
+    static const double h = std::sqrt(0.5);
     const double d[6][3] = {{g[0], 0, 0},
                             {0, g[1], 0},
                             {0, 0, g[2]},
-                            {0, r * g[2], r * g[1]},
-                            {r * g[2], 0, r * g[0]},
-                            {r * g[1], r * g[0], 0}};
-    for (std::size_t i = 0; i < 6; ++i)
+                            {0, h * g[2], h * g[1]},
+                            {h * g[2], 0, h * g[0]},
+                            {h * g[1], h * g[0], 0}};
+    for (std::size_t i = 0; i < 6; ++i) {
+        double row[3];
+        for (std::size_t k = 0; k < 3; ++k)
+            row[k] = s * (d[i][0] * r[k] + d[i][1] * r[3 + k] + d[i][2] * r[6 + k]);
         for (std::size_t j = 0; j < 6; ++j)
-            a[6 * i + j] += s * (d[i][0] * d[j][0] + d[i][1] * d[j][1] + d[i][2] * d[j][2]);
+            a[6 * i + j] += row[0] * d[j][0] + row[1] * d[j][1] + row[2] * d[j][2];
+    }
 }
 
-/// (tr A^16)^(1/16) of a symmetric positive semidefinite matrix.
-double bound_on_largest_eigenvalue(Matrix6 a) {
+/// (tr A^(2 n))^(1 / (2 n)), n = 2^squarings, of a symmetric positive semidefinite matrix.
+template <std::size_t size>
+double bound_on_largest_eigenvalue(std::array<double, size * size> a, int squarings) {
     double scale = 0.0;
-    for (std::size_t i = 0; i < 6; ++i)
-        scale += a[7 * i];
+    for (std::size_t i = 0; i < size; ++i)
+        scale += a[(size + 1) * i];
     if (!(scale > 0.0))
         return scale; // nothing, or NaN
     for (double &entry : a)
         entry /= scale;
-    for (int squaring = 0; squaring < 3; ++squaring) {
-        Matrix6 squared{};
-        for (std::size_t i = 0; i < 6; ++i)
-            for (std::size_t k = 0; k < 6; ++k)
-                for (std::size_t j = 0; j < 6; ++j)
-                    squared[6 * i + j] += a[6 * i + k] * a[6 * k + j];
+    for (int squaring = 0; squaring < squarings; ++squaring) {
+        std::array<double, size * size> squared{};
+        for (std::size_t i = 0; i < size; ++i)
+            for (std::size_t k = 0; k < size; ++k)
+                for (std::size_t j = 0; j < size; ++j)
+                    squared[size * i + j] += a[size * i + k] * a[size * k + j];
         a = squared;
     }
     double sum = 0.0;
     for (const double entry : a)
         sum += entry * entry;
-    return scale * std::pow(sum, 1.0 / 16.0);
+    return scale * std::pow(sum, std::ldexp(0.5, -squarings));
+}
+
+/// How a point's mass is divided: a weight of 1 gets `unit`; what is left goes to its edge patches
+/// in equal parts.
+struct Division {
+    double unit;
+    Matrix3 rest;
+};
+
+std::vector<Division> divide(const PatchPoints &edges, const PatchPoints &nodes,
+                             std::span<const double> lumped_mass) {
+    std::vector<Matrix3> sums(lumped_mass.size(), Matrix3{});
+    std::vector<double> num_edges(lumped_mass.size(), 0.0);
+    for (std::size_t k = 0; k < edges.points.size(); ++k)
+        if (edges.weights[k] > 0.0) {
+            for (std::size_t j = 0; j < 9; j += 4)
+                sums[at(edges.points[k])][j] += edges.weights[k];
+            num_edges[at(edges.points[k])] += 1.0;
+        }
+    for (std::size_t k = 0; k < nodes.points.size(); ++k)
+        if (nodes.weights[k] > 0.0) {
+            const Vector3 &g = nodes.gradients[k];
+            const double squared = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
+            add_product(g, nodes.weights[k] / squared, sums[at(nodes.points[k])]);
+        }
+    std::vector<Division> parts(lumped_mass.size());
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+        parts[i].unit = lumped_mass[i] / bound_on_largest_eigenvalue<3>(sums[i], 5);
+        parts[i].rest = identity(lumped_mass[i] / num_edges[i]);
+        for (std::size_t j = 0; j < 9; ++j)
+            parts[i].rest[j] -= parts[i].unit * sums[i][j] / num_edges[i];
+    }
+    return parts;
 }
 
 } // namespace
@@ -116,14 +174,9 @@ double bound_on_squared_frequency(const ElasticCells &body, const SmoothingPatch
     PatchPoints nodes(body, patches.cell_nodes, 4, patches.node_volume, std::move(of_nodes),
                       lumped_mass.size());
     double best = std::numeric_limits<double>::infinity();
-    std::vector<double> over_mass(lumped_mass.size()), values;
+    std::vector<double> values;
     for (int round = 0; round < rounds; ++round) {
-        std::fill(over_mass.begin(), over_mass.end(), 0.0);
-        for (const PatchPoints *kind : {&edges, &nodes})
-            for (std::size_t k = 0; k < kind->points.size(); ++k)
-                over_mass[at(kind->points[k])] += kind->weights[k];
-        for (std::size_t i = 0; i < over_mass.size(); ++i)
-            over_mass[i] /= lumped_mass[i]; // 1 / m_ip is this over the weight
+        const std::vector<Division> parts = divide(edges, nodes, lumped_mass);
         double largest = 0.0;
         for (PatchPoints *kind : {&edges, &nodes}) {
             values.assign(kind->size(), 0.0);
@@ -132,19 +185,24 @@ double bound_on_squared_frequency(const ElasticCells &body, const SmoothingPatch
                     continue;
                 Matrix6 a{};
                 for (std::size_t k = kind->start[p]; k < kind->start[p + 1]; ++k) {
-                    const Vector3 &g = kind->gradients[k];
                     // A point that does not strain a patch needs no mass in it.
                     if (kind->weights[k] == 0.0)
                         continue;
-                    const double s =
-                        kind->stiffness[p] * over_mass[at(kind->points[k])] / kind->weights[k];
-                    if (kind == &edges)
-                        add_strain_product(g, s, a);
-                    else
-                        values[p] += s * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]);
+                    const Vector3 &g = kind->gradients[k];
+                    const Division &part = parts[at(kind->points[k])];
+                    const double own = part.unit * kind->weights[k];
+                    if (kind == &edges) {
+                        Matrix3 mass = part.rest;
+                        for (std::size_t j = 0; j < 9; j += 4)
+                            mass[j] += own;
+                        add_strain_product(g, inverse(mass), kind->stiffness[p], a);
+                    } else {
+                        values[p] +=
+                            kind->stiffness[p] * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) / own;
+                    }
                 }
                 if (kind == &edges)
-                    values[p] = bound_on_largest_eigenvalue(a);
+                    values[p] = bound_on_largest_eigenvalue<6>(a, 5);
                 // NaN is handed on.
                 largest = values[p] <= largest ? largest : values[p];
             }
