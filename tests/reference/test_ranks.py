@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import subprocess
@@ -15,12 +16,14 @@ from palpate.meshes.boundary_conditions import (
     BodyForce,
     PointForce,
     Pressure,
+    Rotation,
     Support,
     Traction,
 )
 from palpate.meshes.files import read_answer
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.problem_files import save_problem
+from palpate.meshes.transforms import rotation, turn
 from palpate.reference import ranks
 
 _BESIDE = Path(sys.executable).parent / "mpirun"  # the PyPI wheel brings its own
@@ -155,6 +158,50 @@ def test_two_ranks_refine_as_one_does(tmp_path, box):
         np.testing.assert_allclose(
             both[name], alone[name], rtol=apart, atol=apart * np.abs(alone[name]).max()
         )
+
+
+SLIDES = """
+import sys
+import numpy as np
+from palpate.meshes.problem_files import load_problem
+from palpate.reference.fenicsx import COMM
+from palpate.reference.statics import solve_static
+
+result = solve_static(load_problem(sys.argv[1]), degree=2)
+if COMM.rank == 0:
+    np.savez(sys.argv[2], size=COMM.size, u=result.displacement, pushes=result.support_forces)
+"""
+
+
+def test_points_slide_on_slanted_walls_and_turn_on_two_ranks_too(tmp_path, box):
+    mesh = box((5, 2, 2), (0.5, 0.2, 0.2), jitter=0.2)
+    end = mesh.facet_groups["x1"]
+    walls = [
+        Support([0], mesh.facet_groups[name], normal=normal)
+        for name, normal in (("y0", (0.0, 1.0, 0.0)), ("z0", (0.0, 0.0, 1.0)))
+    ]
+    turned = Support([int(end[0, 0])], end, displacement=(0.02, 0.0, 0.0))
+    root = Support([0], mesh.facet_groups["x0"], normal=(1.0, 0.0, 0.0))
+    straight = Problem(mesh, Material(2e4, 0.4), (root, *walls), (BodyForce((900.0, 0.0, 0.0)),))
+    slanted = turn(straight, rotation((1.0, 2.0, 3.0), 40.0))[0]
+    spin = Rotation((1.0, 0.0, 0.0), (0.5, 0.1, 0.1), 0.5)
+    clamp = Support([0], mesh.facet_groups["x0"])
+    twisted = dataclasses.replace(
+        straight, supports=(clamp, dataclasses.replace(turned, rotation=spin))
+    )
+    for name, problem in (("slanted", slanted), ("twisted", twisted)):
+        save_problem(tmp_path / f"{name}.npz", problem)
+        found = []
+        for n in (1, 2):
+            path = tmp_path / f"{name}-{n}.npz"
+            done = run(n, "-c", SLIDES, str(tmp_path / f"{name}.npz"), str(path))
+            assert done.returncode == 0, done.stderr
+            with np.load(path) as stored:
+                assert stored["size"] == n
+                found.append((stored["u"], stored["pushes"]))
+        for alone, both in zip(*found, strict=True):
+            assert np.abs(alone).max() > 1e-3
+            assert np.abs(both - alone).max() < 1e-10 * np.abs(alone).max()
 
 
 # Cells of another rank at an edge would be missing from its average.
