@@ -13,7 +13,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Indices
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc
-from palpate.reference.linear_solver import LinearSolveError
+from palpate.reference.linear_solver import LinearSolveError, hold
 
 # What a solve may take before the next one gets factors of its own.
 _FEW_ITERATIONS = 12
@@ -70,14 +70,7 @@ class LaggedFactors:
         x, b = matrix.createVecs()
         b.array[:] = rhs
         x.array[held] = values
-        diagonal = matrix.getDiagonal()
-        typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
-        diagonal.destroy()
-        first, _ = matrix.getOwnershipRange()
-        rows = np.asarray(held, dtype=PETSc.IntType) + first
-        matrix.zeroRowsColumns(rows, diag=typical, x=x, b=b)
-        if self._is_symmetric:
-            matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
         self._ksp.setTolerances(rtol=max(tolerance, _ROUGH))
         try:
             self._run(matrix, b, x)

@@ -27,6 +27,19 @@ class PreconditionerError(LinearSolveError):
     """The preconditioner is not positive definite; the matrix may well be."""
 
 
+def hold(matrix: Any, held: Indices, x: Any, b: Any, *, is_symmetric: bool) -> None:
+    """Replace the held rows and columns of matrix x = b by those of the values in x."""
+    # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
+    diagonal = matrix.getDiagonal()
+    typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
+    diagonal.destroy()
+    first, _ = matrix.getOwnershipRange()
+    rows = np.asarray(held, dtype=PETSc.IntType) + first
+    matrix.zeroRowsColumns(rows, diag=typical, x=x, b=b)
+    if is_symmetric:
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+
+
 class LinearSolver:
     """Solves A du = b with some entries of du prescribed.
 
@@ -102,7 +115,7 @@ class LinearSolver:
         x, b = matrix.createVecs()
         b.array[:] = rhs
         x.array[held] = values
-        self._hold(matrix, held, x, b)
+        hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
         try:
             if not (self._is_direct or is_same_matrix):
                 self._attach_rigid_modes(matrix, held)
@@ -136,7 +149,7 @@ class LinearSolver:
         x, b = matrix.createVecs()
         b.array[:] = np.random.default_rng(fenicsx.COMM.rank).standard_normal(b.local_size)
         b.array[held] = 0.0
-        self._hold(matrix, held, x, b)
+        hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
         try:
             if not self._is_direct:
                 self._attach_rigid_modes(matrix, held)
@@ -177,17 +190,6 @@ class LinearSolver:
             raise LinearSolveError(f"PETSc error {error.ierr} in MUMPS") from None
         finally:
             ksp.destroy()
-
-    def _hold(self, matrix: Any, held: Indices, x: Any, b: Any) -> None:
-        # The diagonal's own size keeps the condition number; 1.0 would not for E = 1e9.
-        diagonal = matrix.getDiagonal()
-        typical = float(diagonal.norm(PETSc.NormType.NORM_1)) / diagonal.size or 1.0
-        diagonal.destroy()
-        first, _ = matrix.getOwnershipRange()
-        rows = np.asarray(held, dtype=PETSc.IntType) + first
-        matrix.zeroRowsColumns(rows, diag=typical, x=x, b=b)
-        if self._is_symmetric:
-            matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
     def _run(self, b: Any, x: Any) -> None:
         try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-import math
 import resource
 import sys
 import time
@@ -20,14 +19,8 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.adaptivity.duals import dual_of, solve_duals
-from palpate.reference.adaptivity.goals import (
-    Budget,
-    Goal,
-    difference,
-    error_bar,
-    has_limit,
-    has_point_forces,
-)
+from palpate.reference.adaptivity.goals import Budget, Goal
+from palpate.reference.adaptivity.history import History
 from palpate.reference.adaptivity.recovery import GradientRecovery
 from palpate.reference.deformed_state import smallest_stretches
 from palpate.reference.discrete_problem import DiscreteProblem
@@ -106,7 +99,7 @@ def solve_adaptively(
     start, base = time.perf_counter(), _memory()
     case_cell = np.arange(problem.mesh.num_cells)
     current = problem
-    history = _History(goals)
+    history = History(goals)
     last: Equilibrium | None = None
     state: ReferenceResult | None = None
     refined: LocallyRefined | None = None
@@ -255,7 +248,7 @@ def _memory() -> float:
 
 
 def _too_much(
-    history: _History, refined: LocallyRefined, budget: Budget, spent: float, base: float
+    history: History, refined: LocallyRefined, budget: Budget, spent: float, base: float
 ) -> str:
     """Why the next mesh is not begun; empty where it is. `base`: held before the first one [GB]."""
     growth = refined.problem.mesh.num_cells / history.cells[-1]
@@ -269,92 +262,3 @@ def _too_much(
     if memory > budget.memory:
         return f"the next mesh would need {memory:.1f} GB; the budget is {budget.memory:g} GB"
     return ""
-
-
-class _History:
-    """What each mesh was and said."""
-
-    def __init__(self, goals: Sequence[Goal]) -> None:
-        self._goals = tuple(goals)
-        self._last: ReferenceResult | None = None
-        self.cells: list[int] = []
-        self.unknowns: list[int] = []
-        self.seconds: list[float] = []
-        self.estimates: list[list[float]] = []
-        self.differences: list[list[float]] = []
-        self.bars: list[list[float]] = []
-
-    def add(
-        self,
-        problem: Problem,
-        current: Problem,
-        discrete: DiscreteProblem,
-        state: ReferenceResult,
-        errors: dict[Goal, Floats],
-    ) -> None:
-        self.cells.append(current.mesh.num_cells)
-        self.unknowns.append(int(fenicsx.total(discrete.num_dofs)))
-        self.estimates.append([float(errors[goal].sum()) for goal in self._goals])
-        self.differences.append(
-            [
-                math.inf
-                if self._last is None
-                else difference(goal.quantity, problem.mesh, state, self._last)
-                for goal in self._goals
-            ]
-        )
-        series = zip(*self.differences[1:], strict=True) if len(self.cells) > 1 else ()
-        rows = list(series) or [()] * len(self._goals)
-        is_singular = has_point_forces(problem, state)
-        self.bars.append(
-            [
-                error_bar(row, [step[k] for step in self.estimates])
-                if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
-                else math.inf
-                for k, (goal, row) in enumerate(zip(self._goals, rows, strict=True))
-            ]
-        )
-        self._last = state
-
-    def lose_limit(self) -> None:
-        """There is a finer mesh without an equilibrium: nothing has a limit."""
-        self.bars[-1] = [math.inf] * len(self._goals)
-
-    def needs(self) -> list[float]:
-        """How many times too large each goal's bar is, or its estimate where it has none yet."""
-        rows = zip(self._goals, self.bars[-1], self.estimates[-1], strict=True)
-        needs = [
-            (bar if math.isfinite(bar) else estimate) / goal.tolerance
-            for goal, bar, estimate in rows
-        ]
-        return needs if any(need > 0.0 for need in needs) else [1.0] * len(needs)
-
-    def met(self) -> str:
-        """That every bar is small enough, in words; empty where one is not."""
-        pairs = zip(self.bars[-1], self._goals, strict=True)
-        return "every bar is met" if all(bar <= goal.tolerance for bar, goal in pairs) else ""
-
-    def line(self) -> str:
-        said = ", ".join(
-            f"{goal.quantity} {bar:.2g}"
-            for goal, bar in zip(self._goals, self.bars[-1], strict=True)
-        )
-        return (
-            f"mesh {len(self.cells)}: {self.cells[-1]} cells, {self.unknowns[-1]} unknowns, "
-            f"{self.seconds[-1]:.1f} s; bars: {said}"
-        )
-
-    def result(self, state: ReferenceResult, end: str) -> AdaptiveResult:
-        fields = {f.name: getattr(state, f.name) for f in dataclasses.fields(ReferenceResult)}
-        return AdaptiveResult(
-            **fields,
-            quantities=tuple(str(goal.quantity) for goal in self._goals),
-            tolerances=tuple(goal.tolerance for goal in self._goals),
-            num_cells=np.array(self.cells),
-            num_unknowns=np.array(self.unknowns),
-            seconds=np.array(self.seconds),
-            estimates=np.array(self.estimates),
-            differences=np.array(self.differences),
-            bars=np.array(self.bars),
-            ended=end,
-        )

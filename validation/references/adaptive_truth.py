@@ -12,13 +12,12 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from numpy.linalg import norm
-
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
 from palpate.validation.metrics import COMPARISONS
 from palpate.validation.references.sequences import NOISE
-from palpate.validation.states import REFERENCE, Progress, State
+from palpate.validation.references.static_states import state_of
+from palpate.validation.states import Progress, State
 
 DEGREE = 2
 # Where a file's provenance keeps the record of such a truth.
@@ -82,24 +81,8 @@ def solve_truth(
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)
     assert isinstance(found, AdaptiveResult)
     progress(f"{label}, {strain} strain: {found.ended}")
-    state = State(
-        label=label,
-        simulator=REFERENCE,
-        strain=strain,
-        degree=found.degree,
-        displacement=found.displacement,
-        volume=found.volume,
-        surface_area=found.surface_area,
-        smallest_det_f=found.smallest_det_f,
-        max_displacement=float(norm(found.displacement, axis=1).max()),
-        seconds=time.perf_counter() - start,
-        details={
-            "relative_residual": found.relative_residual,
-            "newton_iterations": found.newton_iterations,
-            "formulation": found.formulation.value,
-        },
-        versions=dict(found.versions),
-    )
+    seconds = time.perf_counter() - start
+    state = state_of(found, strain, label=label, degree=found.degree, seconds=seconds)
     bars = {metric: found.bar(metric) for metric in COMPARISONS}
     return state, bars, _record(found)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.linalg import norm
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
@@ -28,6 +27,7 @@ from palpate.validation.references.sequences import (
     bar_of,
     bar_of_two,
 )
+from palpate.validation.references.static_states import state_of
 from palpate.validation.states import REFERENCE, CellStresses, Progress, State
 
 SAME_MESH = "reference P1"
@@ -126,24 +126,13 @@ def solve_state(
         result.cauchy_stress,
         result.first_piola_kirchhoff_stress,
     )
-    return State(
+    return state_of(
+        result,
+        strain,
         label=label,
-        simulator=REFERENCE,
-        strain=strain,
         degree=degree,
-        displacement=result.displacement,
-        volume=result.volume,
-        surface_area=result.surface_area,
-        smallest_det_f=result.smallest_det_f,
-        max_displacement=float(norm(result.displacement, axis=1).max()),
         seconds=time.perf_counter() - start,
-        details={
-            "relative_residual": result.relative_residual,
-            "newton_iterations": result.newton_iterations,
-            "formulation": result.formulation.value,
-        },
         tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
-        versions=dict(result.versions),
         element=element,
         stresses=stresses,
         integrals=None if degree == 1 else stress_integrals(problem.mesh, stresses),

@@ -1,0 +1,36 @@
+"""A static answer of the reference as a state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numpy.linalg import norm
+
+from palpate.meshes.problem import Strain
+from palpate.reference.result import ReferenceResult
+from palpate.validation.states import REFERENCE, State
+
+
+def state_of(
+    found: ReferenceResult, strain: Strain, *, label: str, degree: int, seconds: float, **rest: Any
+) -> State:
+    """What the reference found, named and timed; `rest` are further fields of the state."""
+    return State(
+        label=label,
+        simulator=REFERENCE,
+        strain=strain,
+        degree=degree,
+        displacement=found.displacement,
+        volume=found.volume,
+        surface_area=found.surface_area,
+        smallest_det_f=found.smallest_det_f,
+        max_displacement=float(norm(found.displacement, axis=1).max()),
+        seconds=seconds,
+        details={
+            "relative_residual": found.relative_residual,
+            "newton_iterations": found.newton_iterations,
+            "formulation": found.formulation.value,
+        },
+        versions=dict(found.versions),
+        **rest,
+    )
