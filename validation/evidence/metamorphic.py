@@ -138,7 +138,7 @@ def _relations(
         given, back = changed
         return lambda: float(np.abs(back(answer(given)) - own).max() / scale)
 
-    # Supports of single components turn with their axes only: x to y to z.
+    # At other angles single components become slanted normals, which few simulators know.
     is_general = all(all(support.components) for support in problem.supports)
     axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     matrix = transforms.rotation(_AXIS, ANGLE_DEG) if is_general else axes

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from palpate.fastsim.statics import solve_static
 from palpate.meshes import transforms
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import Case, load_case
 from palpate.validation.evidence.metamorphic import LEAST_BROKEN, judge_relations
@@ -52,7 +52,7 @@ def test_the_benchmarks_keep_them_too(name: str) -> None:
     assert "turned" in broken(Fault.MIRRORED, name)
 
 
-def test_single_components_turn_with_their_axes_only() -> None:
+def test_single_components_turn_with_their_axes_or_become_normals() -> None:
     problem = load_case("stretch").problem
     quarter = transforms.rotation((0.0, 0.0, 1.0), 90.0)
     turned, back = transforms.turn(problem, quarter)
@@ -65,8 +65,13 @@ def test_single_components_turn_with_their_axes_only() -> None:
         (True, False, False),
     ]
     np.testing.assert_allclose(back(turned.mesh.points), problem.mesh.points, atol=1e-15)
-    with pytest.raises(InputError, match="axes only"):
-        transforms.turn(problem, transforms.rotation((0.0, 0.0, 1.0), 45.0))
+    slanted, back = transforms.turn(problem, transforms.rotation((0.0, 0.0, 1.0), 45.0))
+    normals = [s.normal for s in slanted.supports][:2]
+    half = np.sqrt(0.5)
+    np.testing.assert_allclose(np.array(normals), [[half, half, 0.0], [-half, half, 0.0]])
+    straight = solve_static(problem).displacement
+    found = back(slanted.mesh.points + solve_static(slanted).displacement) - problem.mesh.points
+    assert np.abs(found - straight).max() <= 1e-9 * np.abs(straight).max()
 
 
 def test_maps_are_undone_and_problems_are_really_changed(
