@@ -55,21 +55,24 @@ class BoxTree:
         """Every place with every item whose box holds it: two arrays of the same length."""
         found = [(np.zeros(0, dtype=np.int64),) * 2]
         for rows in _in_chunks(len(places)):
-            who, nodes = self._descend(places[rows], is_nearest=False)
+            who, nodes = self._descend(places[rows])
             found.append((rows[who], self._items[nodes - len(self._items)]))
         return np.concatenate([w for w, _ in found]), np.concatenate([i for _, i in found])
 
-    def nearest(self, places: Points, distance: Distance) -> Rows:
+    def nearest(self, places: Points, distance: Distance, within: Points | None = None) -> Rows:
         """The item nearest to each place, (num_places,); of equals the first.
 
         Args:
             places: [m], (num_places, 3), finite.
             distance: Of places from items [m], both given by number, (n,) each.
+            within: No farther than this is an item known to be [m], (num_places,): where that is
+                near, much less has to be looked at.
         """
         nearest = np.empty(len(places), dtype=np.int64)
         for rows in _in_chunks(len(places)):
             some = places[rows]
-            who, nodes = self._descend(some, is_nearest=True)
+            known = np.full(len(some), np.inf) if within is None else within[rows]
+            who, nodes = self._descend(some, known)
             items = self._items[nodes - len(self._items)]
             # The likeliest first: most others are then too far by their boxes.
             order = np.lexsort([_length(some[who] - self._inner[nodes]), who])
@@ -82,17 +85,21 @@ class BoxTree:
             nearest[rows] = items[order[_starts(who)]]
         return nearest
 
-    def _descend(self, places: Points, *, is_nearest: bool) -> tuple[Rows, Rows]:
-        """Places, in order, with the leaves that hold them or may be nearest."""
+    def _descend(self, places: Points, known: Points | None = None) -> tuple[Rows, Rows]:
+        """Places, in order, with the leaves that hold them; that may be nearest where told how far.
+
+        `known` is how far the nearest is at most [m], (num_places,).
+        """
         who, nodes = np.arange(len(places)), np.ones(len(places), dtype=np.int64)
         for level in range(self._depth + 1):
             if level:
                 who, nodes = np.repeat(who, 2), np.repeat(2 * nodes, 2)
                 nodes[1::2] += 1
             bound = np.zeros(len(places))
-            if is_nearest:
+            if known is not None:
                 to_inner = _length(places[who] - self._inner[nodes])
-                bound = np.minimum.reduceat(to_inner, _starts(who)) + self._rounding(places)
+                nearest = np.minimum(np.minimum.reduceat(to_inner, _starts(who)), known)
+                bound = nearest + self._rounding(places)
             kept = self._apart(places[who], nodes) <= bound[who]
             who, nodes = who[kept], nodes[kept]
         return who, nodes

@@ -29,7 +29,10 @@ class Nearest:
 
 
 def nearest_on_surface(
-    places: Points, points: Points, facets: Indices | NDArray[np.int64]
+    places: Points,
+    points: Points,
+    facets: Indices | NDArray[np.int64],
+    within: Points | None = None,
 ) -> Nearest:
     """Find the nearest place on any facet.
 
@@ -37,10 +40,13 @@ def nearest_on_surface(
         places: [m], (num_places, 3), finite.
         points: Of the surface [m], (num_points, 3).
         facets: One or more, (num_facets, 3).
+        within: No farther than this is the surface known to be [m], (num_places,).
     """
     corners = points[facets]
     tree = BoxTree(corners.min(axis=1), corners.max(axis=1), corners.mean(axis=1))
-    chosen = tree.nearest(places, lambda who, items: _on_triangles(places[who], corners[items])[1])
+    chosen = tree.nearest(
+        places, lambda who, items: _on_triangles(places[who], corners[items])[1], within
+    )
     weights, distances = _on_triangles(places, corners[chosen])
     return Nearest(chosen, weights, distances)
 

@@ -41,13 +41,17 @@ def surface_distances(
     )
     for pair in pairs:
         from_points, from_facets, to_points, to_facets = pair
-        corners = from_points[from_facets[:: _stride(pair)]]
-        samples = np.concatenate(
-            [corners, 0.5 * (corners + corners[:, [1, 2, 0]]), corners.mean(axis=1)[:, None]],
-            axis=1,
+        chosen = from_facets[:: _stride(pair)]
+        samples = _samples(from_points[chosen])
+        places, first, index = np.unique(
+            samples.reshape(-1, 3), axis=0, return_index=True, return_inverse=True
         )
-        places, index = np.unique(samples.reshape(-1, 3), axis=0, return_inverse=True)
-        distances = distances_to_surface(places, to_points, to_facets)
+        within = None
+        if from_facets is to_facets and len(from_points) == len(to_points):
+            # Of one body in two states, a place's own in the other is near already.
+            there = _samples(to_points[chosen]).reshape(-1, 3)[first]
+            within = np.linalg.norm(places - there, axis=1)
+        distances = distances_to_surface(places, to_points, to_facets, within)
         farthest.append(largest(distances))
         by_facet = distances[index.reshape(samples.shape[:2])]
         areas = facet_areas(from_points, from_facets[:: _stride(pair)])
@@ -55,6 +59,12 @@ def surface_distances(
         weights = np.array([0.05] * 3 + [2.0 / 15.0] * 3 + [0.45])
         means.append(float(areas @ (by_facet @ weights) / areas.sum()))
     return largest(farthest), sum(means) / 2.0
+
+
+def _samples(corners: Array) -> Array:
+    """Corners, edge midpoints and centroid of triangles (n, 3, 3): (n, 7, 3)."""
+    middles = 0.5 * (corners + corners[:, [1, 2, 0]])
+    return np.concatenate([corners, middles, corners.mean(axis=1)[:, None]], axis=1)
 
 
 def _stride(pair: tuple[Points, Indices, Points, Indices]) -> int:
@@ -70,9 +80,11 @@ def _stride(pair: tuple[Points, Indices, Points, Indices]) -> int:
     return int(min(max(torn, 1.0), max(len(pair[1]) / _FEWEST, 1.0)))
 
 
-def distances_to_surface(places: Points, points: Points, facets: Indices) -> Array:
-    """Distance of each place to the nearest facet [m], (num_places,)."""
-    return nearest_on_surface(places, points, facets).distances
+def distances_to_surface(
+    places: Points, points: Points, facets: Indices, within: Points | None = None
+) -> Array:
+    """Distance of each place to the nearest facet [m], (num_places,); known to be `within`."""
+    return nearest_on_surface(places, points, facets, within).distances
 
 
 @lru_cache(maxsize=2)

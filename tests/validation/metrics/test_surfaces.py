@@ -46,11 +46,18 @@ def test_the_search_finds_what_brute_force_finds() -> None:
     points = sphere.points + 5.0
     places = rng.uniform(3.5, 6.5, (300, 3))
     found = distances_to_surface(places, points, sphere.facets)
-    one_by_one = [
-        min(float(distances_to_surface(p[None], points, f[None])[0]) for f in sphere.facets)
-        for p in places[:40]
-    ]
-    np.testing.assert_allclose(found[:40], one_by_one, rtol=1e-12)
+    one_by_one = [distances_to_surface(places, points, facet[None]) for facet in sphere.facets]
+    np.testing.assert_allclose(found, np.min(one_by_one, axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-9, 0.05, 2.0])
+def test_what_is_known_of_one_body_in_two_states_changes_no_distance(size: float) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.3)
+    random = np.random.default_rng(4)
+    moved = sphere.points + size * random.standard_normal(sphere.points.shape)
+    known = surface_distances(sphere.points, sphere.facets, moved, sphere.facets)
+    # Facets that are not the very same say nothing of which place belongs to which.
+    assert known == surface_distances(sphere.points, sphere.facets, moved, sphere.facets.copy())
 
 
 def test_a_shifted_box_is_off_by_the_shift_and_sliding_is_seen_at_the_ends_only() -> None:

@@ -11,6 +11,8 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.validation.metrics.time_series import (
     OscillationError,
+    _first_guess,
+    _misfit,
     fit_oscillation,
     fit_uncertainty,
     oscillation_error,
@@ -118,3 +120,21 @@ def test_a_short_series_is_uncertain_and_never_a_crash(count: int, periods: floa
         assert getattr(clean, word) < 1e-6
         assert np.isfinite(getattr(noisy, word))
     assert noisy.amplitude > 1e-3
+
+
+@pytest.mark.parametrize("are_even", [True, False])
+@pytest.mark.parametrize("damping", [0.0, 1.5, 6.0])
+def test_the_first_guess_is_the_best_of_the_whole_grid(damping: float, are_even: bool) -> None:
+    # Every fit of the grid by itself, by least squares: what the quick choice must not miss.
+    random = np.random.default_rng(12)
+    t = TIMES - TIMES[0] if are_even else np.sort(random.uniform(0.0, 2.0, 60))
+    t = t - t[0]
+    for frequency in random.uniform(0.8, 14.0, 4):
+        swing = np.exp(-damping * t) * np.cos(2 * math.pi * frequency * t + 1.0)
+        x = 3.0 + swing + 0.2 * np.cos(31.0 * t) + 0.05 * random.standard_normal(len(t))
+        grid = [
+            (float(np.sum(_misfit(t, x, w, g) ** 2)), float(w), float(g))
+            for w in 0.5 * math.pi / t[-1] * np.arange(2, 2 * (len(t) - 1))
+            for g in np.array([0.0, 1.0, 3.0, 6.0]) / t[-1]
+        ]
+        assert _first_guess(t, x) == min(grid)[1:]
