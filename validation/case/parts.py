@@ -23,7 +23,8 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
 
     Raises:
         EmptyRegionError: The region selects nothing.
-        InputError: No such support, or a region without a cut: all of the body lies in it.
+        InputError: No such support or tool, a support that moves in time, or a region without a
+            cut: all of the body lies in it.
     """
     mesh = problem.mesh
     weights = np.zeros_like(mesh.points)
@@ -35,8 +36,21 @@ def part_of_check(spec: CheckSpec, problem: Problem, units: Units, what: str) ->
                 "[[support]] tables, counted from 1"
             )
         support = problem.supports[spec.support - 1]
+        if support.is_moved and support.amplitude is not None and problem.time is not None:
+            raise InputError(
+                f"{what}: support {spec.support} moves in time, and the inertia of what it holds "
+                "is no part of what is read of its force; check one at rest"
+            )
         weights[support.points] = support.components
-        return Part(none, weights, is_support=True, says=f"support {spec.support}")
+        number = spec.support - 1
+        return Part(none, weights, support=number, says=f"support {spec.support}")
+    if spec.tool is not None:
+        if spec.tool > len(problem.tools):
+            raise InputError(
+                f"{what}: tool = {spec.tool}, but the case has {len(problem.tools)} [[tool]] "
+                "tables, counted from 1"
+            )
+        return Part(none, weights, tool=spec.tool - 1, says=f"tool {spec.tool}")
     if spec.region is None:
         return None
     if not spec.about.is_of_surface:

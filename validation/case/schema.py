@@ -27,13 +27,15 @@ from palpate.validation.case.numbers import (
 )
 from palpate.validation.case.region_schema import RegionSpec, Table
 from palpate.validation.case.units import Units
-from palpate.validation.metrics import CATALOGUE, Metric
+from palpate.validation.metrics import CATALOGUE, STRESSES, Metric
 from palpate.validation.states import Precision
 
 if TYPE_CHECKING:
     MetricName: TypeAlias = str
+    ComponentName: TypeAlias = str
 else:
     MetricName = Literal[tuple(CATALOGUE)]
+    ComponentName = Literal[(*"xyz", *STRESSES)]
 
 
 class MaterialSpec(Table):
@@ -79,18 +81,20 @@ class CheckSpec(Table):
     """"single" raises the limit to what float32 does; the case's where nothing is said."""
     at: Vector | None = None
     """Of what is published: the point of the mesh [units.length]."""
-    component: Literal["x", "y", "z"] | None = None
-    """Of what is published: which component."""
+    component: ComponentName | None = None
+    """Of what is published: which component; the last eight of a stress."""
     quantity: Literal["amplitude", "frequency", "damping", "mean"] | None = None
     """Of a published_oscillation."""
     expected: Number | None = None
-    """The published number [units.length, Hz or 1/s]; the reason names its source."""
+    """The published number, in the case's units, Hz or 1/s; the reason names its source."""
     uncertainty: NotNegative | None = None
     """Of the published or measured number, in its unit; counts in the verdict like an error bar."""
     region: RegionSpec | None = None
-    """Of stress_l2: cells looked at, away from clamped edges; of traction_resultant: one side."""
+    """Of stress: cells looked at, away from clamped edges; of traction_resultant: one side."""
     support: Annotated[Count, Field(ge=1)] | None = None
-    """Of a traction_resultant: the number of a [[support]], from 1, instead of a region."""
+    """Whose force: the number of a [[support]], from 1; of a traction_resultant or a region."""
+    tool: Annotated[Count, Field(ge=1)] | None = None
+    """Of a published_tool_force: the number of a [[tool]], from 1."""
 
     @model_validator(mode="after")
     def _makes_sense(self) -> CheckSpec:
@@ -107,33 +111,46 @@ class CheckSpec(Table):
             raise ValueError(f'{self.metric} goes with against = "same_mesh" only')
         if self.precision is not None and about.is_own:
             raise ValueError(f"precision goes with what is compared, not with {self.metric}")
-        given = [key for key in ("at", "component", "expected") if getattr(self, key) is not None]
-        if (about.is_published and len(given) < 3) or (given and not about.is_published):
-            raise ValueError(
-                f"at, component and expected go with {' and '.join(_names(_is_published))}, "
-                "all three"
-            )
-        if (about.is_published and about.is_fitted) != (self.quantity is not None):
-            (swing,) = _names(lambda m: m.is_published and m.is_fitted)
-            raise ValueError(f"quantity goes with {swing}: {swing} needs one")
-        if self.uncertainty is not None and not about.is_published:
-            raise ValueError(f"uncertainty goes with {' and '.join(_names(_is_published))}")
-        if about.is_published and not self.expected:
-            raise ValueError("expected = 0 gives no scale; choose another component or point")
+        self._says_which_number()
         self._looks_somewhere()
         if not about.is_own and self.limit <= 0.0:
             raise ValueError("limit must be above 0")
         return self
 
+    def _says_which_number(self) -> None:
+        """Raise ValueError where what says which number is published is missing or too much."""
+        about = self.about
+        missing = [key for key in about.asks if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"{self.metric} needs {', '.join(missing)}")
+        for key in ("at", "component", "quantity", "tool", "expected"):
+            if getattr(self, key) is not None and key not in about.asks:
+                takers = [metric.name for metric in CATALOGUE.values() if key in metric.asks]
+                raise ValueError(f"{key} goes with {', '.join(takers)}")
+        if self.uncertainty is not None and not about.is_published:
+            published = ", ".join(_names(lambda m: m.is_published))
+            raise ValueError(f"uncertainty goes with {published}")
+        if self.component is not None and self.component not in about.components:
+            known = ", ".join(about.components)
+            raise ValueError(f"component of {self.metric} is one of {known}")
+        if about.is_published and not self.expected:
+            raise ValueError("expected = 0 gives no scale; choose another component or place")
+
     def _looks_somewhere(self) -> None:
         """Raise ValueError where a part of the body is missing, or given where it has no place."""
         about = self.about
-        if self.support is not None and not about.is_of_surface:
-            surfaces = ", ".join(_names(lambda m: m.is_of_surface))
+        takes_support = about.is_of_surface or "support" in about.asks
+        if self.support is not None and not takes_support:
+            surfaces = ", ".join(_names(lambda m: m.is_of_surface or "support" in m.asks))
             raise ValueError(f"support goes with {surfaces}")
-        if self.region is not None and about.of_part is None:
-            parts = ", ".join(_names(lambda m: m.of_part is not None))
+        takes_region = about.of_part is not None or "region" in about.asks
+        if self.region is not None and not takes_region:
+            parts = ", ".join(_names(lambda m: m.of_part is not None or "region" in m.asks))
             raise ValueError(f"region goes with {parts}")
+        if self.region is not None and self.region.nearest is not None:
+            raise ValueError(
+                "the region of a check is a box, a ball, a half_space or a group, not a point"
+            )
         if about.of_part is None:
             return
         if about.is_of_surface and (self.region is None) == (self.support is None):
@@ -144,10 +161,6 @@ class CheckSpec(Table):
             raise ValueError(
                 f"{self.metric} needs region: cells away from clamped edges, where stress has no "
                 "bound"
-            )
-        if self.region is not None and self.region.nearest is not None:
-            raise ValueError(
-                "the region of a check is a box, a ball, a half_space or a group, not a point"
             )
 
     @property
@@ -163,10 +176,6 @@ class CheckSpec(Table):
 
 def _names(which: Callable[[Metric], bool]) -> list[str]:
     return [metric.name for metric in CATALOGUE.values() if which(metric)]
-
-
-def _is_published(metric: Metric) -> bool:
-    return metric.is_published
 
 
 class TruthSpec(Table):

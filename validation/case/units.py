@@ -66,6 +66,22 @@ class Units(BaseModel):
         """Turn a stress into pascals."""
         return value * STRESS[self.stress]
 
+    def of(self, dimension: str) -> tuple[float, str]:
+        """SI units in one of the case's, and its name.
+
+        Args:
+            dimension: "length", "force", "stress", "volume" (length cubed) or "energy" (force
+                times length).
+        """
+        length, force = LENGTH[self.length], FORCE[self.force]
+        return {
+            "length": (length, self.length),
+            "force": (force, self.force),
+            "stress": (STRESS[self.stress], self.stress),
+            "volume": (length**3, f"{self.length}3"),
+            "energy": (force * length, f"{self.force} {self.length}"),
+        }[dimension]
+
     def kilograms_per_cubic_metre(self, value: float) -> float:
         """Turn a density into kg/m3."""
         return value * DENSITY[self.density]

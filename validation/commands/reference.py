@@ -96,7 +96,7 @@ def build(
                 print(for_terminal(f"{name}: its truth carries no stresses: nothing to build"))
                 continue
             old = load_checked(accepted_path(case.name, case.beside), case.name, case.problem, name)
-            asking = (spec.strain for spec in case.checks if spec.about.of_part is not None)
+            asking = (spec.strain for spec in case.checks if spec.about.is_of_integrals)
             strains = {case.strain, *(strain for strain in asking if strain is not None)}
             found = with_stresses(case.problem, old, sorted(strains), about, progress)
             provenance: dict[str, Any] = dict(found.provenance)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case import Case
 from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.published import metric_of_bar
+from palpate.validation.judging.published import metric_of_bar, number_of
 from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
-from palpate.validation.metrics import is_still, tells_stress
+from palpate.validation.metrics import Number, is_still, tells_stress
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.references.stress_bars import bar_of_part
+from palpate.validation.references.stress_bars import bar_of_number, bar_of_part
 from palpate.validation.states import State, Verdict
 
 
@@ -53,7 +53,7 @@ class CaseJudge:
         """Judge one check of an answer; `failure` says why there is none."""
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
-        if spec.about.of_part is not None:
+        if spec.about.is_of_integrals:
             bar = self._bar_of_part(spec)
         else:
             bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
@@ -103,8 +103,13 @@ class CaseJudge:
         if spec.against != "truth":
             return self.references.same_mesh(strain)
         truth = self.references.truth(strain)
-        is_mute = spec.about.of_part is not None and truth is not None and not tells_stress(truth)
-        return None if is_mute else truth
+        if truth is None or not spec.about.is_of_integrals:
+            return truth
+        is_told = tells_stress(truth) and (spec.about.read is None or self._number(spec, truth))
+        return truth if is_told else None
+
+    def _number(self, spec: CheckSpec, state: State) -> Number | None:
+        return number_of(spec, self.problem, state, self.case.spec.units)
 
     def _bar_of_part(self, spec: CheckSpec) -> float:
         """Of the truth in the part that a check names; every answer is held against the same."""
@@ -112,9 +117,14 @@ class CaseJudge:
             return 0.0
         if spec not in self._bars_of_parts:
             problem, units, strain = self.problem, self.case.spec.units, self.strain_of(spec)
-            part = part_of_check(spec, problem, units, f"check {spec.metric}")
-            assert part is not None
-            bar = bar_of_part(problem, self.references, strain, spec.metric, part)
+            if spec.about.read is not None:
+                bar = bar_of_number(self.references, strain, partial(self._number, spec))
+                # Relative to the number expected, as its errors are.
+                bar /= abs(spec.expected or 0.0) * units.of(spec.about.dimension)[0]
+            else:
+                part = part_of_check(spec, problem, units, f"check {spec.metric}")
+                assert part is not None
+                bar = bar_of_part(problem, self.references, strain, spec.metric, part)
             self._bars_of_parts[spec] = bar
         return self._bars_of_parts[spec]
 
@@ -129,12 +139,13 @@ class CaseJudge:
         is_truth = spec.against == "truth" and references.truth(strain) is not None
         if is_truth and self._reference(spec) is None:
             called = case_name(self.case)
+            kept = "stresses" if spec.about.read is None else "stresses and energy"
             # Of meshes refined for displacements nothing can be added: it is built anew.
             how = "build it anew" if ADAPTIVE in references.provenance else "add them"
             option = "" if ADAPTIVE in references.provenance else " --stress"
             return (
-                f"the stored truth of this case has no stresses: {how} with `palpate reference "
-                f"build {called}{option}` where FEniCSx is installed, then `palpate reference "
+                f"the stored truth of this case has no {kept}: {how} with `palpate reference build "
+                f"{called}{option}` where FEniCSx is installed, then `palpate reference "
                 f"accept {called} --reason TEXT`"
             )
         is_there = spec.against != "same_mesh" or references.same_mesh(strain) is not None

@@ -10,7 +10,7 @@ import dataclasses
 from palpate.validation.case import Case
 from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.judging.published import metric_of_bar
+from palpate.validation.judging.published import metric_of_bar, number_of
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics.rounding import LARGEST, SinglePrecision
 from palpate.validation.references.sets import ReferenceSet
@@ -89,6 +89,12 @@ class PrecisionGrant:
             return None
         metric = spec.metric if spec.about.is_fitted else metric_of_bar(spec)
         problem, units = self._case.problem, self._case.spec.units
+        if spec.about.read is not None and not spec.about.needs_tools:
+            unit, _ = units.of(spec.about.dimension)
+            expected = abs(spec.expected or 0.0) * unit
+            return self._single.limit_of_number(
+                lambda state: number_of(spec, problem, state, units), base, expected
+            )
         part = part_of_check(spec, problem, units, f"check {spec.metric}")
         return self._single.limit(metric, base, part) * self._scale(spec, base)
 
@@ -97,11 +103,18 @@ class PrecisionGrant:
         return LARGEST * (self._scale(spec, base) if base else 1.0)
 
     def _scale(self, spec: CheckSpec, base: State) -> float:
-        """Of a published displacement, the largest one over the number expected at a point."""
-        if not spec.about.is_published or spec.about.is_fitted:
+        """Of a published displacement, the largest one over the number expected at a point.
+
+        Of the force on a tool likewise.
+        """
+        about, units = spec.about, self._case.spec.units
+        if not about.is_published or about.is_fitted or (about.read and not about.needs_tools):
             return 1.0
-        expected = self._case.spec.units.metres(spec.expected or 0.0)
-        return base.max_displacement / abs(expected)
+        expected = abs(spec.expected or 0.0) * units.of(about.dimension)[0]
+        if about.read is None:
+            return base.max_displacement / expected
+        found = number_of(spec, self._case.problem, base, units)
+        return 1.0 if found is None or found.scale is None else found.scale / expected
 
 
 def _can_be_rounded(spec: CheckSpec) -> bool:

@@ -6,23 +6,37 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
+from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.regions import point_at
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
+from palpate.validation.metrics import Number, Part
+from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
 from palpate.validation.states import State
 
 _LENGTHS = ("amplitude", "mean")
+_WHOLE = Part(np.zeros(0, dtype=np.int32), np.zeros((0, 3)))
 
 
 def metric_of_bar(spec: CheckSpec) -> str:
     """Which metric's error bar says how far the truth's number may be off."""
     if spec.quantity is not None:
         return f"oscillation_{spec.quantity}"
-    return "displacement_max" if spec.about.is_published else spec.metric
+    return spec.about.bar_of or spec.metric
+
+
+def number_of(spec: CheckSpec, problem: Problem, state: State, units: Units) -> Number | None:
+    """The number of a state that a check is about, in SI units; None where it is not told."""
+    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    assert spec.about.read is not None
+    with np.errstate(over="ignore", invalid="ignore"):
+        return spec.about.read(problem, state, part or _WHOLE, spec.component or "")
 
 
 @dataclass(frozen=True)
@@ -47,14 +61,16 @@ class Comparison:
 def compare_published(
     spec: CheckSpec, problem: Problem, state: State, units: Units | None
 ) -> Comparison:
-    """Hold one component at one point against the number expected.
+    """Hold a number of a state against the one expected.
 
-    Of an oscillation: what is fitted to that component over time.
+    Of an oscillation: what is fitted to a point's component over time.
 
     Raises:
-        InputError: No point of the mesh lies there.
+        InputError: No point of the mesh lies there, or no such part of the body.
     """
     used = units or Units()
+    if spec.about.read is not None:
+        return _compare_number(spec, problem, state, used)
     assert spec.component is not None
     assert spec.at is not None
     point = point_at(problem.mesh, spec.at, used, "check")
@@ -92,6 +108,27 @@ def compare_published(
         return compared
     message = f"{compared.message}; {why_not}"
     return dataclasses.replace(compared, message=message, uncertainty=math.inf)
+
+
+def _compare_number(spec: CheckSpec, problem: Problem, state: State, units: Units) -> Comparison:
+    if not are_measurable(*state.fields):
+        return Comparison(math.inf, "the displacement is no number, or too large for one")
+    found = number_of(spec, problem, state, units)
+    if found is None:
+        return Comparison(math.inf, f"{state.label} does not tell it")
+    unit, name = units.of(spec.about.dimension)
+    size = abs(spec.expected or 0.0)
+    scale = size if found.scale is None else found.scale / unit
+    off = found.doubt
+    if state.other_reading is not None:
+        other = number_of(spec, problem, state.other_reading, units)
+        off += math.inf if other is None else abs(found.value - other.value)
+    compared = _compare(spec, found.value / unit, name, scale, off / unit)
+    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    if part is None:
+        return compared
+    where = f"{spec.component}, {part.says}"
+    return dataclasses.replace(compared, message=f"{compared.message}; {where}")
 
 
 def _compare(

@@ -11,11 +11,12 @@ from palpate.validation.references.adaptive_truth import TruthRequest
 def truth_request(case: Case) -> TruthRequest | None:
     """The bar and budget of a case's [truth], for the metrics whose bars its checks use.
 
-    None where stress is checked, which meshes refined for displacements do not tell.
+    None where stress, a reaction or an energy is checked, which meshes refined for displacements
+    do not tell.
     """
     asked = case.spec.truth
     against = [spec for spec in case.checks if spec.against == "truth"]
-    if any(spec.about.of_part is not None for spec in against):
+    if any(spec.about.is_of_integrals for spec in against):
         return None
     metrics = {
         strain: {metric_of_bar(s) for s in against if (s.strain or case.strain) is strain}

@@ -1,8 +1,10 @@
 """How far apart two solutions are: each metric with its unit, its scale and its meaning."""
 
-from palpate.validation.metrics.catalogue import CATALOGUE, MOVING_TRUTH_METRICS, Metric, measure
+from palpate.validation.metrics.catalogue import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.fields import det_f, inverted_cells, most_inverted, smallest_det_f
 from palpate.validation.metrics.finite import is_still
+from palpate.validation.metrics.metric import Metric
+from palpate.validation.metrics.numbers import STRESSES, Number
 from palpate.validation.metrics.own_mesh import OWN_MESH_REMEDY
 from palpate.validation.metrics.pairs import (
     COMPARISONS,
@@ -21,8 +23,10 @@ __all__ = [
     "COMPARISONS",
     "MOVING_TRUTH_METRICS",
     "OWN_MESH_REMEDY",
+    "STRESSES",
     "Difference",
     "Metric",
+    "Number",
     "Part",
     "det_f",
     "displacement_l2",

@@ -7,80 +7,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.metrics import fields, motion, own_mesh, pairs, stress, surfaces
+from palpate.validation.metrics import fields, motion, numbers, own_mesh, pairs, stress, surfaces
 from palpate.validation.metrics.finite import are_measurable, is_still
+from palpate.validation.metrics.metric import Compare, Metric
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.metrics.stress import Part
 from palpate.validation.states import State
-
-Compare = Callable[[Problem, State, State], Difference]
-CompareInPart = Callable[[Problem, State, State, Part], Difference]
-
-
-@dataclass(frozen=True)
-class Metric:
-    """One metric.
-
-    Attributes:
-        name: As in a case file.
-        meaning: What it says, in one line.
-        scale: What the error is divided by.
-        compare: Candidate and reference to a relative error; None of one state alone.
-        on_own_mesh: The same on a candidate's own mesh; None where it depends on no mesh.
-        of_part: As `compare`, of a part of the body that a check names.
-        own: Of the candidate alone.
-        says: What was found and the limit, of the candidate alone.
-        unit: Of the value.
-        is_published: Held against a number of the case file: the candidate's, or the truth's own.
-        is_alone: On its own mesh, without what it is at the case's points.
-        is_of_surface: Of a part: of a support or a cut, not of cells.
-        is_fitted: To a motion, as good as its samples.
-        is_lower_limit: The limit is the least that it may be, not the most.
-        has_moving_truth: The truth of a motion is held to it: points over time, not integrals of
-            the last state.
-        needs_same_mesh: Judged against the reference on the same mesh only: a quadratic solution
-            read at the points does not carry it.
-        needs_time: For cases with [time] only.
-        needs_tools: Of cases with tools only.
-    """
-
-    name: str
-    meaning: str
-    scale: str
-    compare: Compare | None = None
-    on_own_mesh: own_mesh.Measure | None = None
-    of_part: CompareInPart | None = None
-    own: Callable[[TetMesh, State], fields.Worst] | None = None
-    says: str = ""
-    unit: str = "-"
-    is_published: bool = False
-    is_alone: bool = False
-    is_of_surface: bool = False
-    is_fitted: bool = False
-    is_lower_limit: bool = False
-    has_moving_truth: bool = False
-    needs_same_mesh: bool = False
-    needs_tools: bool = False
-    needs_time: bool = False
-
-    @property
-    def is_own(self) -> bool:
-        """Whether it is of the candidate alone, without any number to compare with."""
-        return self.own is not None
-
-    @property
-    def is_compared(self) -> bool:
-        """Whether it is an error between two states."""
-        return self.compare is not None or self.of_part is not None
 
 
 def _of_mesh(name: str) -> Compare:
@@ -88,6 +26,7 @@ def _of_mesh(name: str) -> Compare:
     return lambda problem, candidate, reference: compare(problem.mesh, candidate, reference)
 
 
+_AXES = ("x", "y", "z")
 _LARGEST = "largest displacement of the reference"
 _METRICS = (
     Metric(
@@ -248,17 +187,67 @@ _METRICS = (
         "published_displacement",
         "error of a point's displacement against a closed form or a published number",
         "the number expected",
-        is_published=True,
+        asks=("at", "component", "expected"),
+        components=_AXES,
+        bar_of="displacement_max",
         has_moving_truth=True,
     ),
     Metric(
         "published_oscillation",
         "error of a point's amplitude, frequency, damping or mean, closed form or published",
         "the number expected",
-        is_published=True,
+        asks=("at", "component", "quantity", "expected"),
+        components=_AXES,
         is_fitted=True,
         has_moving_truth=True,
         needs_time=True,
+    ),
+    Metric(
+        "published_reaction",
+        "error of a support's force on the body against a closed form or a measurement",
+        "the number expected",
+        asks=("support", "component", "expected"),
+        read=numbers.reaction,
+        components=_AXES,
+        dimension="force",
+    ),
+    Metric(
+        "published_tool_force",
+        "error of the force on a tool, at the end, against a closed form or a measurement",
+        "the number expected",
+        asks=("tool", "component", "expected"),
+        read=numbers.tool_force,
+        components=_AXES,
+        dimension="force",
+        bar_of="tool_force",
+        has_moving_truth=True,
+        needs_tools=True,
+    ),
+    Metric(
+        "published_volume_change",
+        "error of the change of volume against a closed form or a measurement",
+        "the number expected",
+        asks=("expected",),
+        read=numbers.volume_change,
+        dimension="volume",
+        bar_of="volume",
+    ),
+    Metric(
+        "published_energy",
+        "error of the strain energy against a closed form or a published number",
+        "the number expected",
+        asks=("expected",),
+        read=numbers.strain_energy,
+        dimension="energy",
+    ),
+    Metric(
+        "published_stress",
+        "error of the mean of Cauchy's stress in a region, closed form, published or measured",
+        "the number expected",
+        asks=("region", "component", "expected"),
+        read=numbers.mean_stress,
+        components=numbers.STRESSES,
+        dimension="stress",
     ),
 )
 CATALOGUE = {metric.name: metric for metric in _METRICS}

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +39,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.supports import held_components
 from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
+from palpate.validation.metrics.numbers import Number
 from palpate.validation.metrics.pairs import measures_of
 from palpate.validation.metrics.stress import Part
 from palpate.validation.states import State
@@ -84,6 +86,18 @@ class SinglePrecision:
             answers = self._answers(reference, relative)
             found = max(measure(metric, self._problem, a, reference, part).value for a in answers)
         return min(float(f"{found:.2g}"), LARGEST) if math.isfinite(found) else LARGEST
+
+    def limit_of_number(
+        self, read: Callable[[State], Number | None], reference: State, expected: float
+    ) -> float:
+        """`limit` of a number that is read of a state, relative to the one expected."""
+        relative = 0.0
+        if reference.trajectory is not None:
+            relative = rounding_of_motion(self._problem, reference)
+        numbers = [read(state) for state in (reference, *self._answers(reference, relative))]
+        values = [math.inf if number is None else number.value for number in numbers]
+        worst = max(abs(value - values[0]) for value in values[1:]) / expected
+        return min(float(f"{worst:.2g}"), LARGEST) if math.isfinite(worst) else LARGEST
 
     def explain(self, reference: State) -> str:
         """Where the limits come from, for a check's reason."""

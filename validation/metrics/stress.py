@@ -36,6 +36,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.point_location import locate
+from palpate.validation.exchange.supports import pushes_of_supports
 from palpate.validation.mechanics.body import (
     Body,
     body_of,
@@ -63,14 +64,15 @@ class Part:
     Attributes:
         cells: Whose stress is compared, (n,); none for a force.
         weights: How much of each component of a nodal force counts, 0 or 1, (num_points, 3).
-        is_support: Whether dead loads on those points are left out, so that what is left is the
-            support's own force.
+        support: Number of the support from 0, whose own force it is; None of a cut or of cells.
+        tool: Number of the tool from 0; None where it is of none.
         says: What it is, for people.
     """
 
     cells: Indices
     weights: Points
-    is_support: bool = False
+    support: int | None = None
+    tool: int | None = None
     says: str = ""
 
 
@@ -79,12 +81,15 @@ def tells_stress(state: State) -> bool:
     return state.degree == 1 or state.integrals is not None
 
 
-def stress_integrals(mesh: TetMesh, stresses: CellStresses) -> StressIntegrals | None:
+def stress_integrals(
+    mesh: TetMesh, stresses: CellStresses, strain_energy: float | None = None
+) -> StressIntegrals | None:
     """Means over the cells of a mesh, from those of the same mesh or of it cut in eight.
 
     Args:
         mesh: The case's.
         stresses: Of the cells of that mesh, or refined once or more by `refine_uniformly`.
+        strain_energy: Of the whole body [J], kept beside them.
 
     Returns:
         None where the first Piola-Kirchhoff stress is not told.
@@ -95,7 +100,7 @@ def stress_integrals(mesh: TetMesh, stresses: CellStresses) -> StressIntegrals |
     halvings = 0
     while len(sigma) > mesh.num_cells:
         sigma, P, halvings = mean_over_parents(sigma), mean_over_parents(P), halvings + 1
-    return StressIntegrals(sigma, _nodal_force(mesh, P), halvings)
+    return StressIntegrals(sigma, _nodal_force(mesh, P), halvings, strain_energy)
 
 
 def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) -> Difference:
@@ -108,7 +113,7 @@ def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) 
     def norm(stress: Floats) -> float:
         return math.sqrt(float(volumes @ np.einsum("cij,cij->c", stress, stress)))
 
-    doubt = _read(problem, candidate)[1]
+    doubt = read_stress(problem, candidate)[1]
     found, expected = (_turned_back(problem, s)[part.cells] for s in (candidate, reference))
     name = "L2 norm of the reference's stress there"
     if not are_measurable(found):
@@ -132,8 +137,8 @@ def traction_resultant(
     Over the largest resultant of a load or support in the reference; where each of them is balanced
     in itself it is the error in newtons, and so is the limit.
     """
-    ours, doubt = _read(problem, candidate)
-    theirs, _ = _read(problem, reference)
+    ours, doubt = read_stress(problem, candidate)
+    theirs, _ = read_stress(problem, reference)
     error = resultant(problem, ours, part) - resultant(problem, theirs, part)
     scale = _largest_resultant(problem, reference, theirs)
     name = "the reference's largest force of a load or support"
@@ -142,7 +147,7 @@ def traction_resultant(
     compared = ratio(float(np.linalg.norm(error)), scale, name)
     if doubt is None:
         return compared
-    off = float(np.linalg.norm((part.weights * doubt.internal_force).sum(axis=0)))
+    off = float(np.linalg.norm(force_of_part(problem, doubt.internal_force, part)))
     return dataclasses.replace(compared, uncertainty=off / scale)
 
 
@@ -154,9 +159,17 @@ def resultant(problem: Problem, integrals: StressIntegrals, part: Part) -> NDArr
     outside of the body, which is minus the force that the rest of the body pulls on it with.
     """
     force = integrals.internal_force
-    if part.is_support:
+    if part.support is not None:
         force = force - dead_force(problem)
-    total: NDArray[np.float64] = (part.weights * force).sum(axis=0)
+    return force_of_part(problem, force, part)
+
+
+def force_of_part(problem: Problem, forces: Points, part: Part) -> NDArray[np.float64]:
+    """What of nodal forces goes through a cut, or is a support's own [N], (3,)."""
+    if part.support is not None:
+        pushed: NDArray[np.float64] = pushes_of_supports(problem, forces)[part.support]
+        return pushed
+    total: NDArray[np.float64] = (part.weights * forces).sum(axis=0)
     return total
 
 
@@ -164,7 +177,7 @@ def resultant(problem: Problem, integrals: StressIntegrals, part: Part) -> NDArr
 @lru_cache(maxsize=4)
 def _turned_back(problem: Problem, state: State) -> Floats:
     """R^T sigma R of each cell, R its rotation by the state's displacement."""
-    sigma, mesh = _read(problem, state)[0].cauchy, problem.mesh
+    sigma, mesh = read_stress(problem, state)[0].cauchy, problem.mesh
     if state.strain is Strain.LINEAR:
         return sigma
     corners = state.displacement[mesh.cells].transpose(0, 2, 1)
@@ -194,7 +207,7 @@ def _largest_resultant(problem: Problem, state: State, integrals: StressIntegral
 
 
 @lru_cache(maxsize=4)
-def _read(problem: Problem, state: State) -> tuple[StressIntegrals, StressIntegrals | None]:
+def read_stress(problem: Problem, state: State) -> tuple[StressIntegrals, StressIntegrals | None]:
     """A state's stress over the case's cells; on a mesh of its own what that may be off by too."""
     if state.integrals is not None:
         return state.integrals, None

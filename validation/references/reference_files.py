@@ -66,7 +66,7 @@ def write_reference(
                 "degree": state.degree,
                 **({} if state.element is Element.LINEAR else {"element": state.element.value}),
                 "details": _details(state),
-                **({} if state.integrals is None else {"halvings": state.integrals.halvings}),
+                **_of_integrals(state.integrals),
                 **{scalar: getattr(state, scalar) for scalar in SCALARS},
             }
         )
@@ -83,6 +83,14 @@ def write_reference(
     arrays[_HASH] = np.array(content_hash(arrays))
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, **dict(arrays))
+
+
+def _of_integrals(kept: StressIntegrals | None) -> dict[str, Any]:
+    """What the header says of stresses; files of before have no energy."""
+    if kept is None:
+        return {}
+    energy = {} if kept.strain_energy is None else {"strain_energy": kept.strain_energy}
+    return {"halvings": kept.halvings, **energy}
 
 
 def _details(state: State) -> dict[str, Any]:
@@ -167,7 +175,10 @@ def _integrals(
     stress = np.zeros((len(six), 3, 3))
     stress[:, *_UPPER] = stress[:, *_UPPER[::-1]] = six
     force = _numbers(arrays[f"internal_force_{index}"])
-    return StressIntegrals(stress, force, int(entry["halvings"]))
+    energy = entry.get("strain_energy")
+    return StressIntegrals(
+        stress, force, int(entry["halvings"]), None if energy is None else float(energy)
+    )
 
 
 def _numbers(values: Any) -> NDArray[np.float64]:

@@ -44,7 +44,9 @@ def at_points_of(mesh: TetMesh, state: State, label: str) -> State:
         displacement=at_points,
         max_displacement=float(norm(at_points, axis=1).max()),
         stresses=None,
-        integrals=None if stresses is None else stress_integrals(mesh, stresses),
+        integrals=None
+        if stresses is None or state.integrals is None
+        else stress_integrals(mesh, stresses, state.integrals.strain_energy),
     )
 
 

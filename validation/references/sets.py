@@ -135,7 +135,9 @@ def solve_state(
         tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
         element=element,
         stresses=stresses,
-        integrals=None if degree == 1 else stress_integrals(problem.mesh, stresses),
+        integrals=None
+        if degree == 1
+        else stress_integrals(problem.mesh, stresses, result.strain_energy),
     )
 
 

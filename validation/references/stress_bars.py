@@ -16,11 +16,13 @@ the bar is its difference from linear tetrahedra there, an upper estimate.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.metrics import Part, measure, tells_stress
+from palpate.validation.metrics import Number, Part, measure, tells_stress
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, ReferenceSet
+from palpate.validation.states import State
 
 # Relative: stresses of a stored truth are kept in single precision.
 _KEPT_TO = 2.0**-23
@@ -34,20 +36,47 @@ def bar_of_part(
     Infinite where there is no second solution to tell it from.
     """
     truth = references.truth(strain)
-    if truth is None or not tells_stress(truth):
+    if truth is None:
         return math.inf
     least = NOISE + _KEPT_TO
+    bar = _bar(references, strain, lambda state: measure(metric, problem, state, truth, part).value)
+    return bar + least
+
+
+def bar_of_number(
+    references: ReferenceSet, strain: Strain, read: Callable[[State], Number | None]
+) -> float:
+    """What a number that the truth's stresses or energy tell may be off by, in its unit.
+
+    By the same rule, of the signed number itself. Infinite where a solution does not tell it.
+    """
+    truth = references.truth(strain)
+    best = None if truth is None or not tells_stress(truth) else read(truth)
+    if best is None:
+        return math.inf
+
+    def apart(state: State) -> float:
+        found = read(state)
+        return math.inf if found is None else abs(found.value - best.value)
+
+    return _bar(references, strain, apart) + (NOISE + _KEPT_TO) * abs(best.value)
+
+
+def _bar(references: ReferenceSet, strain: Strain, apart: Callable[[State], float]) -> float:
+    """By the rule of the module from how far apart a coarser solution and the truth are."""
+    truth = references.truth(strain)
+    if truth is None or not tells_stress(truth):
+        return math.inf
     coarse = references.states.get((QUADRATIC, strain))
     if truth is coarse:
         known = {**references.aside, **references.states}
         linear = known.get((SAME_MESH, strain))
         if linear is None:
             return math.inf
-        return measure(metric, problem, linear, truth, part).value + least
+        return apart(linear)
     if coarse is None or coarse.integrals is None or truth.integrals is None:
         return math.inf
     ratio = 2.0 ** (truth.integrals.halvings - coarse.integrals.halvings)
     if not ratio > 1.0:
         return math.inf
-    apart = measure(metric, problem, coarse, truth, part).value
-    return SAFETY_FACTOR * apart / (ratio - 1.0) + least
+    return SAFETY_FACTOR * apart(coarse) / (ratio - 1.0)

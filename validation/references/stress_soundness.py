@@ -6,6 +6,7 @@ balance with the loads at the case's points too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -35,6 +36,8 @@ def wrong_stresses(problem: Problem, state: State) -> Iterator[str]:
         return
     if not 0 <= kept.halvings <= 8:
         yield f"stresses of cells halved {kept.halvings} times"
+    if kept.strain_energy is not None and not 0.0 <= kept.strain_energy < math.inf:
+        yield f"a strain energy of {kept.strain_energy:g} J"
     free = (held_components(problem)[0] == 0) & ~touchable_points(problem)[:, None]
     for load in problem.loads:
         if isinstance(load, Pressure):

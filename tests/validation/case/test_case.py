@@ -174,7 +174,7 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
             ["step by step", "give time_step", 'against = "truth"'],
         ),
         (("[[tool]]", TRUTH.format("volume")), ["trajectory_l2", "volume", "same_mesh"]),
-        (("[[tool]]", TRUTH.format("published_oscillation")), ["all three"]),
+        (("[[tool]]", TRUTH.format("published_oscillation")), ["needs at, component, quantity"]),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
         (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
         (("region = { box", "region = { group = 'a', box"), ["inclusion", "a ball"]),

@@ -195,7 +195,7 @@ def test_the_truth_is_judged_as_well(name: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('component = "y"\n', "", "all three"),
+        ('component = "y"\n', "", "published_displacement needs component"),
         ("expected = -0.88", "expected = 0.0 #", "no scale"),
         ("at = [20.0, 10.0, 10.0]", "at = [20.0, 10.0, 9.0]", "no point of the mesh"),
     ],

@@ -79,7 +79,7 @@ def test_the_truths_own_bar_comes_on_top():
 def test_bad_uncertainties_are_refused():
     with pytest.raises(ValidationError, match="uncertainty"):
         check(0.02, uncertainty=-0.1)
-    with pytest.raises(ValidationError, match="uncertainty goes with published_displacement"):
+    with pytest.raises(ValidationError, match="uncertainty goes with published_displacement, pub"):
         CheckSpec.model_validate(
             {"metric": "displacement_l2", "limit": 0.1, "reason": "none", "uncertainty": 0.1}
         )

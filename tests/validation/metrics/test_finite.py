@@ -11,8 +11,11 @@ import pytest
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.case.schema import CheckSpec
+from palpate.validation.case.units import Units
 from palpate.validation.judging.checks import judge_check
+from palpate.validation.judging.published import number_of
 from palpate.validation.metrics import CATALOGUE, Difference, make_state
 from palpate.validation.metrics.finite import are_measurable, largest, smallest
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
@@ -50,20 +53,35 @@ def swinging(number: float | None = None, states: slice = slice(None)) -> State:
 def verdict_of(name: str, candidate: State) -> Verdict:
     metric = CATALOGUE[name]
     told = {"metric": name, "limit": 0.9, "reason": "r"}
+    right = {
+        "at": list(MESH.points[END]),
+        "component": metric.components[1] if metric.components else "",
+        "quantity": "amplitude",
+        "support": 1,
+        "tool": 1,
+        "region": {"half_space": {"point": (0.0, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}},
+        "expected": 0.2,
+    }
     if metric.is_of_surface:
         told["support"] = 1
     elif metric.of_part is not None:
-        told["region"] = {"half_space": {"point": (0.0, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
+        told["region"] = right["region"]
     elif metric.compare is None:
         told["against"] = "candidate"
     if name in ("inverted_cells", "smallest_det_f"):
         told["limit"] = 0.0
-    if name.startswith("published"):
-        told |= {"at": list(MESH.points[END]), "component": "y", "expected": 0.2, "limit": 0.1}
-    if name == "published_oscillation":
-        told["quantity"] = "amplitude"
+    if metric.is_published:
+        told |= {key: right[key] for key in metric.asks} | {"limit": 0.1}
     spec = CheckSpec.model_validate(told)
-    check = judge_check(spec, Strain.GREEN, PROBLEM, candidate, swinging(), 0.0, "")
+    problem = PROBLEM
+    if metric.needs_tools:
+        away = ToolPath(np.zeros(1), np.array([[0.0, 9.0, 0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]]))
+        problem = dataclasses.replace(PROBLEM, tools=(RigidTool(SphereShape(1.0), away),))
+    if metric.read is not None:
+        number = number_of(spec, problem, swinging(), Units())
+        assert number is not None
+        spec = spec.model_copy(update={"expected": number.value})
+    check = judge_check(spec, Strain.GREEN, problem, candidate, swinging(), 0.0, "")
     assert check.value is None or math.isfinite(check.value)
     return check.verdict
 

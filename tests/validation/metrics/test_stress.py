@@ -40,7 +40,7 @@ def cells_of(problem: Problem, *, right_of: float = -math.inf) -> Part:
 def support(problem: Problem, number: int = 0) -> Part:
     weights = np.zeros_like(problem.mesh.points)
     weights[problem.supports[number].points] = problem.supports[number].components
-    return Part(np.zeros(0, np.int32), weights, is_support=True)
+    return Part(np.zeros(0, np.int32), weights, support=number)
 
 
 def cut(problem: Problem, x: float) -> Part:
@@ -184,7 +184,7 @@ def test_a_support_carries_the_loads_and_a_cut_what_lies_beyond(element: Element
     for part in (cut(problem, 1.8), support(problem)):
         found = measure("traction_resultant", problem, w, right, part)
         assert found.value * found.scale == pytest.approx(
-            0.1 * (carried if part.is_support else 9.0 * share), rel=1e-6
+            0.1 * (carried if part.support is not None else 9.0 * share), rel=1e-6
         )
 
 

@@ -139,7 +139,7 @@ def parts() -> dict[str, Part]:
     return {
         "all": Part(np.arange(mesh.num_cells, dtype=np.int32), nothing),
         "inside": Part(inside.astype(np.int32), nothing),
-        "support": Part(none, held, is_support=True),
+        "support": Part(none, held, support=0),
         "cut": Part(none, cut),
     }
 
