@@ -137,10 +137,28 @@ def taylor_hood_space(mesh: Any, degree: int) -> Any:
 
 
 def part_of_space(mixed: Any, part: int = 0) -> tuple[Any, np.ndarray[Any, Any]]:
-    """Return a part of a mixed space as one of its own, and where its dofs are."""
-    space, dofs = mixed.sub(part).collapse()
-    # 0.11 gives one array for each kind of cell.
-    return space, np.asarray(dofs, dtype=np.int32).ravel()
+    """Return a part of a mixed space as one of its own, and where its dofs are.
+
+    Not by dolfinx's `collapse`: from degree 3 on an edge has two dofs, and that numbers them by
+    each cell's own sense of direction (0.5.2 and 0.11), so that neighbours disagree.
+    """
+    with _compiling():
+        if _IS_OLD:
+            space = fem.FunctionSpace(mixed.mesh, mixed.ufl_element().sub_elements()[part])
+        else:
+            space = fem.functionspace(mixed.mesh, mixed.ufl_element().sub_elements[part])
+    size = space.dofmap.bs
+    there = mixed.sub(part).dofmap
+    dofs = np.empty(size * _num_local_blocks(space), dtype=np.int32)
+    for cell, blocks in enumerate(cell_dofs(space)):
+        own = (size * blocks[:, None] + np.arange(size)).ravel()
+        dofs[own] = there.cell_dofs(cell)
+    return space, dofs
+
+
+def _num_local_blocks(space: Any) -> int:
+    index_map = space.dofmap.index_map
+    return int(index_map.size_local + index_map.num_ghosts)
 
 
 def cell_space(mesh: Any) -> Any:
@@ -192,10 +210,11 @@ def tensor_space(mesh: Any, degree: int) -> Any:
         return fem.functionspace(mesh, ("Lagrange", degree, (3, 3)))
 
 
-def part_of(function: Any, number: int) -> Any:
-    """One part of a function of a mixed space, as a function of a space of its own."""
-    with _compiling():
-        return function.sub(number).collapse()
+def part_of(function: Any, space: Any, dofs: np.ndarray[Any, Any]) -> Any:
+    """One part of a function of a mixed space; `space` and `dofs` as in `part_of_space`."""
+    part = fem.Function(space)
+    part.x.array[:] = function.x.array[dofs]
+    return part
 
 
 def values_at(function: Any, places: Points, cells: np.ndarray[Any, Any]) -> Floats:

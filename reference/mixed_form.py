@@ -77,8 +77,8 @@ class MixedProblem(DiscreteProblem):
         transferred = transfer(problem.mesh)
         mesh = transferred.mesh
         self._mixed = fenicsx.taylor_hood_space(mesh, degree)
-        collapsed, self._dofs = fenicsx.part_of_space(self._mixed)
-        self.space = map_points(transferred, degree, collapsed)
+        displacements, self._dofs = fenicsx.part_of_space(self._mixed)
+        self.space = map_points(transferred, degree, displacements)
         self.num_dofs = int(self._mixed.dofmap.index_map.size_local)
         pressures, self._pressure_dofs = fenicsx.part_of_space(self._mixed, 1)
         self._pressures = map_points(transferred, degree - 1, pressures)
@@ -110,7 +110,7 @@ class MixedProblem(DiscreteProblem):
 
         followers = [x for x in problem.loads if isinstance(x, Pressure) and strain is Strain.GREEN]
         dead = [x for x in problem.loads if x not in followers]
-        plain = apply_loads(self.space, dead, None, ufl.TestFunction(collapsed), strain)
+        plain = apply_loads(self.space, dead, None, ufl.TestFunction(displacements), strain)
         self.dead_force = np.zeros(self.num_dofs)
         self.dead_force[self._dofs] = plain.dead
         self.dead_force = self.to_local(self.dead_force)
@@ -131,8 +131,9 @@ class MixedProblem(DiscreteProblem):
         both = np.zeros(self.num_dofs)
         places = (self._dofs, self._pressure_dofs)
         spaces = ((other.space, self.space), (other._pressures, self._pressures))
-        for number, (dofs, (source, target)) in enumerate(zip(places, spaces, strict=True)):
-            part = fenicsx.part_of(other._unknown, number)
+        given = (other._dofs, other._pressure_dofs)
+        for taken, dofs, (source, target) in zip(given, places, spaces, strict=True):
+            part = fenicsx.part_of(other._unknown, source.space, taken)
             both[dofs] = carry_field(source, part, target, cells)
         # The unknown is p h / mu.
         both[self._pressure_dofs] *= other.pressure_unit / self.pressure_unit

@@ -50,6 +50,33 @@ def test_free_uniaxial_stretch_is_the_closed_form(box, poissons_ratio):
     assert result.formulation is MIXED
 
 
+@pytest.mark.parametrize("degree", [2, 3])
+def test_pure_bending_is_the_closed_form(box, degree):
+    # Quadratic, so both degrees hold it; of degree 3 only where cells agree on which of an edge's
+    # two nodes is which. With r = z - 1/2: E u = c (x r, -nu y r, -(x^2 + nu (r^2 - y^2)) / 2).
+    mesh = box((2, 2, 2), jitter=0.2)
+    nu, c = 0.45, 0.1
+
+    def exact(places):
+        x, y, r = places[:, 0], places[:, 1], places[:, 2] - 0.5
+        bent = -0.5 * (x**2 + nu * (r**2 - y**2))
+        return c * np.column_stack([x * r, -nu * y * r, bent])
+
+    corner = np.flatnonzero(~mesh.points.any(axis=1))
+    at_corner = tuple(exact(mesh.points[corner])[0])
+    supports = (
+        support(mesh, "x0", (True, False, False)),
+        support(mesh, "y0", (False, True, False)),
+        Support(corner, components=(False, False, True), displacement=at_corner),
+    )
+    slope = np.zeros((3, 3))
+    slope[0, 2] = c
+    load = Traction(mesh.facet_groups["x1"], (-0.5 * c, 0.0, 0.0), gradient=slope)
+    problem = Problem(mesh, Material(1.0, nu), supports, (load,))
+    result = solve_static(problem, degree=degree, formulation=MIXED, strain=Strain.LINEAR)
+    np.testing.assert_allclose(result.displacement, exact(mesh.points), rtol=0.0, atol=1e-12)
+
+
 def test_follower_pressure_and_layers_agree_with_the_plain_form(box):
     # Homogeneous in each layer: both forms hold the exact state.
     mesh = box((2, 1, 1))
