@@ -67,7 +67,6 @@ class LaggedFactors:
         Raises:
             LinearSolveError: No finite solution was found.
         """
-        fenicsx.give_back_dropped()
         x, b = matrix.createVecs()
         b.array[:] = rhs
         x.array[held] = values

@@ -143,6 +143,10 @@ class ReferenceResult:
         return stress
 
 
+# How `AdaptiveResult.ended` begins where a finer mesh has no equilibrium: nothing has a limit.
+LOST = "no equilibrium on the next mesh"
+
+
 @dataclass(frozen=True, eq=False)
 class AdaptiveResult(ReferenceResult):
     """A static state on the last of a sequence of meshes, at the points and cells of the first.

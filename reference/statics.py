@@ -86,10 +86,7 @@ def solve_static(
         element=element,
         progress=progress,
     )
-    try:
-        return found.result()
-    finally:
-        found.destroy()
+    return found.result()
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ file and to the ranks of mpirun as it is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,6 +65,7 @@ class AdaptiveTask:
         goals: Pairs of a quantity and its tolerance.
         seconds: Of the budget.
         memory: Likewise [GB].
+        unknowns: Likewise.
         strain: See `solve_adaptively`; so are the others.
     """
 
@@ -73,6 +75,7 @@ class AdaptiveTask:
     strain: Strain = Strain.GREEN
     degree: int = 2
     formulation: Formulation = Formulation.DISPLACEMENT
+    unknowns: float = math.inf
 
     answer = AdaptiveResult
 
@@ -84,7 +87,7 @@ class AdaptiveTask:
         return solve_adaptively(
             problem,
             [Goal(Quantity(name), tolerance) for name, tolerance in self.goals],
-            budget=Budget(self.seconds, self.memory),
+            budget=Budget(self.seconds, self.memory, self.unknowns),
             strain=self.strain,
             degree=self.degree,
             formulation=self.formulation,

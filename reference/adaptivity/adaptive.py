@@ -25,7 +25,7 @@ from palpate.reference.adaptivity.recovery import GradientRecovery
 from palpate.reference.deformed_state import smallest_stretches
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.result import AdaptiveResult, Formulation, ReferenceResult
+from palpate.reference.result import LOST, AdaptiveResult, Formulation, ReferenceResult
 from palpate.reference.statics import Equilibrium, find_equilibrium
 
 # Of the estimated error, in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal. 33,
@@ -125,7 +125,7 @@ def solve_adaptively(
             if strain is Strain.LINEAR or tries == len(CRUSHED):
                 last.destroy()
                 history.lose_limit()
-                end = f"no equilibrium on the next mesh, {current.mesh.num_cells} cells: {error}"
+                end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
                 return history.result(state, end)
             refined = refine_cells(last.problem, _marked(last, wrong, CRUSHED[tries]))
             current = refined.problem
@@ -261,4 +261,9 @@ def _too_much(
         return f"the next mesh would take until {seconds:.0f} s; the budget is {budget.seconds:g} s"
     if memory > budget.memory:
         return f"the next mesh would need {memory:.1f} GB; the budget is {budget.memory:g} GB"
+    unknowns = history.unknowns[-1] * growth
+    if unknowns > budget.unknowns:
+        return (
+            f"the next mesh would have {unknowns:.0f} unknowns; the budget is {budget.unknowns:g}"
+        )
     return ""

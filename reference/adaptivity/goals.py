@@ -34,6 +34,9 @@ from palpate.reference.result import ReferenceResult
 LEAST_RATIO = 0.5
 LARGEST_RATIO = 0.9
 SAFETY = 1.5
+# Of two meshes, whose differences tell no rate: twice that, Roache's 3 for two grids beside his
+# 1.25 for three (ASME J. Fluids Eng. 116, 1994).
+SAFETY_OF_TWO = 3.0
 # Relative to the largest force.
 _NO_FORCE = 1e-6
 # Relative: what solves to 1e-10 of the forces may leave in a number.
@@ -81,6 +84,7 @@ class Budget:
     Args:
         seconds: No mesh is begun that would take the whole past this [s], > 0.
         memory: Nor one that would need more than this [GB], > 0.
+        unknowns: Nor one with more than this, > 0; the same on every machine.
 
     Raises:
         InputError: A value that is not above 0.
@@ -88,11 +92,13 @@ class Budget:
 
     seconds: float = 1800.0
     memory: float = 8.0
+    unknowns: float = math.inf
 
     def __post_init__(self) -> None:
-        if not (self.seconds > 0.0 and self.memory > 0.0):
+        if not (self.seconds > 0.0 and self.memory > 0.0 and self.unknowns > 0.0):
             raise InputError(
-                f"a budget of {self.seconds:g} s and {self.memory:g} GB; both need to be above 0"
+                f"a budget of {self.seconds:g} s, {self.memory:g} GB and {self.unknowns:g} "
+                "unknowns; all need to be above 0"
             )
 
 
@@ -214,3 +220,25 @@ def error_bar(differences: Sequence[float], estimates: Sequence[float]) -> float
     if ratio > LARGEST_RATIO:
         return math.inf
     return max(SAFETY * max(last, ratio * before) * ratio / (1.0 - ratio), SAFETY * NOISE)
+
+
+def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:
+    """Error bar of a quantity on the finer of two meshes, where a third was not to be had.
+
+    The formula above with the estimates' ratio alone, and SAFETY_OF_TWO.
+
+    Args:
+        difference: Between the two, >= 0.
+        estimates: Of the error on both, shape (2,), >= 0.
+
+    Returns:
+        Relative, >= NOISE; infinite where the estimates do not shrink.
+    """
+    if not np.isfinite([difference, *estimates]).all():
+        return math.inf
+    before, last = estimates
+    ratio = max(LEAST_RATIO, last / before) if before > 0.0 else LEAST_RATIO
+    if difference > NOISE and ratio > LARGEST_RATIO:
+        return math.inf
+    ratio = min(ratio, LARGEST_RATIO)
+    return SAFETY_OF_TWO * max(difference * ratio / (1.0 - ratio), NOISE)

@@ -14,7 +14,7 @@ from palpate.validation.judging.published import metric_of_bar, number_of
 from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
-from palpate.validation.metrics import Number, is_still, tells_stress
+from palpate.validation.metrics import Number, is_still
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stress_bars import bar_of_number, bar_of_part
@@ -102,10 +102,10 @@ class CaseJudge:
         strain = self.strain_of(spec)
         if spec.against != "truth":
             return self.references.same_mesh(strain)
-        truth = self.references.truth(strain)
-        if truth is None or not spec.about.is_of_integrals:
-            return truth
-        is_told = tells_stress(truth) and (spec.about.read is None or self._number(spec, truth))
+        if not spec.about.is_of_integrals:
+            return self.references.truth(strain)
+        truth = self.references.stress_truth(strain)
+        is_told = truth and (spec.about.read is None or self._number(spec, truth))
         return truth if is_told else None
 
     def _number(self, spec: CheckSpec, state: State) -> Number | None:
@@ -118,7 +118,8 @@ class CaseJudge:
         if spec not in self._bars_of_parts:
             problem, units, strain = self.problem, self.case.spec.units, self.strain_of(spec)
             if spec.about.read is not None:
-                bar = bar_of_number(self.references, strain, partial(self._number, spec))
+                read = partial(self._number, spec)
+                bar = bar_of_number(problem, self.references, strain, spec.metric, read)
                 # Relative to the number expected, as its errors are.
                 bar /= abs(spec.expected or 0.0) * units.of(spec.about.dimension)[0]
             else:

@@ -19,10 +19,12 @@ from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.record import all_metrics, case_name, error_lengths, provenance_of
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.judging.together import together
+from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
-from palpate.validation.references.sets import ReferenceSet, solve_live
+from palpate.validation.references.live import solve_live
+from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import load_stored, references_folder
 from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import (
@@ -103,7 +105,7 @@ def _judge_one(
     """One candidate with every reference of the case."""
     problem, element = case.problem, judged.element
     notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
-    notes.append(f"Reference: {references.origin}.")
+    notes.extend([f"Reference: {references.origin}.", *references.remarks])
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
@@ -258,7 +260,15 @@ def find_references(
         if trouble is not None:
             progress(f"left aside: {trouble}")
         wanted = {spec.against for spec in case.checks}
-        return solve_live(problem, progress, stored=stored, wanted=wanted, elements=elements)
+        return solve_live(
+            problem,
+            progress,
+            stored=stored,
+            wanted=wanted,
+            elements=elements,
+            request=truth_request(case),
+            has_stress=any(spec.about.of_part is not None for spec in case.checks),
+        )
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored

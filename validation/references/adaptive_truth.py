@@ -7,7 +7,6 @@ their difference from mesh to mesh says nothing of their error.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,12 +32,14 @@ class TruthRequest:
         seconds: Of the reference's budget, for each strain measure.
         memory: Likewise [GB].
         metrics: Whose bars are to be that small, by strain measure; the others' are what they are.
+        unknowns: Of the largest mesh.
     """
 
     bar: float = 0.005
     seconds: float = 900.0
     memory: float = 8.0
     metrics: Mapping[Strain, Collection[str]] = field(default_factory=dict)
+    unknowns: float = math.inf
 
     def tolerance(self, metric: str, strain: Strain) -> float:
         """The bar that is asked of a metric; where nothing is checked, twice it of displacement."""
@@ -64,10 +65,24 @@ def solve_truth(
     Raises:
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
+    found = refine_truth(problem, strain, request, progress, label=label)
+    seconds = float(found.seconds.sum())
+    state = state_of(found, strain, label=label, degree=found.degree, seconds=seconds)
+    bars = {metric: found.bar(metric) for metric in COMPARISONS}
+    return state, bars, record_of(found)
+
+
+def refine_truth(
+    problem: Problem, strain: Strain, request: TruthRequest, progress: Progress, *, label: str
+) -> AdaptiveResult:
+    """`solve_adaptively` in a child process, as it was asked for.
+
+    Raises:
+        ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
+    """
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AdaptiveTask
 
-    start = time.perf_counter()
     progress(f"{label}, {strain} strain, adaptive, from {problem.mesh.num_cells} cells")
     task = AdaptiveTask(
         tuple((metric, request.tolerance(metric, strain)) for metric in COMPARISONS),
@@ -76,18 +91,16 @@ def solve_truth(
         strain,
         DEGREE,
         formulation_for(problem, DEGREE),
+        request.unknowns,
     )
     # The budget is kept by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)
     assert isinstance(found, AdaptiveResult)
     progress(f"{label}, {strain} strain: {found.ended}")
-    seconds = time.perf_counter() - start
-    state = state_of(found, strain, label=label, degree=found.degree, seconds=seconds)
-    bars = {metric: found.bar(metric) for metric in COMPARISONS}
-    return state, bars, _record(found)
+    return found
 
 
-def _record(found: AdaptiveResult) -> dict[str, Any]:
+def record_of(found: AdaptiveResult) -> dict[str, Any]:
     """The sequence of meshes as plain values; JSON knows no infinity: None."""
 
     def column(values: Any, k: int) -> list[float | None]:

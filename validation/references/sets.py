@@ -12,14 +12,10 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
-from palpate.reference.errors import (
-    ReferenceFailedError,
-    ReferenceNotConvergedError,
-    ReferenceUnavailableError,
-)
 from palpate.reference.result import Formulation, formulation_for
-from palpate.validation.metrics import COMPARISONS, measure, stress_integrals
+from palpate.validation.metrics import COMPARISONS, stress_integrals, tells_stress
 from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest, solve_truth
+from palpate.validation.references.limits import without_limits
 from palpate.validation.references.sequences import (
     as_data,
     assess_metrics,
@@ -38,8 +34,6 @@ TRUTH = "reference P2, refined"
 # Cells of the finest of three meshes for P2; more of them take hours.
 LARGEST_QUADRATIC = 50_000
 
-# What a reference made on the spot says of its error bars.
-SHARPER = "an upper estimate; `palpate reference build` finds sharper ones"
 # What checks go against.
 BOTH = ("same_mesh", "truth")
 
@@ -61,6 +55,7 @@ class ReferenceSet:
         element: Whose states "the same mesh" means.
         aside: States of other elements on that mesh, which no candidate is held against: error
             bars of the truth are told from them, whoever is judged.
+        remarks: What a reader must know of its bars, a sentence each.
     """
 
     states: Mapping[tuple[str, Strain], State]
@@ -70,6 +65,7 @@ class ReferenceSet:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     element: Element = Element.LINEAR
     aside: Mapping[tuple[str, Strain], State] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def of_element(self, element: Element) -> ReferenceSet:
         """What a candidate with this element is held against: no other element's states."""
@@ -86,6 +82,13 @@ class ReferenceSet:
     def truth(self, strain: Strain) -> State | None:
         """The best state there is: P2 on the refined mesh, else P2 on the case's mesh."""
         return self.states.get((TRUTH, strain)) or self.states.get((QUADRATIC, strain))
+
+    def stress_truth(self, strain: Strain) -> State | None:
+        """The truth where its stress is known, else P2 solved here; None where there is none."""
+        truth, here = self.truth(strain), self.states.get((QUADRATIC, strain))
+        if truth is not None and not tells_stress(truth):
+            return here if here is not None and here.stresses is not None else None
+        return truth
 
     def failure(self, against: str, strain: Strain) -> str:
         """Why a reference is missing; empty when it is not, or nobody knows."""
@@ -141,80 +144,6 @@ def solve_state(
     )
 
 
-def solve_live(
-    problem: Problem,
-    progress: Progress,
-    *,
-    stored: ReferenceSet | None = None,
-    wanted: Collection[str] = BOTH,
-    elements: Collection[Element] = (Element.LINEAR,),
-) -> ReferenceSet:
-    """Solve P1 and P2 on the case's mesh, with both strains; of a motion what is `wanted`.
-
-    Smoothed tetrahedra beside them, where they are among the `elements`.
-
-    A stored reference adds the truth on the refined mesh, with its bars. Without one the truth
-    is P2 here, and the bar of each metric is the difference of P1 and P2, an upper estimate.
-    P2, the softer of the two, is not tried where P1 has lost equilibrium: its search for the same
-    limit would take minutes and end at a smaller load.
-    """
-    if problem.time is not None:
-        from palpate.validation.references.motions import solve_motion_set
-
-        return solve_motion_set(problem, progress, wanted=wanted, stored=stored, elements=elements)
-    states: dict[tuple[str, Strain], State] = {}
-    failures: dict[tuple[str, Strain], str] = {}
-    for strain in Strain:
-        for degree in (1, 2):
-            label = SAME_MESH if degree == 1 else QUADRATIC
-            try:
-                states[label, strain] = solve_state(problem, strain, degree, progress)
-            except ReferenceUnavailableError:
-                raise
-            except ReferenceNotConvergedError as error:
-                failures[label, strain] = f"{label}: {error}"
-                if degree == 1:
-                    failures[QUADRATIC, strain] = (
-                        f"{QUADRATIC}: not tried, because {SAME_MESH} lost equilibrium at "
-                        f"{error.load_factor:.3f} of the load ({error.reason}); lower the load"
-                    )
-                    break
-            except ReferenceFailedError as error:
-                failures[label, strain] = f"{label}: {error}"
-    if Element.SMOOTHED in elements:
-        for strain in Strain:
-            try:
-                found = solve_state(problem, strain, 1, progress, element=Element.SMOOTHED)
-                states[SMOOTHED, strain] = found
-            except ReferenceFailedError as error:
-                failures[SMOOTHED, strain] = f"{SMOOTHED}: {error}"
-    versions = next((dict(s.versions) for s in states.values()), {})
-    solved = "P1 and P2 solved here"
-    if Element.SMOOTHED in elements:
-        solved = "P1, smoothed tetrahedra and P2 solved here"
-    if stored is not None:
-        kept = {TRUTH, *(OF_ELEMENT[e] for e in Element if e not in elements)}
-        states |= {
-            place: state
-            for place, state in stored.states.items()
-            if place[0] in kept and place not in states
-        }
-        return ReferenceSet(
-            states,
-            stored.bars,
-            f"{solved}; the truth and its error bar stored (P2, finer meshes)",
-            failures,
-            {"versions": versions, "stored": dict(stored.provenance)},
-        )
-    return ReferenceSet(
-        states,
-        estimate_bars(problem, states),
-        f"{solved}; error bar of P2: its difference from P1, {SHARPER}",
-        failures,
-        {"versions": versions},
-    )
-
-
 def solve_tool_set(problem: Problem, progress: Progress) -> ReferenceSet:
     """The case's mesh with its tools, by element and strain measure; no truth is stored.
 
@@ -233,20 +162,6 @@ def solve_tool_set(problem: Problem, progress: Progress) -> ReferenceSet:
         "stored: P1 and smoothed tetrahedra on the case's mesh",
         provenance={"versions": versions},
     )
-
-
-def estimate_bars(problem: Problem, states: Mapping[tuple[str, Strain], State]) -> Bars:
-    """P1 against P2 on the same mesh, for every metric and strain."""
-    bars: Bars = {}
-    for strain in Strain:
-        coarse, fine = states.get((SAME_MESH, strain)), states.get((QUADRATIC, strain))
-        if coarse is None or fine is None:
-            continue
-        for metric, compare in COMPARISONS.items():
-            bars[metric, strain] = compare(problem.mesh, coarse, fine).value
-        if problem.tools:
-            bars["tool_force", strain] = measure("tool_force", problem, coarse, fine).value
-    return bars
 
 
 def _solve_adaptive_set(
@@ -332,14 +247,14 @@ def solve_for_storing(
         if is_small:
             truth = solve(finest, strain, 2, TRUTH)
             found = assess_metrics(mesh, (truth, middle, coarse))
-            for metric in COMPARISONS:
-                bars[metric, strain] = bar_of(found[metric])
+            own = {metric: bar_of(found[metric]) for metric in COMPARISONS}
         else:
             truth = middle
             series = [*(solve(p, strain, 1, SAME_MESH) for p in (finest, finer)), linear]
             found = assess_metrics(mesh, series)
-            of_two = bar_of_two(mesh, truth, coarse, series, found)
-            bars |= {(metric, strain): bar for metric, bar in of_two.items()}
+            own = bar_of_two(mesh, truth, coarse, series, found)
+        own = without_limits(problem, strain, own, coarse)
+        bars |= {(metric, strain): bar for metric, bar in own.items()}
         convergence[strain.value] = as_data(found)
         states |= {(s.label, strain): s for s in (linear, smoothed, coarse, truth)}
     cut = "twice" if is_small else "once"

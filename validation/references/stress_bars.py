@@ -10,7 +10,8 @@ Stress of quadratic cells converges with second order where the solution is smoo
 or reentrant edge it may be a half, and there the rule still holds: 3 / (r - 1) is above
 1 / (r^p - 1) from p = 0.42 on for r = 2, and from p = 0.5 on for r = 4. Forces as sums of nodal
 ones converge with twice the order. Where the truth is on the case's own mesh, solved on the spot,
-the bar is its difference from linear tetrahedra there, an upper estimate.
+the bar is its difference from linear tetrahedra there, infinite where that is above a half: see
+`live`. Under forces on points and Green strain nothing has a limit, and every bar is infinite.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ import math
 from collections.abc import Callable
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.metrics import Number, Part, measure, tells_stress
+from palpate.validation.metrics import Number, Part, measure
+from palpate.validation.references.limits import without_limits
+from palpate.validation.references.live import saturated
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, ReferenceSet
 from palpate.validation.states import State
@@ -35,37 +38,48 @@ def bar_of_part(
 
     Infinite where there is no second solution to tell it from.
     """
-    truth = references.truth(strain)
+    truth = references.stress_truth(strain)
     if truth is None:
         return math.inf
-    least = NOISE + _KEPT_TO
     bar = _bar(references, strain, lambda state: measure(metric, problem, state, truth, part).value)
-    return bar + least
+    bar += NOISE + _KEPT_TO
+    return without_limits(problem, strain, {metric: bar}, truth)[metric]
 
 
 def bar_of_number(
-    references: ReferenceSet, strain: Strain, read: Callable[[State], Number | None]
+    problem: Problem,
+    references: ReferenceSet,
+    strain: Strain,
+    metric: str,
+    read: Callable[[State], Number | None],
 ) -> float:
     """What a number that the truth's stresses or energy tell may be off by, in its unit.
 
     By the same rule, of the signed number itself. Infinite where a solution does not tell it.
     """
-    truth = references.truth(strain)
-    best = None if truth is None or not tells_stress(truth) else read(truth)
-    if best is None:
+    truth = references.stress_truth(strain)
+    best = None if truth is None else read(truth)
+    if truth is None or best is None:
         return math.inf
+    size = abs(best.value)
 
     def apart(state: State) -> float:
         found = read(state)
         return math.inf if found is None else abs(found.value - best.value)
 
-    return _bar(references, strain, apart) + (NOISE + _KEPT_TO) * abs(best.value)
+    bar = _bar(references, strain, apart, size) + (NOISE + _KEPT_TO) * size
+    return without_limits(problem, strain, {metric: bar}, truth)[metric]
 
 
-def _bar(references: ReferenceSet, strain: Strain, apart: Callable[[State], float]) -> float:
-    """By the rule of the module from how far apart a coarser solution and the truth are."""
-    truth = references.truth(strain)
-    if truth is None or not tells_stress(truth):
+def _bar(
+    references: ReferenceSet, strain: Strain, apart: Callable[[State], float], size: float = 1.0
+) -> float:
+    """By the rule of the module from how far apart a coarser solution and the truth are.
+
+    `size` is what they are apart by where nothing is told at all.
+    """
+    truth = references.stress_truth(strain)
+    if truth is None:
         return math.inf
     coarse = references.states.get((QUADRATIC, strain))
     if truth is coarse:
@@ -73,7 +87,7 @@ def _bar(references: ReferenceSet, strain: Strain, apart: Callable[[State], floa
         linear = known.get((SAME_MESH, strain))
         if linear is None:
             return math.inf
-        return apart(linear)
+        return saturated(apart(linear) / size) * size if size > 0.0 else apart(linear)
     if coarse is None or coarse.integrals is None or truth.integrals is None:
         return math.inf
     ratio = 2.0 ** (truth.integrals.halvings - coarse.integrals.halvings)

@@ -18,12 +18,18 @@ from palpate.reference.errors import (
 )
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.references import sets as reference_set
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, solve_live
+from palpate.validation.references import live
+from palpate.validation.references.live import solve_live
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH
 from palpate.validation.states import State, Verdict
 
 WriteCase = Callable[..., Path]
 LOST = ReferenceNotConvergedError(0.504, "a cell would invert", 0.33)
+
+
+def crash() -> None:
+    """No graded meshes here."""
+    raise ReferenceCrashedError(-9, "")
 
 
 def fake_solves(
@@ -32,7 +38,7 @@ def fake_solves(
     """Replace the solves: P1 with Green strain fails, the others answer rest; returns the calls."""
     calls: list[tuple[Strain, int]] = []
 
-    def solve(problem: Problem, strain: Strain, degree: int, _progress: object) -> State:
+    def solve(problem: Problem, strain: Strain, degree: int, *_: object, **_words: object) -> State:
         calls.append((strain, degree))
         if strain is Strain.GREEN and degree == 1:
             raise failure
@@ -50,7 +56,8 @@ def fake_solves(
             details={"versions": {}},
         )
 
-    monkeypatch.setattr(reference_set, "solve_state", solve)
+    monkeypatch.setattr(live, "solve_state", solve)
+    monkeypatch.setattr(live, "refine_truth", lambda *_args, **_words: crash())
     return calls
 
 

@@ -11,7 +11,8 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references import tool_truths
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH, estimate_bars
+from palpate.validation.references.live import estimate_bars
+from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
 from palpate.validation.references.tool_truths import rough_cells, solve_tool_truth
 from palpate.validation.states import State, Trajectory
 
