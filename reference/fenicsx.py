@@ -87,8 +87,19 @@ def _compiling() -> Iterator[dict[str, Any]]:
             root.handlers[:] = handlers
 
 
+def give_back_dropped() -> None:
+    """Free the matrices, factors and vectors that Python has dropped; every rank calls it.
+
+    PETSc keeps them until all ranks say together that they are not needed; without this a long
+    session grows by every tangent that it ever had. It is called where a body begins and where a
+    system is solved, so that nobody else has to.
+    """
+    PETSc.garbage_cleanup(COMM)
+
+
 def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     """Return a dolfinx mesh of linear tetrahedra, spread over the ranks; it renumbers both."""
+    give_back_dropped()
     # Rank 0 brings everything; dolfinx spreads it.
     own_rows = slice(None) if COMM.rank == 0 else slice(0)
     x = np.ascontiguousarray(points[own_rows], dtype=np.float64)

@@ -67,6 +67,7 @@ class LaggedFactors:
         Raises:
             LinearSolveError: No finite solution was found.
         """
+        fenicsx.give_back_dropped()
         x, b = matrix.createVecs()
         b.array[:] = rhs
         x.array[held] = values

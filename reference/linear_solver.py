@@ -112,6 +112,7 @@ class LinearSolver:
         Raises:
             LinearSolveError: No finite solution was found.
         """
+        fenicsx.give_back_dropped()
         x, b = matrix.createVecs()
         b.array[:] = rhs
         x.array[held] = values

@@ -86,7 +86,10 @@ def solve_static(
         element=element,
         progress=progress,
     )
-    return found.result()
+    try:
+        return found.result()
+    finally:
+        found.destroy()
 
 
 @dataclass(frozen=True, eq=False)
