@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # Name -> what it shows, a line.
 STUDIES = {
     "beam": "Fig. 2: linear strain stretches a beam falsely, Green does not",
+    "calibration": "error bars of the truth against 68 known answers",
     "contact": "section IV: tools that touch tissue, against Hertz and others",
     "convergence": "orders in h, p and dt, as theory says; the kidney's GCI",
     "csm3": "Turek and Hron's swinging bar, by the implicit reference",

@@ -1,0 +1,196 @@
+"""The study of calibration: known answers that are right, a fixed split, findings that go red."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Strain
+from palpate.validation.states import Verdict, in_silence
+from palpate.validation.studies.calibration import LOG, Found, judge, present
+from palpate.validation.studies.calibration.bars import column_problem, motion_problem
+from palpate.validation.studies.calibration.drawn import TABLE, draw_problems
+from palpate.validation.studies.calibration.layers import layer_problem
+from palpate.validation.studies.calibration.measured import (
+    LIVE,
+    STORED,
+    WAYS,
+    Number,
+    hold,
+    hold_all,
+    summarise,
+)
+from palpate.validation.studies.calibration.smooth import smooth_problem
+from palpate.validation.studies.closed_forms import confined_modulus
+
+# One of each family, of the open half, for every change; the nightly script runs all.
+QUICK = ("smooth-12", "layer-02", "column-05", "clamped-02", "slender-06", "motion-08")
+
+
+def test_half_of_every_family_is_set_apart_by_its_names() -> None:
+    problems = draw_problems()
+    assert len(problems) >= 60
+    for family in {p.family for p in problems}:
+        of = [p for p in problems if p.family == family]
+        assert abs(2 * sum(p.is_apart for p in of) - len(of)) <= 1
+        assert len({tuple(p.given.items()) for p in of}) == len(of)
+
+
+def test_another_generation_leaves_the_open_half_and_draws_the_rest_anew() -> None:
+    table = tomllib.loads(TABLE.read_text("utf-8"))
+    first, second = (
+        draw_problems(table | {"generation": 1}),
+        draw_problems(table | {"generation": 2}),
+    )
+    for old, new in zip(first, second, strict=True):
+        assert (old.name == new.name) == (not old.is_apart) == (not new.is_apart)
+    assert any(a.given != b.given for a, b in zip(first, second, strict=True))
+
+
+def test_the_log_is_of_generations_that_were() -> None:
+    runs = tomllib.loads(LOG.read_text("utf-8")).get("run", [])
+    generation = tomllib.loads(TABLE.read_text("utf-8"))["generation"]
+    assert all(1 <= run["generation"] <= generation and run["truth"] in WAYS for run in runs)
+
+
+def residual(exact, places, lmbda, mu, step):
+    """Navier's operator by central differences, and its largest term."""
+    e = np.eye(3) * step
+    second = np.zeros((len(places), 3, 3, 3))
+    for j in range(3):
+        for k in range(3):
+            corners = [
+                a * b * exact(places + a * e[j] + b * e[k]) for a in (1, -1) for b in (1, -1)
+            ]
+            second[:, :, j, k] = sum(corners) / (4.0 * step**2)
+    parts = (lmbda + mu) * np.einsum("njji->ni", second), mu * np.einsum("nikk->ni", second)
+    return parts[0] + parts[1], max(np.abs(part).max() for part in parts)
+
+
+@pytest.mark.parametrize("load", ["press", "rub", "swell"])
+@pytest.mark.parametrize("bottom", ["bonded", "smooth"])
+def test_a_layer_is_in_equilibrium_and_carries_its_load(load: str, bottom: str) -> None:
+    nu, height = 0.45, 0.5
+    problem, strain, answer = layer_problem(
+        nu=nu, height=height, load=load, bottom=bottom, width=0.25
+    )
+    assert strain is Strain.LINEAR
+    exact = answer.field
+    mu = 0.5 / (1.0 + nu)
+    lmbda = confined_modulus(problem.material) - 2.0 * mu
+    inside = np.array([[0.3, 0.1, 0.2], [0.62, 0.1, 0.3], [0.9, 0.1, 0.12]])
+    left, largest = residual(exact, inside, lmbda, mu, 2e-3)
+    assert np.abs(left).max() < 2e-3 * largest
+    under = np.array([[0.2, 0.1, 0.0], [0.7, 0.1, 0.0]])
+    held = np.abs(exact(under))[:, slice(None) if bottom == "bonded" else 2]
+    assert held.max() < 1e-12
+    # The stress just below the top, away from where the load begins.
+    step = 1e-3
+    top = np.array(
+        [[0.2, 0.1, height - 0.01], [0.35, 0.1, height - 0.01], [0.8, 0.1, height - 0.01]]
+    )
+    H = np.stack(
+        [(exact(top + d) - exact(top - d)) / (2 * step) for d in np.eye(3) * step], axis=-1
+    )
+    stress = mu * (H + H.transpose(0, 2, 1)) + lmbda * np.einsum("nii->n", H)[
+        :, None, None
+    ] * np.eye(3)
+    (push,) = problem.loads
+    wanted = push.at(np.column_stack([top[:, :2], np.full(3, height)])).copy()
+    if load != "swell":
+        wanted[2] = 0.0
+    assert np.abs(stress[:, :, 2] - wanted).max() < 0.08 * np.abs(wanted).max()
+
+
+def test_a_column_bears_what_hangs_below() -> None:
+    weight, end = -0.1, -0.05
+    _, _, answer = column_problem(nu=0.3, weight=weight, end=end, stiffer=3.0, bricks=4)
+    x = np.array([0.1, 0.45, 0.55, 0.9])
+    step = np.array([1e-5, 0.0, 0.0])
+    places = np.column_stack([x, 0 * x, 0 * x])
+    slope = (answer.field(places + step) - answer.field(places - step))[:, 0] / 2e-5
+    a = 1.0 + slope
+    factor = np.where(x > 0.5, 3.0, 1.0)
+    np.testing.assert_allclose(
+        factor * a * (a**2 - 1.0) / 2.0, end + weight * (1.0 - x), rtol=1e-8, atol=0.0
+    )
+
+
+def test_a_bar_that_is_pulled_slowly_at_the_end_swings_about_its_rest() -> None:
+    # After the load has been switched on, linear, without damping: the mean over whole periods of
+    # the first mode, 4 s, is the equilibrium size * x; higher modes have periods 4 / (2 n + 1) s.
+    _, _, answer = motion_problem(
+        kind="shear", strain="linear", nu=0.3, drive="end", size=0.02, damping=0.0
+    )
+    motion = answer.state.trajectory
+    assert motion is not None
+    last = motion.times > motion.times[-1] - 4.0 + 1e-9
+    mean = motion.displacements[last].mean(axis=0)
+    np.testing.assert_allclose(mean[:, 1].max(), 0.02, rtol=2e-3, atol=0.0)
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize("nu", [0.3, 0.499])
+def test_cubic_tetrahedra_hold_a_smooth_answer(nu: float) -> None:
+    from palpate.reference.statics import solve_static
+
+    problem, strain, answer = smooth_problem(shape="box", nu=nu, seed=1)
+    found = solve_static(problem, strain=strain, degree=3)
+    size = answer.state.max_displacement
+    np.testing.assert_allclose(
+        found.displacement, answer.state.displacement, rtol=0.0, atol=1e-9 * size
+    )
+    assert found.volume == pytest.approx(answer.state.volume, rel=1e-8)
+    assert found.surface_area == pytest.approx(answer.state.surface_area, rel=1e-8)
+
+
+def number(bar: float, error: float, *, way: str = STORED, doubt: float = 0.0) -> Number:
+    return Number("layer-01", "layer", True, way, "volume", bar, error, doubt)
+
+
+def test_numbers_are_counted_as_they_should() -> None:
+    of = [number(1.0, 0.5), number(1.0, 2.0), number(math.inf, 0.1), number(1.0, 0.3, doubt=0.2)]
+    s = summarise(of)
+    assert (s.numbers, s.infinite, s.unknown) == (2, 1, 1)
+    assert s.covered == pytest.approx(0.5)
+    assert s.worst == pytest.approx(2.0)
+    # An answer that is known poorly hides no miss.
+    assert summarise([number(0.1, 0.5, doubt=0.1)]).worst == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("error", "claim"), [(1.2, 0), (1.8, 1), (0.1, 2)])
+def test_each_claim_goes_red(error: float, claim: int) -> None:
+    good = [number(1.0, 0.5, way=way) for way in WAYS]
+    assert all(f.verdict is Verdict.PASSED for f in judge(Found((*good,), ())))
+    found = Found(tuple(number(1.0, error, way=way) for way in WAYS), ())
+    assert judge(found)[claim].verdict is Verdict.FAILED
+    page = present(found)
+    assert len(page.tables["numbers"].rows) == 2
+
+
+@pytest.mark.dolfinx
+def test_six_problems_keep_their_word() -> None:
+    chosen = [p for p in draw_problems() if p.name in QUICK]
+    assert len(chosen) == len(QUICK)
+    assert not any(p.is_apart for p in chosen)
+    found = hold_all(chosen, in_silence, ways=(STORED,))
+    assert {n.problem for n in found} == set(QUICK)
+    s = summarise(found)
+    assert s.numbers >= 20
+    assert s.covered >= 0.95
+    assert s.worst <= 1.5
+
+
+@pytest.mark.dolfinx
+def test_a_truth_of_another_material_is_not_covered() -> None:
+    (one,) = (p for p in draw_problems() if p.name == "layer-02")
+    softer = dataclasses.replace(one, given={**one.given, "nu": 0.45})
+    right, wrong = one.make()[2], softer.make()[2]
+    assert right is not None
+    assert wrong is not None
+    found = hold(one, LIVE, in_silence, answer=wrong)
+    assert summarise(found).worst > 1.5

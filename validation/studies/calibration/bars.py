@@ -1,0 +1,197 @@
+"""Bars between smooth walls, whose answer is a function of one coordinate and of time.
+
+At rest, pulled or pushed by its own weight and at its end, Green strain: with sigma(x) what hangs
+beyond x, M a (a^2 - 1) / 2 = sigma, M = lmbda + 2 mu, u = integral of a - 1; the real root is
+a = 2 / sqrt(3) cos(arccos(3 sqrt(3) sigma / M) / 3). Layers of another stiffness are other M.
+
+In motion: rho (u'' + c u') = dP/dx + f A(t), u = 0 at x = 0 or moved there, P = M a (a^2 - 1) / 2
+under Green strain, M (a - 1) under linear strain, mu du_y/dx of a bar that is sheared. By
+Galerkin's method with polynomials over the whole bar and Runge-Kutta's in time; what more
+polynomials and shorter steps change is how well the answer is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.meshes.amplitude import TabularAmplitude
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.bricks import brick_box, held, rollers, side
+from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
+from palpate.validation.studies.calibration.answers import Answer, answer_in_time, answer_of
+from palpate.validation.studies.closed_forms import confined_modulus
+
+_LENGTH = 1.0
+_GAUSS = np.polynomial.legendre.leggauss(24)  # type: ignore[no-untyped-call]
+
+
+def column_problem(
+    *, nu: float, weight: float, end: float, stiffer: float, bricks: int
+) -> tuple[Problem, Strain, Answer]:
+    """A column at rest and its answer.
+
+    Args:
+        nu: Poisson's ratio.
+        weight: Of the whole column over its section, along x, over M [-].
+        end: Traction at x = L along x, over M [-]; with the weight above -0.1924.
+        stiffer: Young's modulus of the outer half over that of the inner one.
+        bricks: Along x.
+    """
+    is_even = stiffer == 1.0
+    mesh = brick_box((bricks, 2, 2), (_LENGTH, 0.4, 0.4), ragged=0.25 if is_even else 0.0)
+    material = Material(1.0, nu, 1.0)
+    outer = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5 * _LENGTH
+    M = confined_modulus(material)
+    problem = Problem(
+        mesh,
+        material,
+        rollers(mesh, ((0, 0.0), (1, 0.0), (1, 0.4), (2, 0.0), (2, 0.4))),
+        (
+            BodyForce((weight * M / _LENGTH, 0.0, 0.0)),
+            Traction(side(mesh, 0, _LENGTH), (end * M, 0.0, 0.0)),
+        ),
+        inclusions=()
+        if is_even
+        else (Inclusion(np.flatnonzero(outer).astype(np.int32), Material(stiffer, nu, 1.0)),),
+    )
+
+    def exact(places: Points) -> Points:
+        x, of = np.unique(np.append(places[:, 0], 0.5 * _LENGTH), return_inverse=True)
+        start = np.append(0.0, x[:-1])
+        inside = start[:, None] + (x - start)[:, None] * 0.5 * (1.0 + _GAUSS[0])
+        load = end + weight * (1.0 - inside / _LENGTH)
+        load = np.where(inside > 0.5 * _LENGTH, load / stiffer, load)
+        steps = 0.5 * (x - start) * ((_stretch(load) - 1.0) @ _GAUSS[1])
+        u = np.zeros_like(places)
+        u[:, 0] = np.cumsum(steps)[of.ravel()[:-1]]
+        return u
+
+    return problem, Strain.GREEN, answer_of(mesh, exact, Strain.GREEN, "quadrature", 1e-8)
+
+
+def _stretch(load: Floats) -> Floats:
+    """The stable root of a (a^2 - 1) / 2 = load."""
+    angle = np.arccos(3.0 * np.sqrt(3.0) * load + 0j) / 3.0
+    root: Floats = 2.0 / np.sqrt(3.0) * np.cos(angle).real
+    return root
+
+
+def motion_problem(
+    *, kind: str, strain: str, nu: float, drive: str, size: float, damping: float
+) -> tuple[Problem, Strain, Answer]:
+    """A bar in motion and its answer.
+
+    Args:
+        kind: "stretch" or "shear" (linear strain).
+        strain: "green" or "linear".
+        nu: Poisson's ratio.
+        drive: "weight", "end" (traction) or "shake" (the held end is moved), switched on smoothly.
+        size: Of the drive: strain at the held end, or what it is moved by over the length.
+        damping: c [1/s]; a wave takes 1 s along the bar.
+    """
+    measure = Strain(strain) if kind == "stretch" else Strain.LINEAR
+    width = 0.25
+    mesh = brick_box((4, 1, 1), (_LENGTH, width, width))
+    plain = Material(1.0, nu, 1.0)
+    modulus = confined_modulus(plain) if kind == "stretch" else 0.5 / (1.0 + nu)
+    # So that the wave speed is one.
+    material = Material(1.0 / modulus, nu, 1.0)
+    axis = 0 if kind == "stretch" else 1
+    rise = TabularAmplitude((0.0, 1.5), (0.0, 1.0), is_smooth=True)
+    along = (size, 0.0, 0.0) if axis == 0 else (0.0, size, 0.0)
+    moved = along if drive == "shake" else (0.0, 0.0, 0.0)
+    base = Support(np.unique(side(mesh, 0, 0.0)), side(mesh, 0, 0.0), displacement=moved,
+                   amplitude=rise if drive == "shake" else None)  # fmt: skip
+    walls = rollers(mesh, ((2, 0.0), (2, width)))
+    for place in (0.0, width):
+        holds = (axis == 1, axis == 0, False)
+        walls += (held(side(mesh, 1, place), holds),)
+    loads: tuple[BodyForce | Traction, ...] = ()
+    if drive == "weight":
+        loads = (BodyForce(along, rise),)
+    elif drive == "end":
+        loads = (Traction(side(mesh, 0, _LENGTH), along, rise),)
+    span = TimeSpan(end_time=6.0, mass_damping=damping, num_outputs=24)
+    problem = Problem(mesh, material, (base, *walls), loads, span)
+    x = np.unique(np.round(mesh.points[:, 0], 12))
+    where = np.searchsorted(x, np.round(mesh.points[:, 0], 12))
+    times = np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    coarse, fine = (
+        _march(measure, drive, size, damping, rise, times, x, number) for number in (14, 20)
+    )
+    doubt = float(np.abs(fine - coarse).max() / np.abs(fine).max())
+    u = np.zeros((len(times), mesh.num_points, 3))
+    u[:, :, axis] = fine[:, where]
+    return problem, measure, answer_in_time(mesh, times, u, measure, "one dimension", doubt)
+
+
+def _march(
+    strain: Strain,
+    drive: str,
+    size: float,
+    damping: float,
+    rise: TabularAmplitude,
+    times: Points,
+    x: Points,
+    number: int,
+) -> Floats:
+    """Displacement at x over time, (num_times, len(x)), with a number of polynomials."""
+    nodes, weights = np.polynomial.legendre.leggauss(2 * number)  # type: ignore[no-untyped-call]
+    value, slope = _basis(0.5 * (nodes + 1.0), number)
+    weights = 0.5 * weights
+    mass = (value * weights) @ value.T
+    # Of what is known beforehand: a body force, a force at the end, or the frame's inertia.
+    end, whole = _basis(np.ones(1), number)[0][:, 0], value @ weights
+    forms = {"weight": whole, "end": end, "shake": -whole}
+    push = np.linalg.solve(mass, size * forms[drive])
+    inner = np.linalg.solve(mass, slope * weights)
+    last = rise.times[-1]
+
+    def factor(t: float) -> float:
+        if drive != "shake":
+            return rise(t)
+        s = min(t / last, 1.0)
+        rate = 30.0 * (s * (1.0 - s)) ** 2 / last
+        return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / last**2 + damping * rate
+
+    def pull(q: Floats, v: Floats, t: float) -> Floats:
+        a = 1.0 + slope.T @ q
+        stress = 0.5 * a * (a * a - 1.0) if strain is Strain.GREEN else a - 1.0
+        out: Floats = push * factor(t) - damping * v - inner @ stress
+        return out
+
+    each = 16 * number
+    h = (times[1] - times[0]) / each
+    q, v = np.zeros(number), np.zeros(number)
+    shape = _basis(x, number)[0]
+    rows = [np.zeros(len(x))]
+    for k in range(each * (len(times) - 1)):
+        t = k * h
+        a1 = pull(q, v, t)
+        v2 = v + 0.5 * h * a1
+        a2 = pull(q + 0.5 * h * v, v2, t + 0.5 * h)
+        v3 = v + 0.5 * h * a2
+        a3 = pull(q + 0.5 * h * v2, v3, t + 0.5 * h)
+        v4 = v + h * a3
+        a4 = pull(q + h * v3, v4, t + h)
+        q = q + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
+        v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        if (k + 1) % each == 0:
+            frame = size * rise((k + 1) * h) if drive == "shake" else 0.0
+            rows.append(shape.T @ q + frame)
+    return np.array(rows)
+
+
+def _basis(x: Points, number: int) -> tuple[Floats, Floats]:
+    """Polynomials that vanish at x = 0, and their slopes; shape (number, len(x))."""
+    xi = 2.0 * x - 1.0
+    legendre = np.polynomial.legendre
+    values, slopes = [], []
+    for n in range(number):
+        series = np.zeros(n + 2)
+        series[[n, n + 1]] = 1.0
+        values.append(legendre.legval(xi, series))  # type: ignore[no-untyped-call]
+        rate = legendre.legder(series)  # type: ignore[no-untyped-call]
+        slopes.append(2.0 * legendre.legval(xi, rate))  # type: ignore[no-untyped-call]
+    return np.array(values), np.array(slopes)

@@ -1,0 +1,111 @@
+"""Bodies with a clamped end, whose answers are found once, by far better meshes, and kept.
+
+Quadratic tetrahedra are held against cubic ones on meshes that are graded towards what is singular,
+further than the bar of any truth asks; the difference of the last two of those meshes, which holds
+the error of the last one where that falls by half or more, says how well an answer is known.
+`find_missing` finds those that a new generation of problems lacks.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    Pressure,
+    Rotation,
+    Support,
+    Traction,
+)
+from palpate.meshes.bricks import held, side
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.validation.metrics import COMPARISONS
+from palpate.validation.studies.calibration.answers import Answer, told
+from palpate.validation.studies.calibration.shapes import far_side, shape_mesh, upper_side
+
+_ANSWERS = Path(__file__).with_name("answers.npz")
+# Thickness in which a shape bends, for loads that bend it by about a tenth.
+_THICKNESS = {"thin": 0.1, "bar": 0.125, "sliver": 0.25, "arch": 0.25}
+# Of the reference's budget for an answer.
+_SECONDS, _TOLERANCE = 75.0, 5e-4
+
+
+def clamped_problem(*, shape: str, nu: float, load: str, strain: str) -> tuple[Problem, Strain]:
+    """A body of Young's modulus 1 Pa, held where x is smallest.
+
+    Args:
+        shape: See `shape_mesh`.
+        nu: Poisson's ratio.
+        load: "pull", "bend", "weight", "press" (on top), "twist" (the far end is turned), or
+            "push-60": sixty per cent of what buckles a clamped bar, with a little aside.
+        strain: "green" or "linear".
+    """
+    mesh = shape_mesh(shape)
+    h = _THICKNESS.get(shape, 0.5)
+    near, far = side(mesh, 0, 0.0), far_side(mesh, shape)
+    supports: tuple[Support, ...] = (held(near),)
+    loads: tuple[Load, ...] = ()
+    if load == "pull":
+        loads = (Traction(far, (0.1, 0.0, 0.01 * h**2)),)
+    elif load == "bend":
+        loads = (Traction(far, (0.0, 0.01 * h**2, -0.04 * h**2)),)
+    elif load == "weight":
+        loads = (BodyForce((0.0, 0.0, -0.1 * h**2)),)
+    elif load == "press":
+        loads = (Pressure(upper_side(mesh, shape), 0.1 * h**3),)
+    elif load == "twist":
+        centre = mesh.points[np.unique(far)].mean(axis=0)
+        turn = Rotation((1.0, 0.0, 0.0), (centre[0], centre[1], centre[2]), 0.4)
+        supports += (Support(np.unique(far), far, rotation=turn),)
+    else:
+        euler = (np.pi * h) ** 2 / 48.0
+        part = float(load.removeprefix("push-")) / 100.0
+        loads = (Traction(far, (-part * euler, 0.0, -0.002 * h**2)),)
+    return Problem(mesh, Material(1.0, nu, 1.0), supports, loads), Strain(strain)
+
+
+@cache
+def _kept() -> dict[str, Floats]:
+    if not _ANSWERS.is_file():
+        return {}
+    with np.load(_ANSWERS, allow_pickle=False) as file:
+        return dict(file)
+
+
+def kept_answer(name: str, problem: Problem, strain: Strain) -> Answer | None:
+    """The answer that is kept of a problem; None where there is none.
+
+    Raises:
+        ValueError: It is of another mesh.
+    """
+    values = _kept()
+    if name not in values:
+        return None
+    displacement, numbers = values[name].astype(np.float64), values[f"{name}/numbers"]
+    if displacement.shape != problem.mesh.points.shape:
+        raise ValueError(f"{name}: the kept answer has {len(displacement)} points; find it again")
+    doubts = dict(zip(COMPARISONS, numbers[2:], strict=True))
+    return told(problem.mesh, displacement, (numbers[0], numbers[1]), strain, doubts)
+
+
+def find_answer(name: str, problem: Problem, strain: Strain) -> None:
+    """Find an answer and keep it: minutes."""
+    from palpate.reference.child import run_task
+    from palpate.reference.result import AdaptiveResult, formulation_for
+    from palpate.reference.tasks import AdaptiveTask
+
+    goals = tuple((metric, _TOLERANCE) for metric in COMPARISONS)
+    task = AdaptiveTask(goals, _SECONDS, 6.0, strain, 3, formulation_for(problem, 3))
+    found = run_task(task, problem, time_limit=20.0 * _SECONDS)
+    assert isinstance(found, AdaptiveResult)
+    numbers = np.array([found.volume, found.surface_area, *found.differences[-1]])
+    values = _kept()
+    values[name] = found.displacement.astype(np.float32)
+    values[f"{name}/numbers"] = numbers
+    np.savez_compressed(_ANSWERS, **values)
+    print(name, problem.mesh.num_cells, found.num_cells, found.seconds.sum(), numbers[2:])

@@ -1,0 +1,93 @@
+"""Which problems there are, and which of them are set apart: `problems.toml`."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.studies.calibration.answers import Answer
+from palpate.validation.studies.calibration.bars import column_problem, motion_problem
+from palpate.validation.studies.calibration.clamped import (
+    clamped_problem,
+    find_answer,
+    kept_answer,
+)
+from palpate.validation.studies.calibration.layers import layer_problem
+from palpate.validation.studies.calibration.smooth import smooth_problem
+
+TABLE = Path(__file__).with_name("problems.toml")
+_EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer]]] = {
+    "smooth": smooth_problem,
+    "layer": layer_problem,
+    "column": column_problem,
+    "motion": motion_problem,
+}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A problem by its name.
+
+    Attributes:
+        name: FAMILY-NUMBER, with the generation behind a dot from the second on.
+        family: Its family.
+        maker: Who makes it.
+        given: What with.
+        is_apart: Whether it is among those that no factor is chosen by.
+    """
+
+    name: str
+    family: str
+    maker: str
+    given: Mapping[str, Any]
+    is_apart: bool
+
+    def make(self) -> tuple[Problem, Strain, Answer | None]:
+        """The problem, its strain measure and what is known of it; None where it must be found."""
+        if self.maker in _EXACT:
+            return _EXACT[self.maker](**self.given)
+        problem, strain = clamped_problem(**self.given)
+        return problem, strain, kept_answer(self.name, problem, strain)
+
+
+def draw_problems(table: Mapping[str, Any] | None = None) -> list[Drawn]:
+    """All problems, family by family."""
+    table = tomllib.loads(TABLE.read_text("utf-8")) if table is None else table
+    found: list[Drawn] = []
+    for family in table["family"]:
+        names = [f"{family['name']}-{k:02d}" for k in range(1, family["count"] + 1)]
+        apart = sorted(names, key=_digest)[: len(names) // 2]
+        taken: list[Mapping[str, Any]] = []
+        for name in names:
+            generation = table["generation"] if name in apart else 1
+            full = name if generation == 1 else f"{name}.{generation}"
+            tries = (_choice(family["draw"], f"{full}/{k}") for k in itertools.count())
+            given = next(one for one in tries if one not in taken)
+            taken.append(given)
+            seed = {"seed": _digest(full)[0]} if family["maker"] == "smooth" else {}
+            found.append(Drawn(full, family["name"], family["maker"], given | seed, name in apart))
+    return found
+
+
+def _choice(lists: Mapping[str, Sequence[Any]], salt: str) -> dict[str, Any]:
+    """One of each list."""
+    return {key: v[_digest(f"{salt}/{key}")[0] % len(v)] for key, v in lists.items()}
+
+
+def _digest(text: str) -> bytes:
+    return hashlib.sha256(text.encode()).digest()
+
+
+def find_missing() -> None:
+    """Find and keep the answers that are missing: a minute or two each."""
+    for one in draw_problems():
+        if one.maker not in _EXACT:
+            problem, strain = clamped_problem(**one.given)
+            if kept_answer(one.name, problem, strain) is None:
+                find_answer(one.name, problem, strain)

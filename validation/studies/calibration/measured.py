@@ -1,0 +1,159 @@
+"""Truths, stored and live, held against known answers: bar and error of each number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference.errors import ReferenceFailedError
+from palpate.validation.metrics import COMPARISONS, measure
+from palpate.validation.references.adaptive_truth import TruthRequest, solve_truth
+from palpate.validation.references.motion_sequences import truth_metrics
+from palpate.validation.references.motions import solve_motion_set
+from palpate.validation.references.sets import TRUTH, ReferenceSet, solve_live
+from palpate.validation.states import Progress, State
+from palpate.validation.studies.calibration.answers import Answer
+from palpate.validation.studies.calibration.drawn import Drawn
+
+STORED, LIVE = "stored", "live"
+WAYS = (STORED, LIVE)
+# What is asked of a stored truth: every bar this small, or the budget spent [s].
+_BAR, _SECONDS = 0.02, 20.0
+# An answer is known where its own doubt is at most this part of the bar.
+KNOWN = 0.1
+# Both below this are equal: what solvers leave.
+_ROUNDING = 1e-7
+
+
+class Number(NamedTuple):
+    """One number of one truth; bar, error and the answer's doubt are relative."""
+
+    problem: str
+    family: str
+    is_apart: bool
+    way: str
+    metric: str
+    bar: float
+    error: float
+    doubt: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the answer is known ten times better than the bar, or the bar missed for sure."""
+        return self.doubt <= max(KNOWN * self.bar, _ROUNDING) or self.miss > 1.0 + KNOWN
+
+    @property
+    def miss(self) -> float:
+        """Error over bar, the answer's doubt in the error's favour."""
+        error = max(self.error - self.doubt, 0.0)
+        return 0.0 if error <= _ROUNDING else error / self.bar
+
+    @property
+    def width(self) -> float:
+        """Bar over error."""
+        return self.bar / max(self.error, self.doubt, _ROUNDING)
+
+
+class Summary(NamedTuple):
+    """What the numbers of one way say together; parts are of the finite bars whose answer is known.
+
+    `infinite` bars say that nothing is known: they cover nothing, and are the widest of all in the
+    median. `unknown` are left out: their answers are not known well enough.
+    """
+
+    numbers: int
+    covered: float
+    worst: float
+    width: float
+    infinite: int
+    unknown: int
+
+
+def summarise(numbers: Sequence[Number]) -> Summary:
+    """Coverage and sharpness."""
+    known = [n for n in numbers if n.is_known]
+    finite = [n for n in known if math.isfinite(n.bar)]
+    misses = [n.miss for n in finite]
+    return Summary(
+        len(finite),
+        float(np.mean([m <= 1.0 for m in misses])) if misses else math.nan,
+        max(misses, default=math.nan),
+        float(np.median([n.width for n in known])) if known else math.nan,
+        len(known) - len(finite),
+        len(numbers) - len(known),
+    )
+
+
+def hold(
+    drawn: Drawn, way: str, progress: Progress, *, answer: Answer | None = None
+) -> list[Number]:
+    """The numbers of one problem; none where the reference gives no truth at all.
+
+    Args:
+        drawn: The problem.
+        way: STORED or LIVE.
+        progress: Called with one line now and then.
+        answer: What to hold it against instead of what is known.
+    """
+    problem, strain, known = drawn.make()
+    answer = answer or known
+    if answer is None:
+        progress(f"{drawn.name}: its answer has not been found")
+        return []
+    try:
+        truth, bars = (_stored if way == STORED else _live)(problem, strain, progress)
+    except ReferenceFailedError as failure:
+        progress(f"{drawn.name}, {way}: no truth: {failure}")
+        return []
+    found = []
+    for metric, bar in bars.items():
+        try:
+            error = _error(metric, problem, truth, answer)
+        except InputError:  # nothing swings
+            continue
+        doubt = answer.doubts.get(metric, answer.doubts.get("", 0.0))
+        found.append(
+            Number(drawn.name, drawn.family, drawn.is_apart, way, metric, bar, error, doubt)
+        )
+    return found
+
+
+def hold_all(
+    problems: Iterable[Drawn], progress: Progress, *, ways: Sequence[str] = WAYS
+) -> list[Number]:
+    """The numbers of problems, stored and live."""
+    return [number for one in problems for way in ways for number in hold(one, way, progress)]
+
+
+def _error(metric: str, problem: Problem, truth: State, answer: Answer) -> float:
+    if problem.time is None:
+        return COMPARISONS[metric](problem.mesh, truth, answer.state).value
+    return measure(metric, problem, truth, answer.state).value
+
+
+def _stored(problem: Problem, strain: Strain, progress: Progress) -> tuple[State, dict[str, float]]:
+    if problem.time is None:
+        request = TruthRequest(_BAR, _SECONDS, metrics={strain: tuple(COMPARISONS)})
+        state, bars, _ = solve_truth(problem, strain, request, progress, label=TRUTH)
+        return state, bars
+    found = solve_motion_set(
+        problem, progress, wanted=("truth",), is_for_storing=True, truth_strains=(strain,)
+    )
+    return _of(found, problem, strain)
+
+
+def _live(problem: Problem, strain: Strain, progress: Progress) -> tuple[State, dict[str, float]]:
+    return _of(solve_live(problem, progress, wanted=("truth",)), problem, strain)
+
+
+def _of(found: ReferenceSet, problem: Problem, strain: Strain) -> tuple[State, dict[str, float]]:
+    truth = found.truth(strain)
+    if truth is None:
+        raise ReferenceFailedError(found.failure("truth", strain) or "no truth")
+    names = tuple(COMPARISONS) if problem.time is None else truth_metrics(problem)
+    return truth, {name: found.bars.get((name, strain), math.inf) for name in names}
