@@ -19,8 +19,6 @@ from palpate.meshes.problem import Problem
 
 # Of two unit normals: nearer than this they are one.
 _PARALLEL = 1e-8
-# Two supports of a point agree to so many roundings of what they ask for.
-_AGREE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +63,7 @@ class HeldPoints:
         slanted: Those whose components are not along x, y, z; None where there are none.
 
     Raises:
-        InputError: A number that is not finite, or two supports that want different places of a
-            point.
+        InputError: A number that is not finite.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -85,8 +82,6 @@ class HeldPoints:
                     self.is_free[points, axis] = 0
                     self._holder[points, axis] = number
         self.slanted = self._find_slanted()
-        for factor in (1.0, 0.5):
-            self._require_agreement(factor)
 
     def at(self, factors: float | Sequence[float] | Floats) -> Points:
         """Where the held components are, 0 for the free ones [m], shape (num_points, 3).
@@ -191,32 +186,6 @@ class HeldPoints:
                 asked[mine] = along[mine]
         components: Floats = np.einsum("nij,nj->ni", slanted.weights, asked)
         return components
-
-    def _require_agreement(self, factor: float) -> None:
-        """Whether every support finds its points where it holds them."""
-        mesh = self._problem.mesh
-        placed = self.to_global(self.at(factor))
-        for number, support in enumerate(self._problem.supports, start=1):
-            points = support.points
-            gap = placed[points] - moved_to(support, mesh.points[points], factor)
-            if support.normal is None:
-                gap = gap * np.array(support.components)
-            else:
-                normal = np.array(support.normal) / np.linalg.norm(np.array(support.normal))
-                gap = (gap @ normal)[:, None] * normal
-            # Plain supports are copied, so that they agree to the last digit or not at all.
-            size = float(np.abs(placed).max(initial=0.0))
-            is_plain = self.slanted is None and support.rotation is None
-            apart = np.abs(gap).max(axis=1) > (0.0 if is_plain else _AGREE * size)
-            if apart.any():
-                row = int(np.flatnonzero(apart)[0])
-                axis = int(np.abs(gap[row]).argmax())
-                here = placed[points[row], axis]
-                raise InputError(
-                    f"point {int(points[row])} is held at two displacements along "
-                    f"{'xyz'[axis]}: {here:g} m and {here - gap[row, axis]:g} m (support "
-                    f"{number}); separate the supports"
-                )
 
 
 def moved_to(support: Support, points: Points, factor: float) -> Points:

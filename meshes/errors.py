@@ -34,6 +34,46 @@ class FileFormatError(InputError):
         super().__init__(f"{path}: {reason}")
 
 
+class DisagreeingSupportsError(InputError):
+    """Two supports want a point at different places; `.points` and `.supports` (from 1) say which.
+
+    `.time` is when [s]; None in statics.
+    """
+
+    def __init__(
+        self,
+        points: Sequence[int],
+        supports: tuple[int, int],
+        direction: str,
+        wanted: tuple[float, float],
+        time: float | None = None,
+    ) -> None:
+        self.points = [int(i) for i in points]
+        self.supports = supports
+        self.time = time
+        when = "" if time is None else f" at {time:.4g} s"
+        super().__init__(
+            f"supports {supports[0]} and {supports[1]} disagree at {len(self.points)} point(s), "
+            f"{_first(self.points)}: along {direction}{when} one wants {wanted[0]:.6g} m and the "
+            f"other {wanted[1]:.6g} m; separate their regions, or hold other components"
+        )
+
+
+class FacetNotOnBoundaryError(InputError):
+    """A facet of a support, load or tool inside the body, or given twice; `.rows` says which."""
+
+    def __init__(
+        self, what: str, rows: Sequence[int], corners: Sequence[int], *, is_copy: bool = False
+    ) -> None:
+        self.rows = [int(i) for i in rows]
+        fault = (
+            "given twice; remove the copies"
+            if is_copy
+            else "not on the boundary of the mesh; choose boundary facets"
+        )
+        super().__init__(f"{what}: {len(self.rows)} facet(s), first {list(corners)}, {fault}")
+
+
 class MeshError(InputError):
     """A mesh or surface that cannot be used."""
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from palpate.meshes.agreement import require_agreement, require_boundary_facets
 from palpate.meshes.arrays import Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import Load, Support
 from palpate.meshes.errors import InputError
@@ -183,6 +184,8 @@ class Problem:
 
     Raises:
         IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
+        FacetNotOnBoundaryError: A facet of a support, load or tool inside the body, or twice there.
+        DisagreeingSupportsError: Two supports that want different places of a point.
         InputError: Indices that are none, a cell in two inclusions, a tool beside a support along
             a slanted normal, or an initial velocity without a time span.
 
@@ -217,6 +220,9 @@ class Problem:
             items = enumerate(getattr(self, kind), start=1)
             checked = [_on_mesh(item, self.mesh, f"{kind[:-1]} {k}") for k, item in items]
             object.__setattr__(self, kind, tuple(checked))
+        require_agreement(
+            self.mesh, self.supports, None if self.time is None else self.time.end_time
+        )
         if self.initial_velocity is not None and self.time is None:
             raise InputError("an initial velocity is of a motion; give a time span")
         if self.tools and any(support.normal is not None for support in self.supports):
@@ -245,6 +251,8 @@ def _on_mesh(item: Item, mesh: TetMesh, what: str) -> Item:
             checked = checked_indices(rows, width, mesh.num_points, f"{name} of {what}")
             if not (isinstance(rows, np.ndarray) and rows.dtype == checked.dtype):
                 changes[name] = checked
+            if width == 3:
+                require_boundary_facets(mesh, checked, f"{name} of {what}")
     return dataclasses.replace(item, **changes) if changes else item
 
 

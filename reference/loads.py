@@ -51,7 +51,7 @@ def apply_loads(
         strain: Strain measure of the model.
 
     Raises:
-        InputError: A value that is not finite, or a facet inside the body.
+        InputError: A value that is not finite.
     """
     dead = np.zeros(3 * space.num_blocks)
     followers = []

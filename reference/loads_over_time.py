@@ -47,7 +47,7 @@ class LoadsOverTime:
         self._followers: list[tuple[Amplitude, FollowerLoad]] = []
         own: Amplitudes = [load.amplitude for load in problem.loads]
         factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
-        self._supports = hold(space, problem.supports)  # refuses supports that disagree
+        self._supports = hold(space, problem.supports)
         self.held: Indices = self._supports.dofs
         self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), self.held)
         body.frames = self._supports.frames

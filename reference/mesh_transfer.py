@@ -71,32 +71,17 @@ class TransferredMesh:
             for number, row in zip(np.flatnonzero(on_boundary), rows, strict=True)
         }
 
-    @cached_property
-    def _facets_of_source(self) -> frozenset[tuple[int, ...]]:
-        return frozenset(map(tuple, np.sort(self.source.boundary_facets, axis=1).tolist()))
-
     def facet_entities(self, facets: Indices, what: str) -> Indices:
         """Numbers of boundary facets in this rank's part of the dolfinx mesh, sorted.
 
         Args:
-            facets: Facets by points, shape (n, 3), in any order of points.
+            facets: Of the boundary, each once, by points, shape (n, 3), in any order of points.
             what: Whose facets, for the message.
-
-        Raises:
-            InputError: A facet that is not on the boundary, or is given twice.
         """
         rows = checked_indices(facets, 3, self.source.num_points, f"facets of {what}")
         if len(rows) == 0:
             return np.zeros(0, dtype=np.int32)
         triples = list(map(tuple, np.sort(rows, axis=1).tolist()))
-        for triple in triples:
-            if triple not in self._facets_of_source:
-                raise InputError(
-                    f"{what}: facet {list(triple)} is not on the boundary of the mesh; "
-                    "choose boundary facets"
-                )
-        if len(set(triples)) < len(triples):
-            raise InputError(f"{what}: a facet is given twice; remove the copy")
         # A facet between two ranks looks like one of the boundary here, and is not asked for.
         here = self._boundary_numbers
         return np.array(sorted(here[t] for t in triples if t in here), dtype=np.int32)

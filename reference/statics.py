@@ -64,8 +64,7 @@ def solve_static(
 
     Raises:
         InputError: The problem cannot be used: not enough supports, values that are not finite,
-            facets inside the body, overlapping cells, or an element or formulation that cannot
-            do it.
+            overlapping cells, or an element or formulation that cannot do it.
         ReferenceNotConvergedError: No equilibrium under the full load; carries the last one found.
 
     Note:

@@ -25,8 +25,6 @@ from palpate.reference.mesh_transfer import TransferredSpace
 
 # Singular values of unit normals below which two planes are one.
 _ONE_PLANE = 1e-8
-# Supports of a slanted or turned node agree to this part of the largest displacement they ask for.
-_AGREE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +89,6 @@ class HeldDofs:
             own along those.
         values: Displacement of each under the full load [m], shape (n,).
         frames: Nodes with axes of their own; None where there are none.
-
-    Raises:
-        InputError: Two supports that want different displacements of one point.
     """
 
     def __init__(
@@ -118,9 +113,6 @@ class HeldDofs:
             self.frames = NodeFrames(3 * nodes[:, None] + np.arange(3, dtype=np.int32), axes)
         self._places: Indices = np.flatnonzero(is_held).astype(np.int32)
         self.dofs: Indices = self._places
-        self._require_agreement(1.0)
-        if any(support.rotation is not None for support in supports):
-            self._require_agreement(0.5)
 
     @cached_property
     def values(self) -> Floats:  # noqa: D102  (an attribute above)
@@ -207,29 +199,6 @@ class HeldDofs:
             found.append(_SlantedNode(block, supports, rows, axes, values))
         return found
 
-    def _require_agreement(self, factor: float) -> None:
-        flat = self._everywhere(factor)
-        placed = (flat if self.frames is None else self.frames.to_global(flat)).reshape(-1, 3)
-        size = fenicsx.largest(float(np.abs(placed).max(initial=0.0)))
-        for number, (support, nodes) in enumerate(
-            zip(self._supports, self._blocks, strict=True), start=1
-        ):
-            wanted = _placed(support, self._coordinates[nodes], factor)
-            along = (placed[nodes] - wanted) @ support.directions.T
-            is_plain = support.rotation is None and not self._slanted
-            clash = np.argwhere(np.abs(along) > (0.0 if is_plain else _AGREE * size))
-            if len(clash):
-                row, k = clash[0]
-                direction = support.directions[k]
-                here, there = direction @ placed[nodes[row]], direction @ wanted[row]
-                named = "xyz"[int(np.abs(direction).argmax())]
-                if support.normal is not None:
-                    named = "its normal"
-                raise InputError(
-                    f"support {number} prescribes {there:g} m along {named} where another support "
-                    f"prescribes {here:g} m; give each point one displacement"
-                )
-
 
 @dataclass(frozen=True, eq=False)
 class _SlantedNode:
@@ -246,8 +215,7 @@ def hold(space: TransferredSpace, supports: Sequence[Support]) -> HeldDofs:
     A facet holds everything on its closure: of a quadratic space its edges too.
 
     Raises:
-        InputError: A prescribed displacement that is not finite, a facet inside the body, or two
-            supports that want different displacements of one point.
+        InputError: A prescribed displacement that is not finite.
     """
     blocks = []
     for number, support in enumerate(supports, start=1):

@@ -52,9 +52,6 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: Indices)
         space: Displacement space.
         facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
         held: Degrees of freedom that are held, shape (n,).
-
-    Raises:
-        InputError: A facet inside the body.
     """
     source = space.transferred.source
     chosen = facets if len(facets) else source.boundary_facets

@@ -65,7 +65,7 @@ class ToolContact:
         youngs_modulus: Largest of the body [Pa].
 
     Raises:
-        InputError: A tool driven by a force, or contact facets inside the body.
+        InputError: A tool driven by a force.
     """
 
     def __init__(

@@ -221,13 +221,6 @@ def test_a_floating_body_is_refused(ragged_box: TetMesh) -> None:
         solve_static(problem)
 
 
-def test_supports_that_disagree_are_refused(ragged_box: TetMesh) -> None:
-    held = points_at(ragged_box, 0, 0.0)
-    supports = (Support(held), Support(held[:1], displacement=(0.1, 0.0, 0.0)))
-    with pytest.raises(InputError, match="separate the supports"):
-        solve_static(Problem(ragged_box, SOFT, supports, ()))
-
-
 def test_no_load_gives_no_displacement(ragged_box: TetMesh) -> None:
     problem = Problem(ragged_box, SOFT, (Support(points_at(ragged_box, 0, 0.0)),), ())
     assert not solve_static(problem).displacement.any()
