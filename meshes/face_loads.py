@@ -6,6 +6,7 @@ turns into nodal forces of its own.
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 
 import numpy as np
@@ -19,6 +20,8 @@ from palpate.meshes.tet_mesh import TetMesh
 
 # Values that are this near to an affine field, of their largest, are one.
 _AFFINE = 1e-9
+# Normals of one plane differ by no more [degrees]: what files in single precision leave.
+_FLAT_DEG = 0.01
 # Directions in which the places reach no farther than this part of their extent do not count.
 _FLAT = 1e-9
 
@@ -26,12 +29,14 @@ _FLAT = 1e-9
 class Profile(StrEnum):
     """How a traction goes along a line from one place to another; across it, it stays.
 
-    With s from 0 to 1 along the line: 1, s, and 4 s (1 - s), which is 1 half-way.
+    With s from 0 to 1 along the line: 1, s, and 4 s (1 - s), which is 1 half-way. Hydrostatic: with
+    the depth below a free surface (`hydrostatic_traction`).
     """
 
     UNIFORM = "uniform"
     LINEAR = "linear"
     PARABOLIC = "parabolic"
+    HYDROSTATIC = "hydrostatic"
 
 
 def affine_traction(
@@ -102,11 +107,13 @@ def profile_traction(
         amplitude: Factor over time [-].
 
     Raises:
-        InputError: Start and end are the same place.
+        InputError: Start and end are the same place, or the hydrostatic profile, which has none.
 
     Note:
         Beyond start and end the same polynomial goes on: a parabola turns its sign there.
     """
+    if profile is Profile.HYDROSTATIC:
+        raise InputError("the hydrostatic profile follows a depth; see hydrostatic_traction")
     p = np.asarray(peak, dtype=np.float64)
     a = np.asarray(start, dtype=np.float64)
     line = np.asarray(end, dtype=np.float64) - a
@@ -125,6 +132,66 @@ def profile_traction(
         amplitude,
         gradient=4.0 * (1.0 + 2.0 * s0) * np.outer(p, d),
         curvature=-8.0 * p[:, None, None] * np.outer(d, d),
+    )
+
+
+def hydrostatic_traction(
+    mesh: TetMesh,
+    facets: Indices,
+    density: float,
+    gravity: ArrayLike,
+    free_surface: ArrayLike,
+    amplitude: TabularAmplitude | None = None,
+) -> Traction:
+    """The pressure of a liquid at rest on a flat face, t = -rho (g . (X - X0)) N at the rest place.
+
+    N is the face's outward normal at rest, X0 a place on the free surface, where the pressure is 0.
+
+    Args:
+        mesh: Rest mesh [m].
+        facets: Loaded boundary facets in one plane, shape (m, 3).
+        density: rho of the liquid [kg/m3], > 0.
+        gravity: g [m/s2], shape (3,).
+        free_surface: X0 [m], shape (3,).
+        amplitude: Factor over time [-].
+
+    Raises:
+        InputError: A face that is not flat, a part of it above the free surface, a density that is
+            not above 0, or no gravity.
+
+    Note:
+        Dead, as every traction: it stays normal to the face at rest, and at the depth there.
+    """
+    g = np.asarray(gravity, dtype=np.float64)
+    level = np.asarray(free_surface, dtype=np.float64)
+    if not (math.isfinite(density) and density > 0.0):
+        raise InputError(f"density = {density:g} kg/m3 of a liquid: needs a finite value above 0")
+    if not (np.isfinite(g).all() and np.isfinite(level).all() and g.any()):
+        raise InputError("a hydrostatic traction needs gravity and a place on the free surface")
+    corners = mesh.points[np.asarray(facets)]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
+    mean = doubled.sum(axis=0)
+    mean /= np.linalg.norm(mean) or 1.0
+    angle = float(np.rad2deg(np.arccos(np.clip(normals @ mean, -1.0, 1.0)).max()))
+    if angle > _FLAT_DEG:
+        raise InputError(
+            f"a hydrostatic traction needs a flat face, this one's normals differ by {angle:.3g} "
+            "degrees; give one load for each plane"
+        )
+    mean[np.abs(mean) < _FLAT] = 0.0
+    depths = (corners - level) @ (g / np.linalg.norm(g))
+    highest = float(depths.min())
+    if highest < -_FLAT * float(np.ptp(depths) + np.abs(depths).max()):
+        raise InputError(
+            f"a hydrostatic traction: the face reaches {-highest:g} m above the free surface; choose "
+            "the facets below it, no liquid pulls"
+        )
+    return Traction(
+        facets,
+        _triple(density * float(g @ level) * mean),
+        amplitude,
+        gradient=-density * np.outer(mean, g),
     )
 
 

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from palpate.meshes.face_loads import Profile
 from palpate.validation.case.motion_schema import AmplitudeSpec
-from palpate.validation.case.numbers import Flag, Number, Vector
+from palpate.validation.case.numbers import Flag, Number, Positive, Vector
 from palpate.validation.case.region_schema import RegionSpec, Table
 
 
@@ -102,18 +102,40 @@ class TractionSpec(OverTime):
     region: RegionSpec
     """What is pushed."""
     traction: Vector | None = None
-    """[units.stress]; with a profile, where that is 1. In place of values."""
+    """[units.stress]; with a profile along a line, where that is 1. In place of values."""
     profile: Profile | None = None
-    """Along start to end, s from 0 to 1: linear is s, parabolic 4 s (1 - s), uniform 1."""
+    """From start to end, s from 0 to 1: linear is s, parabolic 4 s (1 - s); or of a liquid."""
     start: Vector | None = None
     """Of a profile: where s = 0 [units.length]."""
     end: Vector | None = None
     """Of a profile: where s = 1 [units.length]."""
+    density: Positive | None = None
+    """Of the liquid of a hydrostatic profile [units.density]."""
+    gravity: Vector | None = None
+    """Of a hydrostatic profile [m/s2], whatever the units."""
+    free_surface: Vector | None = None
+    """Of a hydrostatic profile: a place where its pressure is 0 [units.length]."""
     values: tuple[TractionAt, ...] = Field(default=(), max_length=4)
     """Or its values at 1 to 4 places, affine in between and beyond."""
 
     @model_validator(mode="after")
     def _says_it_once(self) -> TractionSpec:
+        liquid = {
+            key for key in ("density", "gravity", "free_surface") if getattr(self, key) is not None
+        }
+        if self.profile is Profile.HYDROSTATIC:
+            others = {"traction", "values", "start", "end"} & self.model_fields_set
+            if others or len(liquid) < 3:
+                raise ValueError(
+                    "a hydrostatic profile needs density, gravity and free_surface, and goes "
+                    "without traction, values, start and end"
+                )
+            if not any(self.gravity or ()):
+                raise ValueError("gravity = [0, 0, 0] presses nothing; give a direction")
+            return self
+        if liquid:
+            named = ", ".join(sorted(liquid))
+            raise ValueError(f'{named} goes with profile = "hydrostatic"')
         if (self.traction is None) != bool(self.values):
             raise ValueError("needs traction, alone or with a profile, or values at 1 to 4 places")
         given = {key for key in ("profile", "start", "end") if getattr(self, key) is not None}

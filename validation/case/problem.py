@@ -20,7 +20,12 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.errors import InputError
-from palpate.meshes.face_loads import affine_traction, moment_traction, profile_traction
+from palpate.meshes.face_loads import (
+    affine_traction,
+    hydrostatic_traction,
+    moment_traction,
+    profile_traction,
+)
 from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import (
@@ -201,6 +206,12 @@ class _Builder:
     ) -> Traction:
         units = self.units
         try:
+            if spec.density is not None and spec.gravity and spec.free_surface:
+                density = units.kilograms_per_cubic_metre(spec.density)
+                level = units.place(spec.free_surface)
+                return hydrostatic_traction(
+                    self.mesh, facets, density, spec.gravity, level, amplitude
+                )
             if spec.traction is None:
                 places = [units.place(value.at) for value in spec.values]
                 values = [[units.pascals(t) for t in value.traction] for value in spec.values]

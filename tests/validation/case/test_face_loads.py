@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.bricks import side
 from palpate.meshes.errors import InputError
+from palpate.meshes.face_loads import Profile, hydrostatic_traction, profile_traction
 from palpate.validation.case import Case, load_case
 from palpate.validation.diagnosis.load_slips import load_explanations
 from palpate.validation.diagnosis.static_answer import StaticAnswer
+from palpate.validation.exchange.nodal_loads import nodal_force
 from palpate.validation.mechanics.body import Body
 from palpate.validation.preview.look import look_at
 from palpate.validation.preview.picture import draw_case
@@ -43,6 +46,11 @@ traction = [0.0, 0.0, 30.0]
 profile = "parabolic"
 start = [2, 0, 0]
 end = [2, 0, 1]"""
+LIQUID = """kind = "traction"
+profile = "hydrostatic"
+density = 1000.0
+gravity = [0.0, 0.0, -10.0]
+free_surface = [7.0, 7.0, 1.5]"""
 MOMENT = 'kind = "moment"\nmoment = [0.0, 5.0, 0.0]'
 
 
@@ -65,9 +73,51 @@ def test_a_moment_is_in_units_of_force_times_length(write_case: Write) -> None:
     assert load.at(1e-3 * np.array([2.0, 0.2, 1.0])) == pytest.approx([30e3, 0.0, 0.0], abs=1e-6)
 
 
+def test_a_liquid_presses_with_its_depth(write_case: Write) -> None:
+    load = load_of(case_of(write_case, LIQUID))
+    # rho g (1.5 - z) against +x, the outward normal of the end.
+    assert load.at(np.array([2.0, 0.3, 0.25])) == pytest.approx([-12.5e3, 0.0, 0.0])
+    dense = LIQUID.replace("1000.0", "1.0")
+    in_units = load_of(case_of(write_case, dense, MILLI + 'density = "g/cm3"\n'))
+    assert in_units.at(1e-3 * np.array([2.0, 0.3, 0.25])) == pytest.approx([-12.5, 0.0, 0.0])
+    # Archimedes: what a box in the liquid feels in all is the weight of the liquid it displaces.
+    mesh = case_of(write_case, LIQUID).problem.mesh
+    faces = [side(mesh, axis, place) for axis in range(3) for place in (0.0, (2.0, 1.0, 1.0)[axis])]
+    pressed = sum(
+        nodal_force(mesh, hydrostatic_traction(mesh, face, 1e3, (1.0, 2.0, -10.0), (0.0, 0.0, 9.0)))
+        for face in faces
+    )
+    assert np.sum(pressed, axis=0) == pytest.approx([-2e3, -4e3, 2e4], rel=1e-12)
+    look = "\n".join(look_at(case_of(write_case, LIQUID)).lines)
+    assert "force on a surface, varying, [-1e+04, 0, 0] N" in look
+
+
+def test_a_liquid_on_what_is_no_flat_face_below_it_is_refused(write_case: Write) -> None:
+    low = LIQUID.replace("[7.0, 7.0, 1.5]", "[0.0, 0.0, 0.75]")
+    with pytest.raises(InputError, match=r"load 1: .* reaches 0\.25 m above the free surface"):
+        assert case_of(write_case, low).problem
+    corner = ("point = [1.999, 0.0, 0.0], normal = [1.0", "point = [1.5, 0.0, 0.0], normal = [1.0")
+    with pytest.raises(InputError, match=r"load 1: .* needs a flat face"):
+        assert load_case(write_case((FORCE, LIQUID), corner)).problem
+    mesh = case_of(write_case, LIQUID).problem.mesh
+    end = side(mesh, 0, 2.0)
+    with pytest.raises(InputError, match="density = -1"):
+        hydrostatic_traction(mesh, end, -1.0, (0, 0, -10), (0, 0, 9))
+    with pytest.raises(InputError, match="needs gravity"):
+        hydrostatic_traction(mesh, end, 1.0, (0, 0, 0), (0, 0, 9))
+    with pytest.raises(InputError, match="see hydrostatic_traction"):
+        profile_traction(end, (1, 0, 0), Profile.HYDROSTATIC, (0, 0, 0), (1, 0, 0))
+
+
 @pytest.mark.parametrize(
     ("load", "complaint"),
     [
+        (LIQUID.replace("density = 1000.0\n", ""), "needs density, gravity and free_surface"),
+        (LIQUID + "\nstart = [0, 0, 0]", "goes without traction, values, start and end"),
+        (LIQUID + "\ntraction = [0, 0, 0]", "goes without traction"),
+        (LIQUID.replace("hydrostatic", "linear"), 'goes with profile = "hydrostatic"'),
+        (LIQUID.replace("1000.0", "-1000.0"), "greater than 0"),
+        (LIQUID.replace("-10.0", "0.0"), "presses nothing"),
         ('kind = "traction"', "needs traction, alone or with a profile, or values"),
         (VALUES + "\ntraction = [1, 0, 0]", "needs traction, alone or with a profile, or values"),
         (VALUES + "\nstart = [1, 0, 0]", "values go without start"),
