@@ -184,8 +184,8 @@ def hydrostatic_traction(
     highest = float(depths.min())
     if highest < -_FLAT * float(np.ptp(depths) + np.abs(depths).max()):
         raise InputError(
-            f"a hydrostatic traction: the face reaches {-highest:g} m above the free surface; choose "
-            "the facets below it, no liquid pulls"
+            f"a hydrostatic traction: the face reaches {-highest:g} m above the free surface; "
+            "choose the facets below it, no liquid pulls"
         )
     return Traction(
         facets,
