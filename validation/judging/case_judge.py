@@ -16,6 +16,7 @@ from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import Number, is_still
 from palpate.validation.references.adaptive_truth import ADAPTIVE
+from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stress_bars import bar_of_number, bar_of_part
 from palpate.validation.states import State, Verdict
@@ -53,19 +54,22 @@ class CaseJudge:
         """Judge one check of an answer; `failure` says why there is none."""
         strain = self.strain_of(spec)
         is_truth = spec.against == "truth"
-        if spec.about.is_of_integrals:
-            bar = self._bar_of_part(spec)
+        if not is_truth:
+            parts = BarParts()
+        elif spec.about.is_of_integrals:
+            parts = BarParts(discretisation=self._bar_of_part(spec))
         else:
-            bar = self.references.bars.get((metric_of_bar(spec), strain), float("inf"))
+            parts = self.references.bar_parts(metric_of_bar(spec), strain)
         found = judge_check(
             spec,
             strain,
             self.problem,
             candidate,
             self._reference(spec),
-            bar if is_truth else 0.0,
+            parts.whole,
             failure or self._why_missing(spec),
             self.case.spec.units,
+            parts=parts,
         )
         if spec.is_of_truth_alone:
             return found

@@ -12,6 +12,7 @@ from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import OWN_MESH_REMEDY, measure
+from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.states import Precision, State, Verdict
 
 
@@ -44,6 +45,9 @@ def judge_check(
     bar: float,
     failure: str,
     units: Units | None = None,
+    *,
+    parts: BarParts | None = None,
+    shape: str = "",
 ) -> CheckResult:
     """Judge one check.
 
@@ -57,7 +61,10 @@ def judge_check(
             the truth is held against, that of `metric_of_bar`.
         failure: Why a state is missing.
         units: The case's, of published numbers; SI where None.
+        parts: What the bar is made of; all discretisation where None.
+        shape: The case's curved shape, in words, where its mesh is a polyhedron of it.
     """
+    made_of = parts or BarParts(discretisation=bar)
     value: float | None = None
     about, is_of_truth = spec.about, spec.is_of_truth_alone
     judged = reference if is_of_truth else candidate
@@ -69,12 +76,17 @@ def judge_check(
     elif about.is_published:
         compared = compare_published(spec, problem, judged, units)
         value, scale = _number(compared.error), about.scale
-        bar = (bar * compared.scale if is_of_truth else 0.0) + compared.uncertainty
+        made_of = made_of.times(compared.scale) if is_of_truth else BarParts()
+        made_of = dataclasses.replace(
+            made_of, reading=compared.uncertainty - compared.stated, stated=compared.stated
+        )
+        # The number is of the true body.
+        bar = made_of.whole + made_of.geometry
         verdict = decide(compared.error, bar, spec.limit)
         message = "reference " if is_of_truth else ""
-        message += compared.message + (f" (+- {bar:.2g})" if bar else "")
+        message += compared.message + _shown(bar, made_of.says(with_geometry=True))
     elif about.own is not None:
-        worst = about.own(problem.mesh, judged)
+        worst, made_of = about.own(problem.mesh, judged), BarParts()
         value, scale, bar = _number(worst.value), about.scale, 0.0
         is_within = worst.value > spec.limit if about.is_lower_limit else worst.value <= spec.limit
         is_good = is_within and math.isfinite(worst.value)
@@ -86,20 +98,39 @@ def judge_check(
     else:
         part = part_of_check(spec, problem, units or Units(), f"check {spec.metric}")
         difference = measure(spec.metric, problem, judged, reference, part)
+        made_of = dataclasses.replace(made_of, reading=difference.uncertainty)
         scale, bar = difference.scale_name, bar + difference.uncertainty
         verdict = decide(difference.value, bar, spec.limit)
         value = _number(difference.value)
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
-        shown = f"{difference.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
+        shown = f"{difference.value:.3g}{_shown(bar, made_of.says())}"
         message = f"{shown} {sign} {spec.limit:g}"
         if part is not None:
             message += f", {part.says}"
         message += f"; {difference.remark}" if difference.remark else ""
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"
+    if made_of.geometry and value is not None:
+        message += f"; {_of_polyhedron(shape, made_of.geometry, counts=is_of_truth)}"
     return dataclasses.replace(
-        _result(spec, strain, verdict, message), value=value, scale=scale, reference_error=bar
+        _result(spec, strain, verdict, message),
+        value=value,
+        scale=scale,
+        reference_error=bar,
+        bar_parts=made_of.told(with_geometry=True),
     )
+
+
+def _shown(bar: float, parts: str) -> str:
+    """An error bar behind its number, with its parts where there are several."""
+    return f" (+- {bar:.2g}{': ' if parts else ''}{parts})" if bar else ""
+
+
+def _of_polyhedron(shape: str, geometry: float, *, counts: bool) -> str:
+    """What the case's mesh leaves out of the true surface, in words."""
+    of_what = f"a polyhedron of {shape}" if shape else "a polyhedron"
+    rest = "" if counts else ", beside the bar"
+    return f"the case's mesh is {of_what}: its geometry adds {geometry:.2g}{rest}"
 
 
 def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:

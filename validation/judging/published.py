@@ -50,12 +50,14 @@ class Comparison:
         uncertainty: Of the number expected, as the case states it, and of what was fitted or read
             between states, relative to the number expected [-]; of a truth the first alone, its
             bars hold the rest; infinite where the states tell nothing of it.
+        stated: What of that the case states, likewise.
     """
 
     error: float
     message: str
     scale: float = math.inf
     uncertainty: float = 0.0
+    stated: float = 0.0
 
 
 def compare_published(
@@ -143,4 +145,4 @@ def _compare(
     expected = f"{spec.expected:.8g}" + (f" +- {stated:.3g}" if stated else "")
     shown = f"{found:.8g} {unit}, expected {expected}: {error:.2g}"
     message = f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"
-    return Comparison(error, message, scale / size, (uncertainty + stated) / size)
+    return Comparison(error, message, scale / size, (uncertainty + stated) / size, stated / size)

@@ -9,6 +9,7 @@ from typing import Any
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
+from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.states import Precision, State, Verdict
 
 
@@ -30,6 +31,8 @@ class CheckResult:
         scale: What the error was divided by, in words.
         unit: "-" or a unit.
         reference_error: The reference's own error bar, in the units of `value`.
+        bar_parts: What that bar is made of, by name, in its units; `geometry` stands beside the
+            whole but where the truth is held against a published number: see `bar_parts`.
         is_vacuous: Whether an answer in which nothing moves passes it too.
         precision: What the limit allows for: single where the case or the caller granted it.
         element: What the tetrahedra of the judged answer are; linear where it is the truth that
@@ -47,9 +50,15 @@ class CheckResult:
     scale: str = "-"
     unit: str = "-"
     reference_error: float = 0.0
+    bar_parts: Mapping[str, float] = field(default_factory=dict)
     is_vacuous: bool = False
     precision: Precision = Precision.DOUBLE
     element: Element = Element.LINEAR
+
+    @property
+    def bar_says(self) -> str:
+        """The parts of the bar in words, geometry too; empty where there is one only."""
+        return BarParts(**self.bar_parts).says(with_geometry=True)
 
 
 @dataclass(frozen=True)

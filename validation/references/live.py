@@ -35,6 +35,7 @@ from palpate.validation.references.adaptive_truth import (
     record_of,
     refine_truth,
 )
+from palpate.validation.references.bar_parts import PARTS
 from palpate.validation.references.limits import has_limit, without_limits
 from palpate.validation.references.sets import (
     BOTH,
@@ -44,6 +45,7 @@ from palpate.validation.references.sets import (
     TRUTH,
     Bars,
     ReferenceSet,
+    parts_of_statics,
     solve_state,
 )
 from palpate.validation.references.static_states import state_of
@@ -117,15 +119,20 @@ def solve_live(
             f"{', '.join(names)} and P2 solved here; the truth and its error bar stored (P2, finer "
             "meshes)",
             run.failures,
-            {"versions": versions, "stored": dict(stored.provenance)},
+            {
+                "versions": versions,
+                "stored": dict(stored.provenance),
+                PARTS: stored.provenance.get(PARTS, {}),
+            },
         )
     told = {ADAPTIVE: run.records} if run.records else {}
+    bars = run.every_bar()
     return ReferenceSet(
         run.states,
-        run.every_bar(),
+        bars,
         f"{', '.join(names)} and P2 solved here; {run.says_of_bars()}",
         run.failures,
-        {"versions": versions, **told},
+        {"versions": versions, **told, PARTS: parts_of_statics(bars)},
         remarks=tuple(run.remarks()),
     )
 

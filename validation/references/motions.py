@@ -8,9 +8,9 @@ It asks nothing of the candidate's step, mesh or method.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from palpate.meshes.errors import InputError
@@ -19,6 +19,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
+from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, with_bar
 from palpate.validation.references.limits import without_limits
 from palpate.validation.references.motion_runs import solve_explicit, solve_implicit
 from palpate.validation.references.motion_sequences import (
@@ -79,6 +80,7 @@ def solve_motion_set(
     """
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
+    parts: dict[tuple[str, Strain], BarParts] = {}
     failures: dict[tuple[str, Strain], str] = {}
     origin: list[str] = []
     convergence: dict[str, Any] = {}
@@ -105,10 +107,12 @@ def solve_motion_set(
             solve = solve_tool_truth if problem.tools else _truth_for_storing
         for strain in truth_strains:
             with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
-                truth, found, details = solve(problem, strain, progress)
+                truth, made_of, details = solve(problem, strain, progress)
                 states[truth.label, strain] = truth
+                found = {metric: one.whole for metric, one in made_of.items()}
                 found = without_limits(problem, strain, found)
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
+                parts |= {(m, strain): with_bar(made_of[m], bar) for m, bar in found.items()}
                 convergence[strain.value] = details
         cut = ""
         if any(label == TRUTH for label, _ in states):
@@ -120,6 +124,9 @@ def solve_motion_set(
     provenance: dict[str, Any] = {"versions": versions}
     if convergence:
         provenance["convergence"] = convergence
+    if bars:
+        kept = {} if stored is None else stored.provenance.get(PARTS, {})
+        provenance[PARTS] = as_record(parts) or kept
     return ReferenceSet(states, bars, "; ".join(origin), failures, provenance)
 
 
@@ -143,7 +150,7 @@ def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:
 
 def _truth_for_storing(
     problem: Problem, strain: Strain, progress: Progress
-) -> tuple[State, dict[str, float], dict[str, Any]]:
+) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
     """Three time steps on one mesh; other meshes with the longest of them.
 
     Small bodies: the truth's mesh is the case's cut in eight, between that and one cut in eight
@@ -171,16 +178,19 @@ def _truth_for_storing(
             metric: SAFETY_FACTOR * difference(metric, problem, runs[0], beside[0])
             for metric in truth_metrics(problem)
         }
-    bars = {metric: bar_of(in_time[metric]) + in_space[metric] for metric in in_space}
+    bars = {
+        metric: BarParts(discretisation=in_space[metric], time=bar_of(in_time[metric]))
+        for metric in in_space
+    }
     truth = runs[-1]
     if is_small:
-        truth = dataclasses.replace(truth, label=TRUTH)
+        truth = replace(truth, label=TRUTH)
     return truth, bars, details
 
 
 def _truth_here(
     problem: Problem, strain: Strain, progress: Progress
-) -> tuple[State, dict[str, float], dict[str, Any]]:
+) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
     """Two time steps, and one finer mesh: Roache's rule for two grids of each.
 
     In time of second order, which generalised-alpha has: 3 d / (2^2 - 1) = d. In space of first,
@@ -190,8 +200,10 @@ def _truth_here(
     finer = refine_cells(problem, rough_cells(problem.mesh, coarse, LIVE_BULK)).problem
     graded = solve_implicit(finer, strain, LIVE_STEPS[0], progress, at=problem.mesh)
     bars = {
-        metric: difference(metric, problem, coarse, fine)
-        + SAFETY_FACTOR * difference(metric, problem, coarse, graded)
+        metric: BarParts(
+            discretisation=SAFETY_FACTOR * difference(metric, problem, coarse, graded),
+            time=difference(metric, problem, coarse, fine),
+        )
         for metric in truth_metrics(problem)
     }
     try:
@@ -199,5 +211,6 @@ def _truth_here(
     except InputError:
         return fine, bars, {}
     for metric in OSCILLATION:
-        bars[metric] += float(getattr(uncertainty, metric.removeprefix("oscillation_")))
+        fitted = float(getattr(uncertainty, metric.removeprefix("oscillation_")))
+        bars[metric] = replace(bars[metric], time=bars[metric].time + fitted)
     return fine, bars, {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,7 @@ from palpate.meshes.refinement import refine_problem
 from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.metrics import COMPARISONS, stress_integrals, tells_stress
 from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest, solve_truth
+from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, of_statics, recorded
 from palpate.validation.references.limits import without_limits
 from palpate.validation.references.sequences import (
     as_data,
@@ -90,6 +92,11 @@ class ReferenceSet:
             return here if here is not None and here.stresses is not None else None
         return truth
 
+    def bar_parts(self, metric: str, strain: Strain) -> BarParts:
+        """What the error bar of a metric is made of; infinite where it has none."""
+        bar = self.bars.get((metric, strain), math.inf)
+        return recorded(self.provenance, metric, strain, bar)
+
     def failure(self, against: str, strain: Strain) -> str:
         """Why a reference is missing; empty when it is not, or nobody knows."""
         label = QUADRATIC if against == "truth" else OF_ELEMENT[self.element]
@@ -144,6 +151,11 @@ def solve_state(
     )
 
 
+def parts_of_statics(bars: Bars) -> dict[str, Any]:
+    """The record of what bars from meshes are made of."""
+    return as_record({place: of_statics(bar) for place, bar in bars.items()})
+
+
 def solve_tool_set(problem: Problem, progress: Progress) -> ReferenceSet:
     """The case's mesh with its tools, by element and strain measure; no truth is stored.
 
@@ -187,6 +199,7 @@ def _solve_adaptive_set(
         provenance={
             "versions": dict(states[TRUTH, Strain.GREEN].versions),
             ADAPTIVE: records,
+            PARTS: parts_of_statics(bars),
         },
     )
 
@@ -267,5 +280,6 @@ def solve_for_storing(
             "versions": dict(states[TRUTH, Strain.GREEN].versions),
             "sequence": f"degree {2 if is_small else 1}, three meshes, each cut in eight",
             "grid_convergence": convergence,
+            PARTS: parts_of_statics(bars),
         },
     )

@@ -22,6 +22,7 @@ from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
 from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bar
+from palpate.validation.references.bar_parts import wrong_record
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import (
     OF_ELEMENT,
@@ -81,6 +82,7 @@ def find_contradictions(
 
 
 def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
+    yield from wrong_record(references.provenance, references.bars, _ROUNDING)
     records = _recorded_bars(references.provenance)
     for (metric, strain), bar in references.bars.items():
         name = f"error bar of {metric}, {strain} strain"

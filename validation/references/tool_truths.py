@@ -19,6 +19,7 @@ from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.metrics.pairs import make_state
+from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.references.motion_runs import solve_implicit
 from palpate.validation.references.motion_sequences import (
     assess_sequence,
@@ -38,8 +39,8 @@ _BULK = 0.7
 
 def solve_tool_truth(
     problem: Problem, strain: Strain, progress: Progress
-) -> tuple[State, dict[str, float], dict[str, Any]]:
-    """The truth at the case's points, its error bars, and the sequences they come from.
+) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
+    """The truth at the case's points, its error bars by part, and the sequences they come from.
 
     Args:
         problem: A motion with tools.
@@ -64,9 +65,10 @@ def solve_tool_truth(
     in_time = assess_sequence(problem, (shortest, read[1], longest))
     in_space = assess_sequence(problem, read[::-1])
     bars = {
-        metric: bar_of(in_space[metric])
-        + bar_of(in_time[metric])
-        + difference(metric, problem, read[1], shortest)
+        metric: BarParts(
+            discretisation=bar_of(in_space[metric]),
+            time=bar_of(in_time[metric]) + difference(metric, problem, read[1], shortest),
+        )
         for metric in truth_metrics(problem)
     }
     details = {
