@@ -75,7 +75,7 @@ class Benchmark:
 
 
 # Names on the command line, and of modules with a `BENCHMARK`.
-NAMES = ("steps", "static", "delaunay", "mesh", "collision")
+NAMES = ("steps", "static", "truth", "delaunay", "mesh", "collision")
 
 
 def run_benchmark(

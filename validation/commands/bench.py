@@ -14,7 +14,7 @@ _TOLD_ONCE = ("version", "rate_unit")
 
 
 def bench(
-    name: Annotated[str, typer.Argument(help="steps, static, delaunay, mesh or collision")],
+    name: Annotated[str, typer.Argument(help="steps, static, truth, delaunay, mesh or collision")],
     json: Annotated[Path | None, typer.Option(help="file for the rows")] = None,
     size: Annotated[list[int] | None, typer.Option(help="only this size; repeatable")] = None,
 ) -> None:

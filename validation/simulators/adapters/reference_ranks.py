@@ -1,0 +1,108 @@
+"""The reference as users start it, on one process or under mpirun; the whole command is timed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+
+from palpate.meshes.problem import Material
+from palpate.reference.availability import require_available
+from palpate.validation.versions import version_of
+
+# A block of 2 x 1 x 1 m, held at one end and bent at the other by about a tenth of its length.
+CASE = """schema = 1
+title = "A block, pulled and bent"
+strain = "green"
+[geometry]
+mesh = "block.vtu"
+[material]
+youngs_modulus = {material.youngs_modulus}
+poissons_ratio = {material.poissons_ratio}
+[[support]]
+region = {{ half_space = {{ point = [0.001, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] }} }}
+[[load]]
+kind = "force"
+force = [10.0, 5.0, -5.0]
+region = {{ half_space = {{ point = [1.999, 0.0, 0.0], normal = [1.0, 0.0, 0.0] }} }}
+"""
+_LOOKS = 0.2  # [s] between looks at the memory
+
+
+class Truth:
+    """A static solve with quadratic tetrahedra and Green strain, from the case file to the result.
+
+    It reads and checks the mesh, assembles, solves, measures and writes.
+    """
+
+    precision = "float64"
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        require_available()
+        self.version = version_of("palpate")
+        self._folder = Path.cwd()
+        ranks = int(job["num_threads"])
+        mpirun = shutil.which("mpirun")
+        if ranks > 1 and mpirun is None:
+            raise ValueError("mpirun is not on the path")
+        meshio.Mesh(job["points"], [("tetra", job["cells"])]).write(self._folder / "block.vtu")
+        material = Material(1000.0, 0.3)
+        (self._folder / "block.toml").write_text(CASE.format(material=material), encoding="utf-8")
+        self._result = self._folder / "result.vtu"
+        self._command = [
+            *([str(mpirun), "-n", str(ranks)] if ranks > 1 else []),
+            *(sys.executable, "-m", "palpate.validation.cli", "solve", "block.toml"),
+            *("--with", "reference", "--degree", "2", "-o", self._result.name),
+        ]
+
+    def advance(self, _num_steps: int) -> dict[str, Any]:
+        """The command, from its start to its end."""
+        # A machine for tests may run everything as root; other MPIs than Open MPI do not ask.
+        allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+        with (self._folder / "log.txt").open("w", encoding="utf-8") as log:
+            process = subprocess.Popen(
+                self._command,
+                cwd=self._folder,
+                env={**os.environ, **allowed},
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+            peak = _peak_memory(process)
+        text = (self._folder / "log.txt").read_text("utf-8", errors="replace")
+        if process.returncode != 0:
+            raise RuntimeError(f"{' '.join(self._command)}: exit {process.returncode}\n{text}")
+        moved = np.asarray(meshio.read(self._result).point_data["displacement"])
+        self.answer = {"displacement": moved}
+        return {"iterations": text.count("relative residual") - 1, "peak_memory_mb": peak}
+
+
+def _peak_memory(process: subprocess.Popen[bytes]) -> float:
+    """Wait for a process; the most memory that it and all that it started held at once [MB]."""
+    is_over, peak = threading.Event(), 0.0
+
+    def wait() -> None:
+        process.wait()
+        is_over.set()
+
+    threading.Thread(target=wait, daemon=True).start()
+    while not is_over.wait(_LOOKS):
+        peak = max(peak, _memory(process.pid))
+    return peak
+
+
+def _memory(process: int) -> float:
+    """Resident memory of a process and all below it [MB]; what they share counts each time."""
+    try:
+        task = Path(f"/proc/{process}")
+        pages = int((task / "statm").read_text("ascii").split()[1])
+        children = (task / "task" / str(process) / "children").read_text("ascii").split()
+    except (OSError, IndexError):  # it has ended, or this is no Linux
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20 + sum(_memory(int(c)) for c in children)
