@@ -18,7 +18,12 @@ def _has_dolfinx() -> bool:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip, visibly, what needs FEniCSx where there is none."""
+    """Skip, visibly, what needs FEniCSx where there is none; refuse to test it `once`."""
+    for item in items:
+        if item.get_closest_marker("once") and item.get_closest_marker("dolfinx"):
+            raise pytest.UsageError(
+                f"{item.nodeid}: what needs FEniCSx is tested with both versions"
+            )
     if _has_dolfinx():
         return
     for item in items:

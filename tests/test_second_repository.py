@@ -44,6 +44,7 @@ def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home / "bin" / "python"
 
 
+@pytest.mark.once
 # However long the machine takes to build the wheel is no part of the verdict.
 @pytest.mark.timeout(0)
 @pytest.mark.slow

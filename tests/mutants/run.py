@@ -43,7 +43,16 @@ TESTS = [
 LONGEST, OTHERS = 20.0, 40.0
 # A mutant that makes the tests so many times as long hangs, and that is noticed.
 SLOWER = 5.0
-_PYTEST = ["-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow and not browser"]
+_PYTEST = [
+    "-m",
+    "pytest",
+    "-q",
+    "-x",
+    "-p",
+    "no:cacheprovider",
+    "-m",
+    "not slow and not browser and not nightly",
+]
 Lines = dict[str, dict[int, set[str]]]
 
 

@@ -82,6 +82,7 @@ def test_a_clamped_beam_has_the_frequencies_of_quadratic_cells(box, poissons_rat
     assert locked.max() > (1.15 if poissons_ratio == 0.3 else 1.9)
 
 
+@pytest.mark.nightly
 @pytest.mark.slow
 @RATIOS
 @pytest.mark.parametrize(("name", "lowest"), [("beam", 0.95), ("kidney", 0.92)])

@@ -70,6 +70,7 @@ def test_the_page_has_every_run_and_four_seconds_of_each():
     assert page.numbers["frequency"] == pytest.approx(CONVERGED.frequency, rel=0.005)
 
 
+@pytest.mark.nightly
 @pytest.mark.dolfinx
 @pytest.mark.slow
 def test_the_published_row_of_this_time_step_is_met_within_one_per_cent():

@@ -59,6 +59,7 @@ def test_counts():
 
 
 @pytest.mark.dolfinx
+@pytest.mark.nightly
 @pytest.mark.slow
 def test_a_mild_load_converges_for_all_and_a_hard_one_ends_honestly():
     loads = {(b, k, s): p for b, k, s, p in hard_loads()}
