@@ -17,6 +17,12 @@ class StrainMeasure(Enum):
     linear = 0
     green = 1
 
+class Law(Enum):
+    saint_venant_kirchhoff = 0
+    neo_hookean_stable = 1
+    neo_hookean = 2
+    mooney_rivlin = 3
+
 class SolveStatus(Enum):
     converged = 0
     negative_curvature = 1
@@ -29,11 +35,12 @@ class Element(Enum):
 class ElasticBody:
     def __init__(
         self, points: Floats, cells: Ints, materials: Floats, material_of: Ints,
-        strain: StrainMeasure, element: Element
+        strain: StrainMeasure, law: Law, element: Element
     ) -> None: ...
     def shape_gradients(self) -> Floats: ...
     def displacement_gradients(self, displacement: Floats) -> Floats: ...
     def smoothed_bound(self, lumped_mass: Floats, rounds: int) -> float: ...
+    def first_piola_kirchhoff_stresses(self, displacement: Floats) -> Floats: ...
     def stresses(self, strains: Floats) -> Floats: ...
     def internal_force(self, displacement: Floats) -> Floats: ...
     def strain_energy(self, displacement: Floats) -> float: ...

@@ -2,7 +2,8 @@
 
 f_a = sum over cells of V P grad N_a (eq. 1), P from S = lmbda tr(E) I + 2 mu E (eq. 2);
 engineering strain (eq. 3-4) gives R(a) = K a (eq. 5), Green strain (eq. 6-7) gives
-R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid. The smoothed element averages the
+R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid, or the material's other law:
+core/mechanics/hyperelastic.hpp. The smoothed element averages the
 cells' strains before it takes their stress: core/mechanics/smoothed_tet4.hpp.
 """
 
@@ -19,7 +20,15 @@ from palpate.fastsim.forces import sum_at_points
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import (
+    Element,
+    Inclusion,
+    Material,
+    Problem,
+    Strain,
+    require_linear_in_strain,
+)
 from palpate.meshes.tet_mesh import TetMesh
 
 _MEASURE = {
@@ -29,6 +38,14 @@ _MEASURE = {
 _ELEMENT = {
     Element.LINEAR: _core.Element.linear,
     Element.SMOOTHED: _core.Element.smoothed,
+}
+_LAW = {
+    Law.SAINT_VENANT_KIRCHHOFF: _core.Law.saint_venant_kirchhoff,
+    Law.NEO_HOOKEAN_STABLE: _core.Law.neo_hookean_stable,
+    Law.NEO_HOOKEAN: _core.Law.neo_hookean,
+    # Mooney and Rivlin's without its second term.
+    Law.NEO_HOOKEAN_ISOCHORIC: _core.Law.mooney_rivlin,
+    Law.MOONEY_RIVLIN: _core.Law.mooney_rivlin,
 }
 
 # Of dividing the mass among the patches of the smoothed element; more gain a hundredth.
@@ -44,8 +61,9 @@ def lame_parameters(material: Material) -> tuple[float, float]:
 def materials_of_cells(
     mesh: TetMesh, material: Material, inclusions: Sequence[Inclusion]
 ) -> tuple[Floats, Indices]:
-    """Lamé's parameters [Pa] and density [kg/m3] of each material, and the row of each cell."""
-    rows = [(*lame_parameters(m), m.density) for m in (material, *(i.material for i in inclusions))]
+    """Lamé's parameters, c01 [Pa], density [kg/m3] of each material, and the row of each cell."""
+    materials = (material, *(i.material for i in inclusions))
+    rows = [(*lame_parameters(m), m.c01, m.density) for m in materials]
     table, row = np.unique(rows, axis=0, return_inverse=True)
     number = np.zeros(mesh.num_cells, dtype=np.int32)
     for k, inclusion in enumerate(inclusions, start=1):
@@ -65,16 +83,19 @@ class Body:
         inclusions: Cells of another material.
 
     Attributes:
+        law: What the material follows under Green strain.
         core: The compiled body; holds one stiffness matrix at a time.
         lmbda, mu: Lamé's parameters of each cell [Pa], shape (num_cells,).
         density: Of each cell [kg/m3], shape (num_cells,).
 
     Raises:
-        InputError: By every method that is given a displacement: wrong shape, or a value that is
+        InputError: Smoothed tetrahedra of another law than Saint-Venant-Kirchhoff's; and by every
+            method that is given a displacement: wrong shape, or a value that is
             not finite.
 
     Note:
-        Green strain softens under compression, from a stretch of 1/sqrt(3) = 0.577 downwards.
+        Saint-Venant-Kirchhoff softens under compression, from a stretch of 1/sqrt(3) = 0.577
+        downwards; for other laws see `Law`.
     """
 
     def __init__(
@@ -87,17 +108,21 @@ class Body:
         inclusions: Sequence[Inclusion] = (),
     ) -> None:
         self.mesh = mesh
+        if element is Element.SMOOTHED:
+            require_linear_in_strain(material, strain, "fastsim's smoothed tetrahedra")
         self.strain = strain
         self.element = element
+        self.law = material.law
         self._materials, self._row = materials_of_cells(mesh, material, inclusions)
-        self.lmbda, self.mu, self.density = self._materials[self._row].T
-        lame, kinds = np.unique(self._materials[:, :2], axis=0, return_inverse=True)
+        self.lmbda, self.mu, _, self.density = self._materials[self._row].T
+        moduli, kinds = np.unique(self._materials[:, :3], axis=0, return_inverse=True)
         self.core = _core.ElasticBody(
             mesh.points,
             mesh.cells,
-            lame,
+            np.ascontiguousarray(moduli),
             kinds.reshape(-1)[self._row].astype(np.int32),
             _MEASURE[strain],
+            _LAW[material.law],
             _ELEMENT[element],
         )
 
@@ -144,11 +169,13 @@ class Body:
         return self.core.internal_force(self.checked(displacement))
 
     def strain_energy(self, displacement: ArrayLike) -> float:
-        """Integral of lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
+        """Integral of W over the rest volume [J]: lmbda/2 tr(E)^2 + mu tr(E^2), or the law's."""
         return self.core.strain_energy(self.checked(displacement))
 
     def stresses(self, strains: Floats) -> Floats:
-        """The stresses that the element makes of strains of the cells: linear and symmetric.
+        """The stresses that the element makes of small strains of the cells: linear, symmetric.
+
+        Of any strains where the law is Hooke's or Saint-Venant-Kirchhoff's.
 
         Args:
             strains: Symmetric [-], shape (num_cells, 3, 3).
@@ -159,6 +186,11 @@ class Body:
         """
         rows = np.ascontiguousarray(strains, dtype=np.float64).reshape(self.mesh.num_cells, 9)
         return self.core.stresses(rows).reshape(-1, 3, 3)
+
+    def first_piola_kirchhoff_stresses(self, displacement: ArrayLike) -> Floats:
+        """P of each cell, by which it makes forces [Pa], shape (num_cells, 3, 3)."""
+        found = self.core.first_piola_kirchhoff_stresses(self.checked(displacement))
+        return found.reshape(-1, 3, 3)
 
     def displacement_gradients(self, displacement: ArrayLike) -> Floats:
         """H = du/dX of each cell [-], shape (num_cells, 3, 3)."""
@@ -182,13 +214,17 @@ class Body:
         stiffness and mass matrices"); for one cell that is 4 / rho times the largest eigenvalue
         of B^T D B, which D^(1/2) B B^T D^(1/2) has too, a 6 x 6 matrix. For the smoothed element
         the patches of edges and nodes take the place of cells: core/mechanics/smoothed_bound.hpp.
+
+        At rest all laws are as stiff, so it is the same for all. Away from it, it may be too long:
+        Saint-Venant-Kirchhoff stiffens under stretch, the logarithm of a volume without bound as
+        that nears 0; `critical_time_step` at a displacement says how stiff a body is there.
         """
         if self.element is Element.SMOOTHED:
             squared = self.core.smoothed_bound(self.lumped_mass, _ROUNDS_OF_BOUND)
             return float(2.0 / np.sqrt(squared))
         # Square root of D / rho in Voigt order (xx, yy, zz, xy, yz, zx), by material.
         elasticity = np.zeros((len(self._materials), 6, 6))
-        lmbda, mu, density = self._materials.T
+        lmbda, mu, _, density = self._materials.T
         elasticity[:, range(6), range(6)] = np.outer(mu, [2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
         elasticity[:, :3, :3] += lmbda[:, None, None]
         values, vectors = np.linalg.eigh(elasticity / density[:, None, None])

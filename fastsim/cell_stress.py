@@ -17,6 +17,8 @@ from palpate.meshes.problem import Strain
 def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
     """Stress of each cell: S = lmbda tr(E) I + 2 mu E (eq. 2, 3-4, 6-7), as the element takes it.
 
+    By another law S = F^-1 P.
+
     Args:
         body: Its strain says which: with engineering strain S is Cauchy's stress, with Green
             strain the second Piola-Kirchhoff stress.
@@ -26,6 +28,10 @@ def cell_stress(body: Body, displacement: ArrayLike) -> Floats:
         [Pa], shape (num_cells, 3, 3), symmetric.
     """
     gradient = body.displacement_gradients(displacement)
+    if body.strain is Strain.GREEN and not body.law.is_linear_in_strain:
+        P = body.first_piola_kirchhoff_stresses(displacement)
+        S: Floats = np.linalg.solve(np.eye(3) + gradient, P)
+        return S
     E = 0.5 * (gradient + gradient.transpose(0, 2, 1))
     if body.strain is Strain.GREEN:
         E = E + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)

@@ -16,7 +16,7 @@ from palpate.fastsim.limit_point import smooth_direction
 from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, require_linear_in_strain
 
 # Below this, diagonal blocks alone are as quick as multigrid.
 MULTIGRID_FROM_POINTS = 1500
@@ -120,6 +120,9 @@ class Newton:
         self.is_guarded = is_guarded
         self.iteration = iteration
         self.body = Body.of(problem, strain, element=element)
+        if iteration is Iteration.SECANT:
+            # The residual of other laws is not cubic.
+            require_linear_in_strain(problem.material, strain, "the secant iteration of eq. 10")
         self.tolerance = relative_tolerance
         self.max_iterations = max_iterations
         self.iterations = 0

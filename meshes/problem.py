@@ -14,6 +14,7 @@ from palpate.meshes.agreement import require_agreement, require_boundary_facets
 from palpate.meshes.arrays import Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import Load, Support
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
 class Strain(StrEnum):
     """Strain measure: engineering strain (eq. 3-4) or Green strain (eq. 6-7).
+
+    With GREEN a material's own law holds, for finite strain, be it written in that or not. LINEAR
+    is its limit for small strains and turns, Hooke's law with the same E and nu.
 
     >>> import palpate
     >>> palpate.Strain("green") is palpate.Strain.GREEN
@@ -51,18 +55,21 @@ class Element(StrEnum):
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic solid; with Green strain the Saint-Venant-Kirchhoff material.
+    """Isotropic elastic solid: its moduli at rest, and the law it follows under finite strain.
 
     Args:
-        youngs_modulus: [Pa], > 0.
-        poissons_ratio: [-], between -1 and 0.5, both excluded.
-        density: [kg/m3], > 0.
+        youngs_modulus: At rest [Pa], > 0.
+        poissons_ratio: At rest [-], between -1 and 0.5, both excluded.
+        density: At rest [kg/m3], > 0.
+        law: With Green strain; with linear strain every law is Hooke's.
+        c01: Of the second invariant [Pa], for Law.MOONEY_RIVLIN alone; `mooney_rivlin` takes the
+            three constants that the law is written with.
 
     Raises:
         InputError: A value outside its range.
 
     Note:
-        Linear tetrahedra lock as Poisson's ratio nears 0.5.
+        Linear tetrahedra lock as Poisson's ratio nears 0.5. What each law is good for: see `Law`.
 
     >>> import palpate
     >>> palpate.Material(youngs_modulus=10e3, poissons_ratio=0.4).density
@@ -72,6 +79,8 @@ class Material:
     youngs_modulus: float
     poissons_ratio: float
     density: float = 1000.0
+    law: Law = Law.SAINT_VENANT_KIRCHHOFF
+    c01: float = 0.0
 
     def __post_init__(self) -> None:
         E, nu, rho = self.youngs_modulus, self.poissons_ratio, self.density
@@ -84,6 +93,53 @@ class Material:
             )
         if not (math.isfinite(rho) and rho > 0.0):
             raise InputError(f"density = {rho:g} kg/m3: needs a finite value above 0")
+        try:
+            object.__setattr__(self, "law", Law(self.law))
+        except ValueError:
+            raise InputError(
+                f"law = {self.law!r} is not known; known are {', '.join(Law)}"
+            ) from None
+        if not math.isfinite(self.c01):
+            raise InputError(f"c01 = {self.c01:g} Pa: needs a finite value")
+        if self.c01 and self.law is not Law.MOONEY_RIVLIN:
+            raise InputError(f"c01 goes with law = {Law.MOONEY_RIVLIN}, not with {self.law}")
+
+    @classmethod
+    def mooney_rivlin(
+        cls, *, c10: float, c01: float, bulk_modulus: float, density: float = 1000.0
+    ) -> Material:
+        """W = c10 (J^(-2/3) I - 3) + c01 (J^(-4/3) II - 3) + bulk_modulus/2 (J - 1)^2.
+
+        Args:
+            c10: [Pa].
+            c01: [Pa]; with mu = 2 (c10 + c01) > 0.
+            bulk_modulus: kappa [Pa], > 0.
+            density: [kg/m3], > 0.
+
+        Raises:
+            InputError: Constants that are not positive definite at rest.
+
+        >>> import palpate
+        >>> tissue = palpate.Material.mooney_rivlin(c10=1e3, c01=500.0, bulk_modulus=50e3)
+        >>> round(tissue.youngs_modulus), round(tissue.poissons_ratio, 3)
+        (8824, 0.471)
+        """
+        mu = 2.0 * (c10 + c01)
+        if not (math.isfinite(mu) and mu > 0.0):
+            raise InputError(
+                f"c10 = {c10:g} Pa and c01 = {c01:g} Pa: the shear modulus 2 (c10 + c01) must be "
+                "above 0, or the body has no stable rest"
+            )
+        if not (math.isfinite(bulk_modulus) and bulk_modulus > 0.0):
+            raise InputError(f"bulk_modulus = {bulk_modulus:g} Pa: needs a finite value above 0")
+        denominator = 3.0 * bulk_modulus + mu
+        return cls(
+            9.0 * bulk_modulus * mu / denominator,
+            (3.0 * bulk_modulus - 2.0 * mu) / (2.0 * denominator),
+            density,
+            Law.MOONEY_RIVLIN,
+            c01,
+        )
 
 
 @dataclass(frozen=True)
@@ -186,8 +242,9 @@ class Problem:
         IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
         FacetNotOnBoundaryError: A facet of a support, load or tool inside the body, or twice there.
         DisagreeingSupportsError: Two supports that want different places of a point.
-        InputError: Indices that are none, a cell in two inclusions, a tool beside a support along
-            a slanted normal, or an initial velocity without a time span.
+        InputError: Indices that are none, a cell in two inclusions, inclusions of another law, a
+            tool beside a support along a slanted normal, or an initial velocity without a time
+            span.
 
     >>> import numpy as np
     >>> import palpate
@@ -237,6 +294,12 @@ class Problem:
             if taken[cells].any() or len(np.unique(cells)) != len(cells):
                 raise InputError(f"{what}: a cell is named twice; each has one material")
             taken[cells] = True
+        laws = dict.fromkeys((self.material.law, *(i.material.law for i in self.inclusions)))
+        if len(laws) > 1:
+            raise InputError(
+                f"inclusions follow the law of their body; here are {', '.join(laws)}: give them "
+                "all the same"
+            )
 
 
 Item = TypeVar("Item", bound="DataclassInstance")
@@ -260,3 +323,15 @@ def require_no_tools(problem: Problem, what: str) -> None:
     """Raise InputError where a problem has tools and `what` knows nothing of them."""
     if problem.tools:
         raise InputError(f"{what} knows no tools; take the tool out of the case, or solve statics")
+
+
+def require_linear_in_strain(material: Material, strain: Strain, what: str) -> None:
+    """Raise InputError where `what` knows Saint-Venant-Kirchhoff alone and a body follows another.
+
+    With linear strain every law is Hooke's, which all know.
+    """
+    if strain is Strain.GREEN and not material.law.is_linear_in_strain:
+        raise InputError(
+            f"{what}: no law is known there but {Law.SAINT_VENANT_KIRCHHOFF}, and this body "
+            f"follows {material.law}"
+        )

@@ -189,7 +189,12 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
     """The same body with lengths in another unit, a metre being `scale` of it; forces stay."""
 
     def material(of: Material) -> Material:
-        return Material(of.youngs_modulus / scale**2, of.poissons_ratio, of.density / scale**3)
+        return dataclasses.replace(
+            of,
+            youngs_modulus=of.youngs_modulus / scale**2,
+            density=of.density / scale**3,
+            c01=of.c01 / scale**2,
+        )
 
     def load_of(load: Load) -> Load:
         match load:

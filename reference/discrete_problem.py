@@ -8,14 +8,21 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
-from palpate.reference import fenicsx
+from palpate.meshes.problem import (
+    Element,
+    Inclusion,
+    Material,
+    Problem,
+    Strain,
+    require_linear_in_strain,
+)
+from palpate.reference import fenicsx, hyperelastic
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
-from palpate.reference.materials import lame_by_cell
+from palpate.reference.materials import by_cell, lame_by_cell
 from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
 from palpate.reference.result import Formulation
 from palpate.reference.smoothed_stress import SmoothedStress
@@ -40,11 +47,13 @@ class ElasticBody:
         u: Displacement, a function.
         v: Test function.
         lame: First Lamé parameter and shear modulus [Pa], functions constant in each cell.
+        law: That of the material, which holds under Green strain.
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
         virtual_work: Integral of F S : grad v, F = I under linear strain.
 
     Raises:
-        InputError: Smoothed tetrahedra of another degree, or on several ranks.
+        InputError: Smoothed tetrahedra of another degree, on several ranks, or of another law than
+            Saint-Venant-Kirchhoff's.
     """
 
     _smoothed: SmoothedStress | None = None
@@ -68,11 +77,13 @@ class ElasticBody:
         self.lame = lmbda, mu = lame_by_cell(space.transferred, material, inclusions)
         self.u = fem.Function(space.space)
         self.v = ufl.TestFunction(space.space)
+        self.law = material.law
         if element is Element.SMOOTHED:
+            require_linear_in_strain(material, strain, "the reference's smoothed tetrahedra")
             self._smoothed = SmoothedStress(space, self.u, strain, self.lame)
             self.stress = self._smoothed.stress
             self.virtual_work = self._smoothed.virtual_work(self.v)
-        else:
+        elif strain is Strain.LINEAR or material.law.is_linear_in_strain:
             # S is of degree 2 (p - 1) or p - 1, F and grad v are of degree p - 1: exact.
             degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
             dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
@@ -81,6 +92,15 @@ class ElasticBody:
             self.energy = strain_energy_density(E, lmbda, mu) * dx
             F = deformation_gradient(self.u) if strain is Strain.GREEN else ufl.Identity(3)
             self.virtual_work = ufl.inner(F * self.stress, ufl.grad(self.v)) * dx
+        else:
+            order = hyperelastic.quadrature_degree(space.degree)
+            dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
+            c01 = by_cell(space.transferred, material, inclusions, lambda m: m.c01)
+            F, constants = deformation_gradient(self.u), (material.law, lmbda, mu, c01)
+            P = hyperelastic.first_piola_kirchhoff_stress(F, *constants)
+            self.stress = ufl.inv(F) * P
+            self.energy = hyperelastic.energy_density(F, *constants) * dx
+            self.virtual_work = ufl.inner(P, ufl.grad(self.v)) * dx
         self.num_dofs = 3 * space.num_blocks  # that this rank owns
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)

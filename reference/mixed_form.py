@@ -1,7 +1,7 @@
-"""Nearly incompressible Saint-Venant-Kirchhoff: displacement and pressure apart.
+"""Nearly incompressible bodies: displacement and pressure apart.
 
-The stiff part of the stress, lmbda tr(E) I, becomes an unknown of its own, one degree lower than
-the displacement (C. Taylor, P. Hood 1973: P2-P1). Stationary in both,
+The stiff part of Saint-Venant-Kirchhoff's stress, lmbda tr(E) I, becomes an unknown of its own, one
+degree lower than the displacement (C. Taylor, P. Hood 1973: P2-P1). Stationary in both,
 
     Pi(u, p) = integral of mu E : E + p tr(E) - p^2 / (2 lmbda)  -  work of the loads,
 
@@ -10,6 +10,9 @@ integral of (tr(E) - p / lmbda) q = 0: p = lmbda tr(E) in the weak sense. The di
 has to make tr(E) small in every cell by itself, which is what locks. As lmbda grows, tr(E) = 0 is
 what this material tends to; det F = 1 only for small strains.
 F. Brezzi, M. Fortin, Mixed and Hybrid Finite Element Methods, 1991, chapter VI.
+
+Of the other laws, whose W is lmbda/2 g(J)^2 and a part without lmbda, g = J - 1 or ln J, the second
+part stands for mu E : E and g for tr(E): there J = 1 is what they tend to.
 
 The unknown of the solver is p h / mu [m], with h a typical cell size, so that the rows of pressure
 are forces like those of displacement, and one tolerance serves both.
@@ -23,12 +26,12 @@ from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
-from palpate.reference import fenicsx
+from palpate.reference import fenicsx, hyperelastic
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.kinematics import strain_tensor
+from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
-from palpate.reference.materials import lame_by_cell, lame_parameters
+from palpate.reference.materials import by_cell, lame_by_cell, lame_parameters
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
 from palpate.reference.result import Formulation
 from palpate.reference.supports import hold
@@ -94,13 +97,23 @@ class MixedProblem(DiscreteProblem):
         self.pressure_unit = lame_parameters(problem.material)[1] / cell_size
         scale = fem.Constant(mesh, PETSc.ScalarType(self.pressure_unit))
         p = scale * scaled
-        E = strain_tensor(self.u, strain)
-        # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 are of no higher degree from p = 2 on.
-        order = (4 if strain is Strain.GREEN else 2) * (degree - 1)
+        self.law = law = problem.material.law
+        if strain is Strain.LINEAR or law.is_linear_in_strain:
+            E = strain_tensor(self.u, strain)
+            # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 of no higher one from p = 2 on.
+            order = (4 if strain is Strain.GREEN else 2) * (degree - 1)
+            shape, volume = mu * ufl.inner(E, E), ufl.tr(E)
+            self.stress = p * ufl.Identity(3) + 2 * mu * E
+        else:
+            c01 = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.c01)
+            order = hyperelastic.quadrature_degree(degree)
+            F = ufl.variable(deformation_gradient(self.u))
+            shape = hyperelastic.energy_density(F, law, 0, mu, c01)
+            volume = hyperelastic.volume_change(F, law)
+            self.stress = ufl.inv(F) * (ufl.diff(shape, F) + p * ufl.diff(volume, F))
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-        potential = (mu * ufl.inner(E, E) + p * ufl.tr(E) - p**2 / (2 * lmbda)) * dx
-        self.energy = (mu * ufl.inner(E, E) + p**2 / (2 * lmbda)) * dx
-        self.stress = p * ufl.Identity(3) + 2 * mu * E
+        potential = (shape + p * volume - p**2 / (2 * lmbda)) * dx
+        self.energy = (shape + p**2 / (2 * lmbda)) * dx
         virtual_work = ufl.derivative(potential, self._unknown, both)
         self._force = fenicsx.form(virtual_work)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Support, Traction
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
@@ -47,6 +48,7 @@ __all__ = [
     "Formulation",
     "Inclusion",
     "InputError",
+    "Law",
     "Material",
     "Method",
     "PlaneShape",

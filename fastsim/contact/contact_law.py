@@ -82,7 +82,7 @@ def layer_stiffness(problem: Problem, facets: Indices) -> float:
     """
     behind = np.isin(problem.mesh.cells, facets).sum(axis=1) >= 3
     table, row = materials_of_cells(problem.mesh, problem.material, problem.inclusions)
-    lmbda, mu, _ = table[row[behind]].T
+    lmbda, mu, _, _ = table[row[behind]].T
     return float((lmbda + 2.0 * mu).max()) / mean_edge(problem, facets)
 
 
@@ -151,7 +151,7 @@ def largest_speed(
     duration = time_step
     if stiffness is not None and len(contact.vertices):
         materials, _ = materials_of_cells(problem.mesh, problem.material, problem.inclusions)
-        lmbda, mu, rho = materials.T
+        lmbda, mu, _, rho = materials.T
         bounce = float(np.sqrt((mass[contact.vertices] / contact.areas).max() / stiffness))
         impedance = float((rho * np.sqrt((lmbda + 2.0 * mu) / rho)).max())
         duration = max(time_step, bounce, impedance / stiffness)

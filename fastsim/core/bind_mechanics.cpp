@@ -31,6 +31,11 @@ void bind_mechanics(nb::module_ &module) {
     nb::enum_<StrainMeasure>(module, "StrainMeasure")
         .value("linear", StrainMeasure::linear)
         .value("green", StrainMeasure::green);
+    nb::enum_<Law>(module, "Law")
+        .value("saint_venant_kirchhoff", Law::saint_venant_kirchhoff)
+        .value("neo_hookean_stable", Law::neo_hookean_stable)
+        .value("neo_hookean", Law::neo_hookean)
+        .value("mooney_rivlin", Law::mooney_rivlin);
     nb::enum_<SolveStatus>(module, "SolveStatus")
         .value("converged", SolveStatus::converged)
         .value("negative_curvature", SolveStatus::negative_curvature)
@@ -44,18 +49,18 @@ void bind_mechanics(nb::module_ &module) {
         .def(
             "__init__",
             [](ElasticBody *self, GivenPoints points, GivenCells cells,
-               GivenTable<double, 2> materials, GivenColumn<Index> material_of,
-               StrainMeasure strain, Element element) {
+               GivenTable<double, 3> materials, GivenColumn<Index> material_of,
+               StrainMeasure strain, Law law, Element element) {
                 nb::gil_scoped_release release;
                 new (self) ElasticBody(as_span(points),
                                        make_elastic_cells(as_span(points), as_span(cells),
-                                                          as_rows<Lame>(materials),
-                                                          as_span(material_of), strain),
+                                                          as_rows<Moduli>(materials),
+                                                          as_span(material_of), strain, law),
                                        element);
             },
             nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
             nb::arg("materials").noconvert(), nb::arg("material_of").noconvert(), nb::arg("strain"),
-            nb::arg("element"))
+            nb::arg("law"), nb::arg("element"))
         .def("shape_gradients",
              [](const ElasticBody &body) { return as_table(body.elastic.rest.gradients); })
         .def(
@@ -75,6 +80,14 @@ void bind_mechanics(nb::module_ &module) {
                                                   as_span(lumped_mass), rounds);
             },
             nb::arg("lumped_mass").noconvert(), nb::arg("rounds"))
+        .def(
+            "first_piola_kirchhoff_stresses",
+            [](const ElasticBody &body, Vectors displacement) {
+                std::vector<Matrix3> found(body.elastic.size());
+                body.piola_stresses(as_span(displacement), found);
+                return as_table(found);
+            },
+            nb::arg("displacement").noconvert())
         .def(
             "stresses",
             [](const ElasticBody &body, GivenTable<double, 9> strains) {

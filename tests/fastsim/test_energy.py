@@ -140,9 +140,10 @@ def test_a_wrong_force_breaks_the_balance(
     stiffer = _core.ElasticBody(
         mesh.points,
         mesh.cells,
-        np.array([[body.lmbda[0], 1.01 * body.mu[0]]]),
+        np.array([[body.lmbda[0], 1.01 * body.mu[0], 0.0]]),
         np.zeros(mesh.num_cells, dtype=np.int32),
         _core.StrainMeasure.green,
+        _core.Law.saint_venant_kirchhoff,
         _core.Element.linear,
     )
 

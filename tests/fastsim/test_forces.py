@@ -198,8 +198,14 @@ def test_the_core_takes_no_other_type_silently(ragged_box: TetMesh, kind: type) 
     with pytest.raises(TypeError):
         Body(ragged_box, TISSUE).core.internal_force(u)
     cells = ragged_box.cells.astype(np.int64)
-    lame, number = np.ones((1, 2)), np.zeros(len(cells), dtype=np.int32)
-    rest = lame, number, _core.StrainMeasure.green, _core.Element.linear
+    lame, number = np.ones((1, 3)), np.zeros(len(cells), dtype=np.int32)
+    rest = (
+        lame,
+        number,
+        _core.StrainMeasure.green,
+        _core.Law.saint_venant_kirchhoff,
+        _core.Element.linear,
+    )
     _core.ElasticBody(ragged_box.points, ragged_box.cells, *rest)
     with pytest.raises(TypeError):
         _core.ElasticBody(ragged_box.points, cells, *rest)

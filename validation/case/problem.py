@@ -114,11 +114,16 @@ class _Builder:
         self.units, self.folder, self.mesh = units, folder, mesh
 
     def material(self, spec: MaterialSpec) -> Material:
-        return Material(
-            self.units.pascals(spec.youngs_modulus),
-            spec.poissons_ratio,
-            self.units.kilograms_per_cubic_metre(spec.density),
-        )
+        density = self.units.kilograms_per_cubic_metre(spec.density)
+        pascals = self.units.pascals
+        match spec:
+            case MaterialSpec(c10=float(c10), c01=float(c01), bulk_modulus=float(kappa)):
+                return Material.mooney_rivlin(
+                    c10=pascals(c10), c01=pascals(c01), bulk_modulus=pascals(kappa), density=density
+                )
+            case MaterialSpec(youngs_modulus=float(modulus), poissons_ratio=float(ratio)):
+                return Material(pascals(modulus), ratio, density, spec.law)
+        raise AssertionError("the schema asks for either")
 
     def inclusion(self, spec: InclusionSpec, what: str) -> Inclusion:
         cells = select_cells(self.mesh, spec.region, self.units, what)

@@ -30,7 +30,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 def law_explanations(answer: StaticAnswer) -> Iterator[Explanation]:
     """Each other law with the material asked for."""
     body, u = answer.body, answer.displacement
-    for name, law in laws_instead_of(body.strain).items():
+    for name, law in laws_instead_of(body.strain, body.law).items():
         internal = body.internal(u, law)
         tried = [answer.tried(name, Cause.LAW, internal=internal)]
         if name == OTHER_STRAIN[body.strain]:
@@ -54,8 +54,13 @@ def material_explanations(answer: StaticAnswer) -> Iterator[Explanation]:
     none = np.zeros(body.mesh.num_cells)
     # Poisson's ratio 0 has no lmbda to multiply: then in parts of mu.
     base = body.lmbda if body.lmbda.all() else body.mu
-    volume_part = body.force_of(push_forward(H, hooke(E, base, none), body.strain))
-    shape_part = body.force_of(push_forward(H, hooke(E, none, body.mu), body.strain))
+    if body.is_linear_in_strain:
+        volume_part = body.force_of(push_forward(H, hooke(E, base, none), body.strain))
+        shape_part = body.force_of(push_forward(H, hooke(E, none, body.mu), body.strain))
+    else:
+        # Linear in the moduli, all of them.
+        volume_part = body.internal(answer.displacement, lame=(base, none))
+        shape_part = body.internal(answer.displacement, lame=(none, body.mu))
     has_forces = bool(answer.external[body.free].any())
     if has_forces:
         found = fit([volume_part, shape_part], answer.external, body.free)
@@ -120,11 +125,13 @@ def _material_words(asked: Material, lmbda: float, mu: float) -> tuple[str, int]
 def anisotropy_explanations(answer: StaticAnswer) -> Iterator[Explanation]:
     """Nine constants of a stiffness that is symmetric to the axes, by least squares.
 
-    Of one material everywhere. Worth trying only where nothing simpler fits: it takes in every
-    isotropic one.
+    Of one material everywhere, with the stress linear in the strain. Worth trying only where
+    nothing simpler fits: it takes in every isotropic one.
     """
     body = answer.body
     if body.problem.inclusions or not answer.external[body.free].any():
+        return
+    if not body.is_linear_in_strain:
         return
     H = body.gradient(answer.displacement)
     E = strain_of(H, body.strain)

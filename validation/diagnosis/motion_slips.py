@@ -124,7 +124,7 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
             yield name, Cause.TIME, Slip(damping=factor * asked)
     yield from _mass_slips(body)
     yield from _load_slips(body)
-    for name, law in laws_instead_of(body.strain).items():
+    for name, law in laws_instead_of(body.strain, body.law).items():
         yield name, Cause.LAW, Slip(law=law)
         if name == OTHER_STRAIN[body.strain] and pressures:
             # Pressures go with the strain measure, or are as they were asked for.

@@ -29,7 +29,7 @@ from palpate.validation.exchange.supports import held_slopes
 SCHEMA = 1
 FILES = ("case.json", "rest.vtu", "rest.npz")
 _BY_POINT = ("fixed", "prescribed_displacement", "external_force", "lumped_mass")
-_BY_CELL = ("youngs_modulus", "poissons_ratio", "density")
+_BY_CELL = ("youngs_modulus", "poissons_ratio", "density", "c01")
 
 
 def case_key(problem: Problem, strain: Strain) -> str:
@@ -67,7 +67,7 @@ def write_case_folder(
     target.mkdir(parents=True, exist_ok=True)
     arrays = rest_arrays(problem)
     by_point = {name: arrays[name] for name in _BY_POINT}
-    by_cell = {name: arrays[name] for name in _BY_CELL}
+    by_cell = {name: arrays[name] for name in _BY_CELL if name in arrays}
     write_mesh(target / "rest.vtu", problem.mesh, point_data=by_point, cell_data=by_cell)
     arrays |= _follower_pressures(problem)
     arrays["support"] = _holding_supports(problem)
@@ -115,7 +115,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
             for support in problem.supports
         ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
-        **describe_conventions(strain),
+        **describe_conventions(strain, problem.material.law),
     }
 
 

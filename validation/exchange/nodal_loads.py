@@ -5,6 +5,7 @@ Written apart from every simulator's own, so that a fault in one is not handed t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
-from palpate.meshes.problem import Problem
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.facets import facet_areas
 from palpate.validation.exchange.supports import held_components
@@ -38,7 +40,13 @@ def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
         "youngs_modulus": materials[:, 0],
         "poissons_ratio": materials[:, 1],
         "density": materials[:, 2],
+        **({"c01": cell_values(problem, lambda m: m.c01)} if has_c01(problem) else {}),
     }
+
+
+def has_c01(problem: Problem) -> bool:
+    """Whether the law has a constant beside Young's modulus and Poisson's ratio."""
+    return problem.material.law is Law.MOONEY_RIVLIN
 
 
 def nodal_force(mesh: TetMesh, load: Load) -> Points:
@@ -99,6 +107,14 @@ def lumped_mass(problem: Problem) -> Points:
     lumped: Points = np.zeros(mesh.num_points)
     lumped += np.bincount(mesh.cells.ravel(), np.repeat(mass / 4.0, 4), mesh.num_points)
     return lumped
+
+
+def cell_values(problem: Problem, value: Callable[[Material], float]) -> Points:
+    """A number of the material in each cell, (num_cells,)."""
+    values: Points = np.full(problem.mesh.num_cells, value(problem.material))
+    for inclusion in problem.inclusions:
+        values[inclusion.cells] = value(inclusion.material)
+    return values
 
 
 def cell_materials(problem: Problem) -> Points:

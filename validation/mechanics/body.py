@@ -15,14 +15,20 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, require_linear_in_strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.exchange.nodal_loads import cell_materials, nodal_force, touchable_points
+from palpate.validation.exchange.nodal_loads import (
+    cell_materials,
+    cell_values,
+    nodal_force,
+    touchable_points,
+)
 from palpate.validation.exchange.supports import (
     held_components,
     held_slopes,
     pushes_of_supports,
 )
+from palpate.validation.mechanics.finite_laws import energy_density, finite_stress
 from palpate.validation.mechanics.laws import (
     MEASURES,
     Array,
@@ -75,6 +81,8 @@ class Body:
     Attributes:
         lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
         mu: The second [Pa].
+        c01: Of Mooney and Rivlin's law by cell [Pa].
+        law: What the material follows under Green strain.
         held: Components that are held, (num_points, 3).
         prescribed: Where they are held [m], at full amplitude.
         touchable: Points that a tool may touch, (num_points,).
@@ -91,7 +99,11 @@ class Body:
         E, nu = cell_materials(problem)[:, :2].T
         self.lmbda: Array = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
         self.mu: Array = E / (2.0 * (1.0 + nu))
+        self.law = problem.material.law
+        self.c01: Array = cell_values(problem, lambda material: material.c01)
         is_smoothed = element is Element.SMOOTHED
+        if is_smoothed:
+            require_linear_in_strain(problem.material, strain, "the judge's smoothed tetrahedra")
         self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu) if is_smoothed else None
         fixed, self.prescribed = held_components(problem)
         self.held: Mask = fixed.astype(bool)
@@ -125,9 +137,17 @@ class Body:
         return gradients
 
     def energy(self, displacement: Points) -> float:
-        """Integral of psi = lmbda/2 tr(E)^2 + mu tr(E^2) over the rest volume [J]."""
+        """Integral of psi = lmbda/2 tr(E)^2 + mu tr(E^2), or of the law's W, over the rest [J]."""
+        if not self.is_linear_in_strain:
+            H = self.gradient(displacement)
+            return float(self.volumes @ energy_density(self.law, H, self.lmbda, self.mu, self.c01))
         E = strain_of(self.gradient(displacement), self.strain)
         return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
+
+    @property
+    def is_linear_in_strain(self) -> bool:
+        """Whether S = lmbda tr(E) I + 2 mu E, with the strain asked for."""
+        return self.strain is Strain.LINEAR or self.law.is_linear_in_strain
 
     def stress(self, strain: Array) -> Array:
         """The stress that belongs to a strain by cell [Pa], both (num_cells, 3, 3)."""
@@ -159,7 +179,11 @@ class Body:
             return self.force_of(push_forward(H, stress, measure))
         lmbda, mu = lame or (self.lmbda, self.mu)
         try:
-            stress = (law or law_of(self.strain))(H, lmbda, mu)
+            if law is None and not self.is_linear_in_strain:
+                c01 = self.c01 * (mu / self.mu)
+                stress = finite_stress(self.law, H, lmbda, mu, c01)
+            else:
+                stress = (law or law_of(self.strain))(H, lmbda, mu)
         except np.linalg.LinAlgError:
             # A cell that is squeezed flat has no stress by a law that divides by its volume.
             return np.full_like(self.mesh.points, np.nan)
@@ -172,6 +196,8 @@ class Body:
         are S. Not finite where a cell is flat.
         """
         H = self.gradient(displacement)
+        if not self.is_linear_in_strain:
+            return self._finite_stresses(H)
         E = strain_of(H, self.strain)
         smoothing = self._smoothing
         S = hooke(E, self.lmbda, self.mu) if smoothing is None else smoothing.stress(E)
@@ -179,6 +205,16 @@ class Body:
             return S, S
         F = np.eye(3) + H
         P: Array = F @ S
+        with np.errstate(all="ignore"):
+            sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma, P
+
+    def _finite_stresses(self, H: Array) -> tuple[Array, Array]:
+        try:
+            P = finite_stress(self.law, H, self.lmbda, self.mu, self.c01)
+        except np.linalg.LinAlgError:
+            P = np.full_like(H, np.nan)
+        F = np.eye(3) + H
         with np.errstate(all="ignore"):
             sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma, P

@@ -7,6 +7,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.validation.mechanics.body import Body
+from palpate.validation.mechanics.finite_laws import stress_change
 from palpate.validation.mechanics.laws import strain_of, transposed
 
 
@@ -20,8 +21,9 @@ class Tangent:
 
     def __init__(self, body: Body, displacement: Points) -> None:
         self.body, self._displacement = body, displacement
-        if body.strain is Strain.GREEN:
-            H = body.gradient(displacement)
+        self._H = body.gradient(displacement)
+        if body.strain is Strain.GREEN and body.is_linear_in_strain:
+            H = self._H
             self._F, self._S = np.eye(3) + H, body.stress(strain_of(H, Strain.GREEN))
 
     @property
@@ -32,11 +34,13 @@ class Tangent:
     def times(self, change: Points) -> Points:
         """The forces [N] of a change [m], both (num_points, 3) and 0 where held.
 
-        d(F S) = F (C : sym(F^T dH)) + dH S; with linear strain F = 1 and S = 0.
+        d(F S) = F (C : sym(F^T dH)) + dH S; with linear strain F = 1 and S = 0; by another law dP.
         """
         body = self.body
         dH = body.gradient(change)
-        if body.strain is Strain.GREEN:
+        if not body.is_linear_in_strain:
+            stress = stress_change(body.law, self._H, dH, body.lmbda, body.mu, body.c01)
+        elif body.strain is Strain.GREEN:
             dE = transposed(self._F) @ dH
             stress = self._F @ body.stress(0.5 * (dE + transposed(dE))) + dH @ self._S
         else:

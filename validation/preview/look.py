@@ -105,7 +105,7 @@ def _material(look: Look, problem: Problem, units: Units) -> None:
     modulus = m.youngs_modulus / units.pascals(1.0)
     look.say(
         "material",
-        f"E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3"
+        f"{m.law}, E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3"
         + (f"; {len(problem.inclusions)} inclusion(s)" if problem.inclusions else ""),
     )
     if m.poissons_ratio > _NEAR_INCOMPRESSIBLE:

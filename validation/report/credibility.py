@@ -116,7 +116,7 @@ def _factors(result: CaseResult) -> list[Factor]:
             _MODEL,
             "model form",
             "Linear and Green strain side by side show what the strain measure is worth; whether "
-            "a Saint-Venant-Kirchhoff solid is the tissue is not tested.",
+            "a solid of this law is the tissue is not tested.",
             "in part",
         ),
         Factor(_MODEL, "model inputs", _inputs(result), "yours"),

@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from palpate.fastsim.errors import FastsimError
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.evidence.error_budget import (
@@ -23,6 +24,7 @@ from palpate.validation.evidence.error_budget import (
     case_budgets,
     motion_budgets,
 )
+from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import OF_ELEMENT
@@ -111,6 +113,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "slider": "fraction of the displacement" if problem.time is None else "time",
         "quality": measure_quality(problem.mesh),
         "material": problem.material,
+        "other_law": _other_law(problem.material.law),
         "green": [s for s in result.states if not s.is_reference and s.strain is Strain.GREEN],
         "num_supports": len(problem.supports),
         "loads": [type(load).__name__ for load in problem.loads],
@@ -119,6 +122,14 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "credibility": credibility(result),
         "provenance": json.dumps(dict(result.provenance), indent=2, allow_nan=False),
     }
+
+
+def _other_law(law: Law) -> str:
+    """The law in words where it is not the usual one."""
+    if law.is_linear_in_strain:
+        return ""
+    words: str = describe_conventions(Strain.GREEN, law)["law"]
+    return words
 
 
 def _drawn(draw: Callable[[CaseResult], str], result: CaseResult) -> Markup:

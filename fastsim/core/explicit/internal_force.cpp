@@ -11,23 +11,24 @@ template <typename Real> class PlainForce final : public InternalForce<Real> {
     PlainForce(const ElasticCells &body, StrainMeasure strain, const PointRecords &records,
                const KernelChoice<Real> &kernel, std::size_t num_threads)
         : _add_forces(kernel.add_forces), _batches(body, records, kernel.width),
-          _lame(body.materials[0]), _is_green(strain == StrainMeasure::green) {
+          _moduli(body.materials[0]), _is_green(strain == StrainMeasure::green), _law(body.law) {
         this->portions = divide(_batches, records.size(), num_threads);
     }
 
     Real add(std::size_t thread, const Real *displacement, Real *force) override {
         return _add_forces({displacement, force, _batches.corners.data(), _batches.rest.data(),
                             this->portions[thread].first_batch, this->portions[thread].last_batch,
-                            _batches.lame.empty() ? nullptr : _batches.lame.data(),
-                            static_cast<Real>(_lame.lmbda), static_cast<Real>(_lame.mu),
-                            _is_green});
+                            _batches.moduli.empty() ? nullptr : _batches.moduli.data(),
+                            static_cast<Real>(_moduli.lmbda), static_cast<Real>(_moduli.mu),
+                            static_cast<Real>(_moduli.c01), _is_green, _law});
     }
 
   private:
     ForceKernel<Real> _add_forces;
     CellBatches<Real> _batches;
-    Lame _lame; // of the first material
+    Moduli _moduli; // of the first material
     bool _is_green;
+    Law _law;
 };
 
 template <typename Real> class SmoothedForce final : public InternalForce<Real> {

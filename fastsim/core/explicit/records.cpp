@@ -41,7 +41,7 @@ CellBatches<Real>::CellBatches(const ElasticCells &body, const PointRecords &rec
     corners.assign(4 * width * count, static_cast<std::int32_t>(4 * records.size()));
     rest.assign(10 * width * count, Real(0));
     if (body.materials.size() > 1)
-        lame.assign(2 * width * count, Real(0));
+        moduli.assign(3 * width * count, Real(0));
     for (std::size_t k = 0; k < num_cells; ++k) {
         const std::size_t c = static_cast<std::size_t>(sorted[k]), batch = k / width,
                           lane = k % width;
@@ -51,10 +51,12 @@ CellBatches<Real>::CellBatches(const ElasticCells &body, const PointRecords &rec
         for (std::size_t e = 0; e < 9; ++e)
             rest[(10 * batch + e) * width + lane] = static_cast<Real>(body.rest.gradients[c][e]);
         rest[(10 * batch + 9) * width + lane] = static_cast<Real>(body.rest.volumes[c]);
-        if (lame.empty())
+        if (moduli.empty())
             continue;
-        lame[2 * batch * width + lane] = static_cast<Real>(body.lame_of(c).lmbda);
-        lame[(2 * batch + 1) * width + lane] = static_cast<Real>(body.lame_of(c).mu);
+        const Moduli &own = body.moduli_of(c);
+        moduli[3 * batch * width + lane] = static_cast<Real>(own.lmbda);
+        moduli[(3 * batch + 1) * width + lane] = static_cast<Real>(own.mu);
+        moduli[(3 * batch + 2) * width + lane] = static_cast<Real>(own.c01);
     }
 }
 

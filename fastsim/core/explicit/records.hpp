@@ -63,7 +63,7 @@ template <typename Real> struct CellBatches {
     std::size_t width, count;
     AlignedVector<std::int32_t> corners; // each batch: 4 corners x width, first entries
     AlignedVector<Real> rest;            // each batch: 9 gradient entries and the volume, x width
-    AlignedVector<Real> lame;            // each batch: lmbda and mu, x width; if they differ
+    AlignedVector<Real> moduli;          // each batch: lmbda, mu and c01, x width; if they differ
 
     CellBatches(const ElasticCells &body, const PointRecords &records, std::size_t kernel_width);
 };

@@ -9,6 +9,7 @@
 // must not become the copy that the linker keeps for everybody.
 
 #include "explicit/central_difference.hpp"
+#include "mechanics/law.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -22,10 +23,12 @@ template <typename Real> struct ForceJob {
     const Real *rest;            // each batch: 9 gradient entries and the volume, x width
     std::size_t first_batch;
     std::size_t last_batch;
-    const Real *lame; // each batch: lmbda and mu, x width; null where they are the same
-    Real lmbda;       // everywhere
+    const Real *moduli; // each batch: lmbda, mu and c01, x width; null where they are the same
+    Real lmbda;         // everywhere
     Real mu;
+    Real c01;
     bool is_green;
+    Law law; // under Green strain
 };
 
 /// Adds the forces; returns the smallest det F met (1 for linear strain).

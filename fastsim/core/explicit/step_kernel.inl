@@ -106,9 +106,9 @@ inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job
     twice_strain<is_green>(h, e);
     const V volume = Pack::load(rest + 9 * width);
     V mu = V{} + job.mu, half_lmbda = V{} + Real(0.5) * job.lmbda;
-    if (job.lame) {
-        half_lmbda = Real(0.5) * Pack::load(job.lame + 2 * width * batch);
-        mu = Pack::load(job.lame + (2 * batch + 1) * width);
+    if (job.moduli) {
+        half_lmbda = Real(0.5) * Pack::load(job.moduli + 3 * width * batch);
+        mu = Pack::load(job.moduli + (3 * batch + 1) * width);
     }
     mu *= volume;
     const V trace = half_lmbda * volume * (e[0] + e[1] + e[2]);
@@ -126,7 +126,10 @@ template <typename Pack> typename Pack::Real least_of(const typename Pack::V &sm
     return least;
 }
 
-template <typename Pack, bool is_green>
+#include "explicit/law_kernel.inl"
+
+/// Those of one law, without a choice in the loop.
+template <typename Pack, bool is_green, Law law>
 typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
@@ -145,7 +148,11 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
         prefetch<record_bytes>(records, batches_ahead);
         prefetch<rest_bytes>(rest, batches_ahead);
         gather_edges<Pack>(job.displacement, records, edges);
-        const V least = forces_of_batch<Pack, is_green>(job, batch, edges);
+        V least;
+        if constexpr (law == Law::saint_venant_kirchhoff)
+            least = forces_of_batch<Pack, is_green>(job, batch, edges);
+        else
+            least = forces_by_law<Pack, law>(job, batch, edges);
         // NaN counts as inverted: the comparison is false for it.
         smallest = least > smallest ? smallest : least;
         scatter_forces<Pack>(job.force, records, edges);
@@ -154,7 +161,18 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
 }
 
 template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename Pack::Real> &job) {
-    return job.is_green ? add_batches<Pack, true>(job) : add_batches<Pack, false>(job);
+    if (!job.is_green)
+        return add_batches<Pack, false, Law::saint_venant_kirchhoff>(job);
+    switch (job.law) {
+    case Law::neo_hookean_stable:
+        return add_batches<Pack, true, Law::neo_hookean_stable>(job);
+    case Law::neo_hookean:
+        return add_batches<Pack, true, Law::neo_hookean>(job);
+    case Law::mooney_rivlin:
+        return add_batches<Pack, true, Law::mooney_rivlin>(job);
+    default:
+        return add_batches<Pack, true, Law::saint_venant_kirchhoff>(job);
+    }
 }
 
 /// The step of eq. 12; forces are left at zero. Returns whether all displacements are in bounds.

@@ -70,9 +70,9 @@ void SweepPlan<Real>::lay_out_edges(const ElasticCells &body, const SmoothingPat
             for (const Index place : places)
                 _edge_cells.push_back(cell_entry(schedule, at(place)));
             const std::size_t patch = at(edges.patch[turn]);
-            const Lame lame = body.materials[at(patches.edge_material[patch])];
+            const Moduli &moduli = body.materials[at(patches.edge_material[patch])];
             _edge_weight.push_back(
-                static_cast<Real>(lame.mu / (36.0 * patches.edge_volume[patch])));
+                static_cast<Real>(moduli.mu / (36.0 * patches.edge_volume[patch])));
         }
         _chunks[chunk].edge_groups = _edge_groups.size();
     }

@@ -75,9 +75,7 @@ BlockMatrix make_block_matrix(std::size_t num_points, std::span<const Index> cel
 void add_tangent(const ElasticCells &body, std::span<const double> displacement, double weight,
                  BlockMatrix &matrix) {
     for (std::size_t c = 0; c < body.size(); ++c) {
-        const auto local =
-            tangent_blocks(body.gradient(c, displacement), body.rest.gradients[c],
-                           weight * body.rest.volumes[c], body.lame_of(c), body.strain);
+        const auto local = cell_tangent(body, c, displacement, weight);
         for (std::size_t k = 0; k < 16; ++k) {
             Matrix3 &block = cell_block(matrix, body.cells, c, k);
             for (std::size_t e = 0; e < 9; ++e)

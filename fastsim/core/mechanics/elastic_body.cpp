@@ -21,7 +21,21 @@ void ElasticBody::stresses(std::span<const Matrix3> strains, std::span<Matrix3> 
     if (patches)
         return smoothed_stresses(elastic, *patches, strains, out);
     for (std::size_t c = 0; c < elastic.size(); ++c)
-        out[c] = stress_of(strains[c], elastic.lame_of(c));
+        out[c] = stress_of(strains[c], elastic.moduli_of(c));
+}
+
+void ElasticBody::piola_stresses(std::span<const double> displacement,
+                                 std::span<Matrix3> out) const {
+    if (!patches) {
+        for (std::size_t c = 0; c < elastic.size(); ++c)
+            out[c] = cell_stress(elastic, c, displacement);
+        return;
+    }
+    for (std::size_t c = 0; c < elastic.size(); ++c)
+        out[c] = strain_tensor(elastic.gradient(c, displacement), elastic.strain);
+    smoothed_stresses(elastic, *patches, out, out);
+    for (std::size_t c = 0; c < elastic.size(); ++c)
+        out[c] = push_forward(elastic.gradient(c, displacement), out[c], elastic.strain);
 }
 
 void ElasticBody::assemble_tangent(std::span<const double> displacement) {

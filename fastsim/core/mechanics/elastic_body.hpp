@@ -30,8 +30,10 @@ struct ElasticBody {
 
     double strain_energy(std::span<const double> displacement) const;
     void add_internal_force(std::span<const double> displacement, std::span<double> force) const;
-    /// The stresses that the element makes of strains of the cells.
+    /// The stresses that the element makes of strains of the cells, by S = lmbda tr(E) I + 2 mu E.
     void stresses(std::span<const Matrix3> strains, std::span<Matrix3> out) const;
+    /// P of each cell [Pa], as the element takes it.
+    void piola_stresses(std::span<const double> displacement, std::span<Matrix3> out) const;
     void assemble_tangent(std::span<const double> displacement);
     /// The symmetric secant stiffness K + P(a) of eq. 8-10, R(a) = (K + P(a)) a. R is cubic in a,
     /// so with the tangent K_T = K + N1 + N2, N1 linear and N2 quadratic in a, P = N1/2 + N2/3, and

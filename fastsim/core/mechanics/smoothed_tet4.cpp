@@ -46,18 +46,18 @@ void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches
                        std::span<const Matrix3> strains, std::span<Matrix3> stresses) {
     const SmoothedStrains smoothed(body, patches, strains);
     for (std::size_t c = 0; c < body.size(); ++c) {
-        const Lame lame = body.lame_of(c);
+        const Moduli &moduli = body.moduli_of(c);
         Matrix3 s{};
         for (std::size_t k = 0; k < 6; ++k) {
             const Matrix3 &e = smoothed.of_edges[at(patches.cell_edges[6 * c + k])];
             for (std::size_t j = 0; j < 9; ++j)
-                s[j] += lame.mu / 3.0 * e[j];
+                s[j] += moduli.mu / 3.0 * e[j];
         }
         double sum = 0.0;
         for (std::size_t a = 0; a < 4; ++a)
             sum += smoothed.of_nodes[at(patches.cell_nodes[4 * c + a])];
         for (std::size_t j = 0; j < 9; j += 4)
-            s[j] += lame.lmbda / 4.0 * sum;
+            s[j] += moduli.lmbda / 4.0 * sum;
         stresses[c] = s;
     }
 }

@@ -1,4 +1,4 @@
-#include "mechanics/tet4.hpp"
+#include "mechanics/hyperelastic.hpp"
 
 #include <cstddef>
 
@@ -25,11 +25,11 @@ double determinant(const Matrix3 &m) {
            m[2] * (m[3] * m[7] - m[4] * m[6]);
 }
 
-Matrix3 stress_of(const Matrix3 &e, Lame lame) {
-    const double pressure_part = lame.lmbda * (e[0] + e[4] + e[8]);
+Matrix3 stress_of(const Matrix3 &e, const Moduli &moduli) {
+    const double pressure_part = moduli.lmbda * (e[0] + e[4] + e[8]);
     Matrix3 s{};
     for (std::size_t k = 0; k < 9; ++k)
-        s[k] = 2.0 * lame.mu * e[k] + pressure_part * identity[k];
+        s[k] = 2.0 * moduli.mu * e[k] + pressure_part * identity[k];
     return s;
 }
 
@@ -95,13 +95,14 @@ RestCells make_rest_cells(std::span<const double> points, std::span<const Index>
 }
 
 ElasticCells make_elastic_cells(std::span<const double> points, std::span<const Index> cells,
-                                std::span<const Lame> materials, std::span<const Index> material_of,
-                                StrainMeasure strain) {
+                                std::span<const Moduli> materials,
+                                std::span<const Index> material_of, StrainMeasure strain, Law law) {
     return {{cells.begin(), cells.end()},
             make_rest_cells(points, cells),
             {materials.begin(), materials.end()},
             {material_of.begin(), material_of.end()},
-            strain};
+            strain,
+            law};
 }
 
 Matrix3 ElasticCells::gradient(std::size_t number, std::span<const double> displacement) const {
@@ -124,26 +125,26 @@ Matrix3 push_forward(const Matrix3 &h, const Matrix3 &s, StrainMeasure strain) {
     return strain == StrainMeasure::linear ? s : multiply(deformation_gradient(h), s);
 }
 
-Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain) {
-    return push_forward(h, stress_of(strain_tensor(h, strain), lame), strain);
+Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, const Moduli &moduli, StrainMeasure strain) {
+    return push_forward(h, stress_of(strain_tensor(h, strain), moduli), strain);
 }
 
-double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain) {
+double strain_energy_density(const Matrix3 &h, const Moduli &moduli, StrainMeasure strain) {
     const Matrix3 e = strain_tensor(h, strain);
     const double trace = e[0] + e[4] + e[8];
     double squared = 0.0;
     for (const double component : e)
         squared += component * component;
-    return 0.5 * lame.lmbda * trace * trace + lame.mu * squared;
+    return 0.5 * moduli.lmbda * trace * trace + moduli.mu * squared;
 }
 
 std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradients, double volume,
-                                       Lame lame, StrainMeasure strain) {
+                                       const Moduli &moduli, StrainMeasure strain) {
     // dP g_a for du_b:  K_ab = V [ (g_a . S g_b) I + lmbda (F g_a)(F g_b)^T
     //                              + mu ( (g_a . g_b) F F^T + (F g_b)(F g_a)^T ) ].
     const bool is_green = strain == StrainMeasure::green;
     const Matrix3 f = is_green ? deformation_gradient(h) : identity;
-    const Matrix3 s = is_green ? stress_of(strain_tensor(h, strain), lame) : Matrix3{};
+    const Matrix3 s = is_green ? stress_of(strain_tensor(h, strain), moduli) : Matrix3{};
     Matrix3 fft{};
     for (std::size_t i = 0; i < 3; ++i)
         for (std::size_t j = 0; j < 3; ++j)
@@ -164,9 +165,10 @@ std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradient
             Matrix3 &k = blocks[4 * a + b];
             for (std::size_t i = 0; i < 3; ++i)
                 for (std::size_t j = 0; j < 3; ++j)
-                    k[3 * i + j] = volume * (geometric * identity[3 * i + j] +
-                                             lame.lmbda * fg[a][i] * fg[b][j] +
-                                             lame.mu * (gg * fft[3 * i + j] + fg[b][i] * fg[a][j]));
+                    k[3 * i + j] =
+                        volume *
+                        (geometric * identity[3 * i + j] + moduli.lmbda * fg[a][i] * fg[b][j] +
+                         moduli.mu * (gg * fft[3 * i + j] + fg[b][i] * fg[a][j]));
         }
     return blocks;
 }
@@ -188,20 +190,53 @@ void add_cell_force(const ElasticCells &body, std::size_t number, const Matrix3 
     }
 }
 
+Matrix3 cell_stress(const ElasticCells &body, std::size_t c, std::span<const double> displacement) {
+    const Matrix3 h = body.gradient(c, displacement);
+    if (body.is_linear_in_strain())
+        return first_piola_kirchhoff_stress(h, body.moduli_of(c), body.strain);
+    return FiniteStress(body.law, body.moduli_of(c), h).stress();
+}
+
+std::array<Matrix3, 16> cell_tangent(const ElasticCells &body, std::size_t c,
+                                     std::span<const double> displacement, double weight) {
+    const Matrix3 h = body.gradient(c, displacement);
+    const double volume = weight * body.rest.volumes[c];
+    if (body.is_linear_in_strain())
+        return tangent_blocks(h, body.rest.gradients[c], volume, body.moduli_of(c), body.strain);
+    // Column k of block ab: V dP g_a for dH = e_k (x) g_b.
+    const FiniteStress law(body.law, body.moduli_of(c), h);
+    const auto g = all_gradients(body.rest.gradients[c]);
+    std::array<Matrix3, 16> blocks{};
+    for (std::size_t b = 0; b < 4; ++b)
+        for (std::size_t k = 0; k < 3; ++k) {
+            Matrix3 dh{};
+            for (std::size_t j = 0; j < 3; ++j)
+                dh[3 * k + j] = g[b][j];
+            const Matrix3 dp = law.change(dh);
+            for (std::size_t a = 0; a < 4; ++a)
+                for (std::size_t i = 0; i < 3; ++i)
+                    blocks[4 * a + b][3 * i + k] =
+                        volume *
+                        (dp[3 * i] * g[a][0] + dp[3 * i + 1] * g[a][1] + dp[3 * i + 2] * g[a][2]);
+        }
+    return blocks;
+}
+
 void add_internal_force(const ElasticCells &body, std::span<const double> displacement,
                         std::span<double> force) {
     for (std::size_t c = 0; c < body.size(); ++c)
-        add_cell_force(body, c,
-                       first_piola_kirchhoff_stress(body.gradient(c, displacement), body.lame_of(c),
-                                                    body.strain),
-                       force);
+        add_cell_force(body, c, cell_stress(body, c, displacement), force);
 }
 
 double strain_energy(const ElasticCells &body, std::span<const double> displacement) {
     double energy = 0.0;
-    for (std::size_t c = 0; c < body.size(); ++c)
-        energy += body.rest.volumes[c] * strain_energy_density(body.gradient(c, displacement),
-                                                               body.lame_of(c), body.strain);
+    for (std::size_t c = 0; c < body.size(); ++c) {
+        const Matrix3 h = body.gradient(c, displacement);
+        const double density = body.is_linear_in_strain()
+                                   ? strain_energy_density(h, body.moduli_of(c), body.strain)
+                                   : FiniteStress(body.law, body.moduli_of(c), h).energy();
+        energy += body.rest.volumes[c] * density;
+    }
     return energy;
 }
 

@@ -7,6 +7,8 @@
 //   S = lmbda tr(E) I + 2 mu E (eq. 2),  P = (I + H) S,  f_a = V P g_a (eq. 1)
 // Strain is taken from H, never from F^T F - I, which loses digits when H is small.
 
+#include "mechanics/law.hpp"
+
 #include <array>
 #include <cstdint>
 #include <span>
@@ -19,9 +21,12 @@ using Matrix3 = std::array<double, 9>; // row-major
 
 enum class StrainMeasure { linear, green };
 
-struct Lame {
+/// Of a material at rest [Pa]: Lamé's, and the part c01 of mu/2 that goes with the second invariant
+/// (mooney_rivlin alone).
+struct Moduli {
     double lmbda;
     double mu;
+    double c01;
 };
 
 /// Rest data of the cells: gradients of shape functions 1, 2, 3 (rows) and volumes.
@@ -37,12 +42,18 @@ RestCells make_rest_cells(std::span<const double> points, std::span<const Index>
 struct ElasticCells {
     std::vector<Index> cells;
     RestCells rest;
-    std::vector<Lame> materials;
+    std::vector<Moduli> materials;
     std::vector<Index> material_of; // each cell
     StrainMeasure strain;
+    Law law; // under Green strain; with the linear strain all are Hooke's
 
+    /// Whether stress is S = lmbda tr(E) I + 2 mu E of the strain: Hooke's law, or
+    /// Saint-Venant-Kirchhoff's.
+    bool is_linear_in_strain() const {
+        return strain == StrainMeasure::linear || law == Law::saint_venant_kirchhoff;
+    }
     std::size_t size() const { return rest.volumes.size(); }
-    const Lame &lame_of(std::size_t cell) const {
+    const Moduli &moduli_of(std::size_t cell) const {
         return materials[static_cast<std::size_t>(material_of[cell])];
     }
     /// Displacement gradient H of a cell.
@@ -51,8 +62,8 @@ struct ElasticCells {
 
 /// Pre-condition: every cell has positive signed volume, and a number of one of the materials.
 ElasticCells make_elastic_cells(std::span<const double> points, std::span<const Index> cells,
-                                std::span<const Lame> materials, std::span<const Index> material_of,
-                                StrainMeasure strain);
+                                std::span<const Moduli> materials,
+                                std::span<const Index> material_of, StrainMeasure strain, Law law);
 
 double determinant(const Matrix3 &m);
 
@@ -69,20 +80,28 @@ std::array<std::array<double, 3>, 4> all_gradients(const Matrix3 &gradients);
 double det_f(const Matrix3 &gradient_of_displacement);
 
 /// S = lmbda tr(E) I + 2 mu E; eq. 2.
-Matrix3 stress_of(const Matrix3 &strain, Lame lame);
+Matrix3 stress_of(const Matrix3 &strain, const Moduli &moduli);
 
 /// P = F S for Green strain; S itself for linear strain.
 Matrix3 push_forward(const Matrix3 &gradient_of_displacement, const Matrix3 &s,
                      StrainMeasure strain);
 
 /// First Piola-Kirchhoff stress P (the engineering stress for linear strain); eq. 2.
-Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, Lame lame, StrainMeasure strain);
+Matrix3 first_piola_kirchhoff_stress(const Matrix3 &h, const Moduli &moduli, StrainMeasure strain);
 
-double strain_energy_density(const Matrix3 &h, Lame lame, StrainMeasure strain);
+double strain_energy_density(const Matrix3 &h, const Moduli &moduli, StrainMeasure strain);
 
 /// Tangent blocks of one cell, 4 x 4 blocks of 3 x 3, row-major in both; includes the volume.
 std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradients, double volume,
-                                       Lame lame, StrainMeasure strain);
+                                       const Moduli &moduli, StrainMeasure strain);
+
+/// First Piola-Kirchhoff stress of a cell by the body's law.
+Matrix3 cell_stress(const ElasticCells &body, std::size_t cell,
+                    std::span<const double> displacement);
+
+/// The same blocks by the body's law, of a cell at a displacement; `weight` times.
+std::array<Matrix3, 16> cell_tangent(const ElasticCells &body, std::size_t cell,
+                                     std::span<const double> displacement, double weight);
 
 /// Adds the nodal forces of a first Piola-Kirchhoff stress in one cell: eq. 1.
 void add_cell_force(const ElasticCells &body, std::size_t cell, const Matrix3 &p,

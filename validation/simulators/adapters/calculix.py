@@ -1,5 +1,7 @@
 """CalculiX (`ccx`): linear tetrahedra C3D4, NLGEOM makes its linear law StVK.
 
+Its HYPERELASTIC laws NEO HOOKE and MOONEY-RIVLIN keep shape and volume apart, with D1 = 2 / kappa.
+
     palpate gate CASE --simulator "python calculix.py {case} {result}"
 
 Its answer has seven digits (a text file). Follower pressure, tools, time and cells of different
@@ -17,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mechanics import Points
+from mechanics import Points, lame
 
 # Residual over the mean force, and correction over displacement; ccx's own are 5e-3 and 1e-2.
 _TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-9, 1e-6, , , 1e-9, , ,"
@@ -33,6 +35,7 @@ class Static:
 
     tool, precision = "CalculiX", "float64"
     kind, nodes_of = "C3D4", Points
+    laws = ("saint-venant-kirchhoff", "neo-hookean-isochoric", "mooney-rivlin")
 
     def __init__(self, job: dict[str, Any]) -> None:
         program = shutil.which("ccx")
@@ -79,8 +82,7 @@ def _input_file(job: dict[str, Any], kind: str, solver: str) -> str:
     rows += [f"{i}, {x:.12e}, {y:.12e}, {z:.12e}" for i, (x, y, z) in enumerate(job["points"], 1)]
     rows += [f"*ELEMENT, TYPE={kind}, ELSET=BODY"]
     rows += [f"{i}, " + ", ".join(map(str, c + 1)) for i, c in enumerate(job["cells"], 1)]
-    rows += ["*MATERIAL, NAME=TISSUE", "*ELASTIC"]
-    rows += [f"{job['youngs_modulus'][0]:.15g}, {job['poissons_ratio'][0]:.15g}"]
+    rows += ["*MATERIAL, NAME=TISSUE", *_law(job)]
     rows += ["*SOLID SECTION, ELSET=BODY, MATERIAL=TISSUE"]
     rows += ["*STEP, INC=1000" if is_linear else "*STEP, NLGEOM, INC=1000"]
     rows += [f"*STATIC, SOLVER={solver}", f"{1.0 / num_parts}, 1., 1e-4, 1."]
@@ -93,6 +95,19 @@ def _input_file(job: dict[str, Any], kind: str, solver: str) -> str:
     for point, axis in zip(*np.nonzero(job["external_force"]), strict=True):
         rows.append(f"{point + 1}, {axis + 1}, {job['external_force'][point, axis]:.12e}")
     return "\n".join([*rows, "*NODE PRINT, NSET=ALL", "U", "*END STEP", ""])
+
+
+def _law(job: dict[str, Any]) -> list[str]:
+    """The material's cards, of one material everywhere."""
+    law = job.get("law", "saint-venant-kirchhoff")
+    if law == "saint-venant-kirchhoff":
+        return ["*ELASTIC", f"{job['youngs_modulus'][0]:.15g}, {job['poissons_ratio'][0]:.15g}"]
+    lmbda, mu = lame(job)
+    c01 = float(job["c01"][0]) if law == "mooney-rivlin" else 0.0
+    c10, d1 = mu / 2.0 - c01, 2.0 / (lmbda + 2.0 * mu / 3.0)
+    if law == "mooney-rivlin":
+        return ["*HYPERELASTIC, MOONEY-RIVLIN", f"{c10:.15g}, {c01:.15g}, {d1:.15g}"]
+    return ["*HYPERELASTIC, NEO HOOKE", f"{c10:.15g}, {d1:.15g}"]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""FElupe: Saint-Venant-Kirchhoff on linear tetrahedra, a direct solver.
+"""FElupe: Saint-Venant-Kirchhoff, or its neo-Hookean laws, on linear tetrahedra; a direct solver.
 
     palpate gate CASE --simulator "python felupe_svk.py {case} {result}"
 
@@ -30,6 +30,7 @@ class Static:
 
     tool, version, precision = "FElupe", felupe.__version__, "float64"
     kind, region, nodes_of = "tetra", felupe.RegionTetra, Points
+    laws = ("saint-venant-kirchhoff", "neo-hookean", "neo-hookean-isochoric")
 
     def __init__(self, job: dict[str, Any]) -> None:
         self._nodes = self.nodes_of(job)
@@ -42,8 +43,14 @@ class Static:
         if is_linear:
             E, nu = job["youngs_modulus"][0], job["poissons_ratio"][0]
             self._law = felupe.LinearElastic(E=E, nu=nu)
+            return
+        lmbda, mu = lame(job)
+        law = job.get("law", "saint-venant-kirchhoff")
+        if law == "neo-hookean":
+            self._law = felupe.NeoHookeCompressible(mu=mu, lmbda=lmbda)
+        elif law == "neo-hookean-isochoric":
+            self._law = felupe.NeoHooke(mu=mu, bulk=lmbda + 2.0 * mu / 3.0)
         else:
-            lmbda, mu = lame(job)
             self._law = felupe.Hyperelastic(felupe.saint_venant_kirchhoff, mu=mu, lmbda=lmbda)
 
     def advance(self, _num_steps: int) -> dict[str, Any]:

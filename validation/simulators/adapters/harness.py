@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 _LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
+_COMMON = "saint-venant-kirchhoff"
 
 
 def answer_case(adapter: Any) -> None:
@@ -25,7 +26,8 @@ def answer_case(adapter: Any) -> None:
 
     Args:
         adapter: The class `Static` of an adapter; it also has `tool`, a name for people, and may
-            have `law`, where that is not the case's.
+            have `law`, where that is not the case's, and `laws`, those for finite strain that it
+            takes from a case, if there are others than Saint-Venant-Kirchhoff's.
     """
     case, result = (Path(word).absolute() for word in sys.argv[1:])
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
@@ -33,6 +35,12 @@ def answer_case(adapter: Any) -> None:
     job = {**read_arrays(case / "rest.npz"), "strain": given["strain"], "load_kinds": kinds}
     if given["time"] or given["tools"] or len(job["pressure"]) or given["has_inclusions"]:
         raise SystemExit("time, tools, follower pressure and inclusions are not known here")
+    job["law"] = given["material"].get("law", _COMMON) if given["strain"] == "green" else _COMMON
+    known = getattr(adapter, "laws", (_COMMON,))
+    if job["law"] not in known:
+        raise SystemExit(
+            f"law {job['law']}: not posed to {adapter.tool} here, only {', '.join(known)}"
+        )
     os.chdir(result.parent)  # some write a log into the working folder
     try:
         simulator = adapter(job)
@@ -43,7 +51,9 @@ def answer_case(adapter: Any) -> None:
     about = {
         "tool": simulator.tool,
         "version": simulator.version,
-        "law": getattr(simulator, "law", _LAWS[given["strain"]]),
+        "law": getattr(simulator, "law", _LAWS[given["strain"]])
+        if job["law"] == _COMMON
+        else job["law"],
         "seconds": processor_seconds() - start,
         **says,
     }

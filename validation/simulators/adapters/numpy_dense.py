@@ -82,6 +82,9 @@ def main() -> None:
         rest = {name: stored[name] for name in stored.files}
     if given["time"] or given["tools"] or len(rest["pressure"]):
         raise SystemExit("time, tools and follower pressure are not known here")
+    law = given["material"].get("law", "saint-venant-kirchhoff")
+    if given["strain"] == "green" and law != "saint-venant-kirchhoff":
+        raise SystemExit(f"law {law}: only saint-venant-kirchhoff is known here")
     if rest["points"].size > LARGEST:
         raise SystemExit(
             f"{rest['points'].size} degrees of freedom; dense matrices end at {LARGEST}"

@@ -77,9 +77,8 @@ class Static(_Ours):
 
 
 def _problem(job: dict[str, Any], time: TimeSpan | None = None) -> Problem:
-    material = Material(
-        *(float(job[name][0]) for name in ("youngs_modulus", "poissons_ratio", "density"))
-    )
+    E, nu, rho = (float(job[name][0]) for name in ("youngs_modulus", "poissons_ratio", "density"))
+    material = Material(E, nu, rho)
     mesh = TetMesh(job["points"], job["cells"])
     held = np.flatnonzero(job["fixed"].all(axis=1)).astype(np.int32)
     load = PointForce(np.arange(mesh.num_points, dtype=np.int32), job["external_force"])

@@ -1,0 +1,55 @@
+#pragma once
+// Energy, stress and tangent of the laws of law.hpp other than Saint-Venant-Kirchhoff's.
+//
+// All of them are functions of j = J - 1, t = tr E and q = E : E, and with cof F = I + d,
+// d = tr(H) I - H^T + cof H,
+//
+//   P = a (F - cof F) + p cof F + b F (t I - E),        F - cof F = H - d                  (L4)
+//
+// a, p and b as `Response` has them. Nothing is a difference of large numbers where H is small:
+// j = tr H + tr(cof H) + det H, and F - cof F is formed from H.
+
+#include "mechanics/tet4.hpp"
+
+namespace fastsim {
+
+/// Coefficients of (L4), and what they change with.
+struct Response {
+    double a, p, b;
+    double a_j, p_j, b_j; // by j
+    double p_t, p_q;      // by t and q
+};
+
+/// Where a law is looked at: t, q, j, and t - j, formed without cancellation.
+struct Invariants {
+    double j, t, q, t_less_j;
+};
+
+Response respond(Law law, const Moduli &moduli, const Invariants &at);
+
+/// W [J/m3], 0 at rest.
+double energy_of(Law law, const Moduli &moduli, const Invariants &at);
+
+/// (L4) at a displacement gradient, and its derivative along another.
+class FiniteStress {
+  public:
+    FiniteStress(Law law, const Moduli &moduli, const Matrix3 &h);
+
+    double energy() const;
+    Matrix3 stress() const;
+    /// dP of a change dH of H.
+    Matrix3 change(const Matrix3 &dh) const;
+
+  private:
+    Law _law;
+    Moduli _moduli;
+    Matrix3 _h, _f, _e, _d; // H, F, E, d
+    Invariants _at;
+    Response _response;
+};
+
+Matrix3 cofactor(const Matrix3 &m);
+/// Derivative of the cofactors of m along dm.
+Matrix3 cofactor_change(const Matrix3 &m, const Matrix3 &dm);
+
+} // namespace fastsim

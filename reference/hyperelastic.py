@@ -1,0 +1,69 @@
+"""Laws other than Saint-Venant-Kirchhoff's as energies in UFL; stresses and tangents by deriving.
+
+What each is, where it comes from and where it ends: `palpate.meshes.material_law.Law`.
+
+Note:
+    Written in F, so that small displacements lose digits: forces are right to rounding of the
+    moduli times the areas, 1e-16 / |strain| of their own size.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palpate.meshes.material_law import Law
+from palpate.reference.fenicsx import ufl
+from palpate.reference.kinematics import right_cauchy_green
+
+
+def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
+    """W of a deformation gradient [J/m3], 0 at rest.
+
+    Args:
+        F: Deformation gradient; det F > 0 but for the stable neo-Hookean law.
+        law: Not Saint-Venant-Kirchhoff's, which is written in E.
+        lmbda: Lamé's first parameter at rest [Pa].
+        mu: Shear modulus at rest [Pa].
+        c01: Of Mooney and Rivlin's law [Pa]; read by no other.
+    """
+    C = right_cauchy_green(F)
+    J, first = ufl.det(F), ufl.tr(C)
+    match law:
+        case Law.NEO_HOOKEAN_STABLE:
+            # mu/2 (I - 3) + L/2 (J - 1 - mu/L)^2 - mu^2 / (2 L), L = lmbda + mu.
+            L = lmbda + mu
+            return mu / 2 * (first - 3) + L / 2 * (J - 1 - mu / L) ** 2 - mu**2 / (2 * L)
+        case Law.NEO_HOOKEAN:
+            return mu / 2 * (first - 3) - mu * ufl.ln(J) + lmbda / 2 * ufl.ln(J) ** 2
+        case Law.NEO_HOOKEAN_ISOCHORIC:
+            return mu / 2 * (J ** (-2 / 3) * first - 3) + _by_volume(J, lmbda, mu)
+        case Law.MOONEY_RIVLIN:
+            second = (first**2 - ufl.tr(C * C)) / 2
+            shape = (mu / 2 - c01) * (J ** (-2 / 3) * first - 3)
+            return shape + c01 * (J ** (-4 / 3) * second - 3) + _by_volume(J, lmbda, mu)
+    raise ValueError(f"{law} is written in E: see st_venant_kirchhoff")
+
+
+def _by_volume(J: Any, lmbda: Any, mu: Any) -> Any:
+    return (lmbda + 2 * mu / 3) / 2 * (J - 1) ** 2
+
+
+def first_piola_kirchhoff_stress(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
+    """P = dW/dF [Pa]."""
+    F = ufl.variable(F)
+    return ufl.diff(energy_density(F, law, lmbda, mu, c01), F)
+
+
+def volume_change(F: Any, law: Law) -> Any:
+    """g(J) of the law's lmbda/2 g(J)^2, all that lmbda has a part in: J - 1, or ln J."""
+    J = ufl.det(F)
+    return ufl.ln(J) if law is Law.NEO_HOOKEAN else J - 1
+
+
+def quadrature_degree(degree: int) -> int:
+    """Degree to which the virtual work is integrated for displacements of a polynomial degree.
+
+    Exact for linear ones, where F is constant in a cell, and for the stable neo-Hookean law, whose
+    W is of degree 6 in F. The others are no polynomials: the same degree serves them.
+    """
+    return 6 * (degree - 1)
