@@ -107,8 +107,13 @@ def test_a_layer_is_in_equilibrium_and_carries_its_load(load: str, bottom: str) 
 
 
 def test_a_column_bears_what_hangs_below() -> None:
-    weight, end = -0.1, -0.05
-    _, _, answer = column_problem(nu=0.3, weight=weight, end=end, stiffer=3.0, bricks=4)
+    problem, _, answer = column_problem(nu=0.3, weight=-0.5, end=-0.3, stiffer=3.0, bricks=4)
+    M = confined_modulus(problem.material)
+    own, push = problem.loads
+    weight, end = own.force_density[0] / M, push.traction[0] / M
+    # mu a^2 + M (a^2 - 1) / 2 = 0 at a^2 = 0.5 / (0.5 + mu / M), mu / M = 2 / 7.
+    bears = math.sqrt(7.0 / 11.0) * (4.0 / 11.0) / 2.0
+    assert (weight, end) == pytest.approx((-0.5 * bears, -0.3 * bears))
     x = np.array([0.1, 0.45, 0.55, 0.9])
     step = np.array([1e-5, 0.0, 0.0])
     places = np.column_stack([x, 0 * x, 0 * x])

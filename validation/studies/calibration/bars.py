@@ -2,7 +2,8 @@
 
 At rest, pulled or pushed by its own weight and at its end, Green strain: with sigma(x) what hangs
 beyond x, M a (a^2 - 1) / 2 = sigma, M = lmbda + 2 mu, u = integral of a - 1; the real root is
-a = 2 / sqrt(3) cos(arccos(3 sqrt(3) sigma / M) / 3). Layers of another stiffness are other M.
+a = 2 / sqrt(3) cos(arccos(3 sqrt(3) sigma / M) / 3). Layers of another stiffness are other M. A
+pressed column gives way sideways, by shear, where mu a^2 + M (a^2 - 1) / 2 is no longer above 0.
 
 In motion: rho (u'' + c u') = dP/dx + f A(t), u = 0 at x = 0 or moved there, P = M a (a^2 - 1) / 2
 under Green strain, M (a - 1) under linear strain, mu du_y/dx of a bar that is sheared. By
@@ -11,6 +12,8 @@ polynomials and shorter steps change is how well the answer is known.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -33,16 +36,18 @@ def column_problem(
 
     Args:
         nu: Poisson's ratio.
-        weight: Of the whole column over its section, along x, over M [-].
-        end: Traction at x = L along x, over M [-]; with the weight above -0.1924.
+        weight: Of the whole column over its section, along x: over what it bears where it is
+            pressed, < 0, and over M or 3 mu, the smaller of them, where it is pulled.
+        end: Traction at x = L along x, likewise; the two together above -1.
         stiffer: Young's modulus of the outer half over that of the inner one.
-        bricks: Along x.
+        bricks: Along x, even.
     """
     is_even = stiffer == 1.0
     mesh = brick_box((bricks, 2, 2), (_LENGTH, 0.4, 0.4), ragged=0.25 if is_even else 0.0)
     material = Material(1.0, nu, 1.0)
     outer = mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5 * _LENGTH
     M = confined_modulus(material)
+    weight, end = (_size_of(load, nu) for load in (weight, end))
     problem = Problem(
         mesh,
         material,
@@ -68,6 +73,15 @@ def column_problem(
         return u
 
     return problem, Strain.GREEN, answer_of(mesh, exact, Strain.GREEN, "quadrature", 1e-8)
+
+
+def _size_of(load: float, nu: float) -> float:
+    """A load of a column over M."""
+    shear = (1.0 - 2.0 * nu) / (2.0 - 2.0 * nu)
+    if load > 0.0:
+        return load * min(1.0, 3.0 * shear)
+    squared = max(0.5 / (0.5 + shear), 1.0 / 3.0)
+    return load * math.sqrt(squared) * (1.0 - squared) / 2.0
 
 
 def _stretch(load: Floats) -> Floats:
