@@ -14,7 +14,7 @@ from palpate.reference import fenicsx
 from palpate.reference.adaptivity.goals import (
     Goal,
     difference,
-    error_bar,
+    error_bars,
     has_limit,
     has_point_forces,
 )
@@ -58,12 +58,15 @@ class History:
         series = zip(*self.differences[1:], strict=True) if len(self.cells) > 1 else ()
         rows = list(series) or [()] * len(self._goals)
         is_singular = has_point_forces(problem, state)
+        names = [goal.quantity for goal in self._goals]
+        told = zip(names, rows, zip(*self.estimates, strict=True), strict=True)
+        bars = error_bars({name: (row, estimates) for name, row, estimates in told})
         self.bars.append(
             [
-                error_bar(row, [step[k] for step in self.estimates])
-                if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
+                bars[name]
+                if has_limit(name, state.strain, has_point_forces=is_singular)
                 else math.inf
-                for k, (goal, row) in enumerate(zip(self._goals, rows, strict=True))
+                for name in names
             ]
         )
         self._last = state

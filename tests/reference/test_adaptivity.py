@@ -22,6 +22,7 @@ from palpate.reference.adaptivity.goals import (
     Quantity,
     difference,
     error_bar,
+    error_bars,
 )
 from palpate.reference.availability import is_available
 from palpate.reference.child import run_task
@@ -79,6 +80,25 @@ def test_a_difference_that_is_small_by_chance_makes_no_small_bar():
     assert error_bar([0.04, 0.02, 1e-7], estimates) >= SAFETY * 0.01
     # The one before by chance: the rate is that over two meshes.
     assert error_bar([0.04, 1e-7, 0.01], estimates) == pytest.approx(SAFETY * 0.01)
+
+
+def test_norms_need_no_guard_and_signed_numbers_one_as_large_as_the_norm_falls():
+    estimates = [0.08, 0.04, 0.02, 0.01]
+    kept = {
+        Quantity.DISPLACEMENT_L2: ([0.08, 0.04, 0.008], estimates),
+        Quantity.VOLUME: ([0.08, 0.04, 1e-7], estimates),
+        Quantity.DISPLACEMENT_MAX: ([0.08, 0.04, 0.002], estimates),
+        Quantity.MAX_DISPLACEMENT: ([0.08, 0.04, 0.001], estimates),
+    }
+    bars = error_bars(kept)
+    assert bars[Quantity.DISPLACEMENT_L2] == pytest.approx(SAFETY * 0.008)
+    # The norm fell to a fifth.
+    assert bars[Quantity.VOLUME] == pytest.approx(SAFETY * 0.04 / 5.0)
+    assert bars[Quantity.DISPLACEMENT_MAX] == pytest.approx(SAFETY * 0.002)
+    assert bars[Quantity.MAX_DISPLACEMENT] == pytest.approx(SAFETY * 0.002)
+    # Nothing said of the norm: by half, as slowly as is believed.
+    alone = error_bars({Quantity.VOLUME: kept[Quantity.VOLUME]})
+    assert alone[Quantity.VOLUME] == pytest.approx(SAFETY * 0.02)
 
 
 def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():

@@ -124,18 +124,25 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
     }
 
 
-def recorded_bar(table: Mapping[str, Any]) -> float:
-    """The bar that a metric's kept sequence makes, by the rule it was made by; see `error_bar`."""
-    from palpate.reference.adaptivity.goals import error_bar
+def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:
+    """The bars that kept sequences make, by metric, as they were made; see `error_bars`.
 
-    try:
-        numbers = [
-            [math.inf if v is None else float(v) for v in table[key]]
-            for key in ("differences", "estimates")
-        ]
-        return error_bar(*numbers)
-    except (KeyError, TypeError, ValueError, IndexError):
-        return math.inf
+    Infinite where a table, which anybody may have written, is none.
+    """
+    from palpate.reference.adaptivity.goals import error_bars
+
+    kept: dict[str, tuple[list[float], list[float]]] = {}
+    for metric, table in tables.items():
+        try:
+            differences, estimates = (
+                [math.inf if v is None else float(v) for v in table[key]]
+                for key in ("differences", "estimates")
+            )
+        except (KeyError, TypeError, ValueError):
+            continue
+        if len(estimates) == len(differences) + 1:
+            kept[metric] = differences, estimates
+    return dict.fromkeys(tables, math.inf) | error_bars(kept)
 
 
 def most_apart(table: Mapping[str, Any]) -> float:

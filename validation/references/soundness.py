@@ -21,7 +21,7 @@ from palpate.validation.mechanics.stepping import Slip, Stepper, steps_per_outpu
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
-from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bar
+from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bars
 from palpate.validation.references.bar_parts import wrong_record
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
 from palpate.validation.references.sets import (
@@ -106,8 +106,8 @@ def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], fl
                 bar = _number(_table(table, metric), "error_bar")
                 own = math.inf if bar is None else bar
                 least[metric, strain] = least.get((metric, strain), 0.0) + own
-        for metric, kept in _adaptive(provenance, strain).items():
-            least[metric, strain] = recorded_bar(_table({"": kept}, ""))
+        bars = recorded_bars(_adaptive(provenance, strain))
+        least |= {(metric, strain): bar for metric, bar in bars.items()}
     return least
 
 

@@ -11,7 +11,7 @@ from palpate.reference.adaptivity.goals import SAFETY
 from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.case import load_case
 from palpate.validation.judging.truth_request import truth_request
-from palpate.validation.references.adaptive_truth import TruthRequest, most_apart, recorded_bar
+from palpate.validation.references.adaptive_truth import TruthRequest, most_apart, recorded_bars
 from palpate.validation.references.sets import solve_for_storing
 from palpate.validation.references.soundness import find_contradictions
 
@@ -24,7 +24,7 @@ HALVING = {
 
 def test_the_bar_of_a_record_is_made_again():
     # A geometric series goes on to as much as its last difference.
-    assert recorded_bar(HALVING) == pytest.approx(SAFETY * 0.01)
+    assert recorded_bars({"volume": HALVING})["volume"] == pytest.approx(SAFETY * 0.01)
 
 
 @pytest.mark.parametrize(
@@ -33,12 +33,14 @@ def test_the_bar_of_a_record_is_made_again():
         {},
         {**HALVING, "differences": [0.04, None, 0.01]},
         {**HALVING, "differences": "many"},
+        "none",
         {**HALVING, "estimates": 3.0},
         {**HALVING, "differences": [0.01]},
     ],
 )
 def test_a_record_that_tells_nothing_makes_an_infinite_bar(table):
-    assert recorded_bar(table) == math.inf
+    found = recorded_bars({"volume": table, "displacement_l2": HALVING})
+    assert found == {"volume": math.inf, "displacement_l2": pytest.approx(SAFETY * 0.01)}
 
 
 def test_the_first_mesh_is_at_most_all_differences_from_the_last():
@@ -98,5 +100,5 @@ def test_a_stored_truth_has_its_bars_and_their_record(write_case):
     kept = found.provenance["adaptive"]["green"]
     assert kept["ended"] == "every bar is met"
     assert len(kept["cells"]) == len(kept["seconds"]) >= 3
-    for metric, table in kept["metrics"].items():
-        assert recorded_bar(table) == pytest.approx(found.bars[metric, Strain.GREEN])
+    for metric, bar in recorded_bars(kept["metrics"]).items():
+        assert bar == pytest.approx(found.bars[metric, Strain.GREEN])
