@@ -199,16 +199,16 @@ class ContactTerm:
         size = float(np.linalg.norm(np.concatenate([*touching, np.zeros(0)])))
         return 8.0 * float(np.finfo(float).eps) * float(np.abs(body.mesh.points).max()) * size
 
-    def update_multipliers(self, displacement: Points) -> float:
-        """Multiplier := p; return the norm of the change over the norm of the multipliers."""
-        change, size = 0.0, float(np.finfo(float).tiny)
+    def update_multipliers(self, displacement: Points) -> tuple[float, float]:
+        """Multiplier := p; return the norms of the change and of the multipliers [N]."""
+        change, size = 0.0, 0.0
         for number, (gaps, push) in enumerate(self.pressed(displacement)):
             dragged = self._dragged(number, displacement, gaps)[0]
             drag_change, drag_size = self._drags[number].update(dragged, self.poses[number])
             change += float(np.sum((push - self.multipliers[number]) ** 2)) + drag_change
             size += float(np.sum(push**2)) + drag_size
             self.multipliers[number] = push
-        return float(np.sqrt(change / size))
+        return float(np.sqrt(change)), float(np.sqrt(size))
 
     @contextmanager
     def going_to(self, poses: list[NDArray[np.void]]) -> Iterator[None]:

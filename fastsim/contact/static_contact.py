@@ -223,7 +223,7 @@ class _Path:
             if slid:
                 continue
             is_penalty = self._form is ContactForm.PENALTY
-            if is_penalty or term.update_multipliers(displacement) <= _SETTLED:
+            if is_penalty or self._is_settled(displacement):
                 too_far = term.why_too_far(self._problem, displacement, before[1] or poses)
                 if too_far and abs(time - self.time) > self._shortest_step:
                     reason = too_far
@@ -233,8 +233,17 @@ class _Path:
                 return ""
         term.multipliers, term.poses = before
         term.go_back()
-        term.settle(self.displacement)
+        if term.poses:
+            term.settle(self.displacement)
         return reason
+
+    def _is_settled(self, displacement: Points) -> bool:
+        """Take the pushes over as multipliers, and say whether that changed nothing.
+
+        Of a tool that only touches the multipliers are roundings, and never settle.
+        """
+        change, size = self.term.update_multipliers(displacement)
+        return change <= max(_SETTLED * size, self.term.rounding_error(self.newton.body))
 
     def _predict(self, poses: list[NDArray[np.void]], factor: float) -> Points:
         """About where the body is once the tools are at other poses."""

@@ -69,21 +69,23 @@ class OwnPair:
 
     @property
     def own_problem(self) -> Problem:
-        """The own mesh with the case's materials, without loads and supports."""
+        """The own mesh with the case's materials, without loads, supports and tools."""
         return problem_on(self.mesh, self.problem)
 
 
 def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
-    """Another mesh of a case's body with the case's materials, without loads and supports."""
+    """Another mesh of a case's body with the case's materials, without loads, supports and tools."""
     if not problem.inclusions:
-        return dataclasses.replace(problem, mesh=mesh, supports=(), loads=())
+        return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), tools=())
     case = problem.mesh
     held = locate(case.points, case.cells, mesh.points[mesh.cells].mean(axis=1)).cells
     inclusions = tuple(
         Inclusion(np.flatnonzero(np.isin(held, part.cells)).astype(np.int32), part.material)
         for part in problem.inclusions
     )
-    return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), inclusions=inclusions)
+    return dataclasses.replace(
+        problem, mesh=mesh, supports=(), loads=(), tools=(), inclusions=inclusions
+    )
 
 
 @lru_cache(maxsize=2)

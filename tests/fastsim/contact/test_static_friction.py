@@ -76,3 +76,22 @@ def test_both_find_the_same_stick_and_slip(problem: object, strain: Strain) -> N
 def test_a_penalty_knows_no_friction() -> None:
     with pytest.raises(InputError, match="friction"):
         solve_contact(block_on_a_plane(FRICTION), law=ContactLaw(ContactForm.PENALTY))
+
+
+def test_a_plate_that_only_touches_presses_nothing() -> None:
+    """Turned over, by which its normal has roundings; that was refused as not settling."""
+    problem = load_case("drag").problem
+    forces = solve_contact(problem, times=np.array([0.0, 1.0]), strain=Strain.LINEAR).forces[:, 0]
+    assert np.abs(forces[0]).max() < 1e-12
+    np.testing.assert_allclose(forces[1], [0.0, 0.0, 0.25], atol=1e-9)
+
+
+@pytest.mark.parametrize("part", [0.98, 1.02])
+def test_the_case_of_a_plate_tells_two_per_cent_of_friction(part: float) -> None:
+    case = load_case("drag")
+    tool = dataclasses.replace(case.problem.tools[0], friction_coefficient=part * 0.2)
+    other = dataclasses.replace(case.problem, tools=(tool,))
+    force = solve_contact(other, strain=Strain.LINEAR).forces[-1, 0]
+    (check,) = [c for c in case.checks if c.component == "x"]
+    assert check.expected is not None
+    assert abs(force[0] / check.expected - 1.0) > check.limit
