@@ -112,7 +112,12 @@ class Case:
     def files(self) -> tuple[Path, ...]:
         """The case file and every file it names, whether there or not."""
         geometry = self.spec.geometry
-        names = (geometry.mesh, geometry.surface, *(tool.surface for tool in self.spec.tool))
+        names = (
+            geometry.mesh,
+            geometry.surface,
+            self.spec.truth.surface,
+            *(tool.surface for tool in self.spec.tool),
+        )
         return (self.path, *(self.folder / name for name in names if name is not None))
 
     @property

@@ -24,6 +24,7 @@ from palpate.validation.case.numbers import (
     NotNegative,
     Number,
     PlainData,
+    Positive,
     Vector,
     plain_number,
 )
@@ -220,6 +221,10 @@ class TruthSpec(Table):
     """No finer mesh is begun that would take longer, for each strain measure [min]."""
     memory: Annotated[Number, Field(gt=0.0)] = 8.0
     """Nor one that would need more than this [GB]."""
+    surface: str | None = None
+    """A finer surface of the body beside this file: what it changes is told beside the bars."""
+    geometry_distance: Positive | None = None
+    """Or how far the true surface may be from the mesh's [units.length]."""
 
 
 class EvidenceSpec(Table):
@@ -286,6 +291,22 @@ class CaseSpec(Table):
     @model_validator(mode="after")
     def _fitted_values_exist(self) -> CaseSpec:
         require_inputs(self, self.evidence.fitted, "evidence.fitted")
+        return self
+
+    @model_validator(mode="after")
+    def _true_surface_is_of_a_file(self) -> CaseSpec:
+        given = [k for k in ("surface", "geometry_distance") if getattr(self.truth, k) is not None]
+        if not given:
+            return self
+        if len(given) > 1:
+            raise ValueError("[truth] takes surface or geometry_distance, not both")
+        if self.geometry.shape is not None:
+            raise ValueError(
+                f"[truth] {given[0]} is for bodies from files: shape {self.geometry.shape!r} knows "
+                "its own surface"
+            )
+        if self.time is not None or self.tool:
+            raise ValueError(f"[truth] {given[0]} is for static cases without tools")
         return self
 
     @model_validator(mode="after")

@@ -71,6 +71,7 @@ def build(
     from palpate.validation.judging.truth_request import truth_request
     from palpate.validation.references.additions import with_element, with_stresses
     from palpate.validation.references.changes import describe_changes
+    from palpate.validation.references.geometry_part import with_geometry
     from palpate.validation.references.sets import solve_for_storing
     from palpate.validation.references.stored import (
         accepted_path,
@@ -109,6 +110,7 @@ def build(
                 truth_strains=sorted(judged),
                 request=truth_request(case),
             )
+            found = with_geometry(case, found, progress, strains=judged)
             provenance = {**about, **found.provenance}
         elif "same_mesh" not in wanted:
             print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))

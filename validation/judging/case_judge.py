@@ -17,6 +17,7 @@ from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import Number, is_still
 from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.bar_parts import BarParts
+from palpate.validation.references.geometry_part import shape_of
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stress_bars import bar_of_number, bar_of_part
 from palpate.validation.states import State, Verdict
@@ -70,6 +71,7 @@ class CaseJudge:
             failure or self._why_missing(spec),
             self.case.spec.units,
             parts=parts,
+            shape=shape_of(self.references),
         )
         if spec.is_of_truth_alone:
             return found

@@ -23,6 +23,7 @@ from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
+from palpate.validation.references.geometry_part import polyhedron_note, with_geometry
 from palpate.validation.references.live import solve_live
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import load_stored, references_folder
@@ -106,6 +107,7 @@ def _judge_one(
     problem, element = case.problem, judged.element
     notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
     notes.extend([f"Reference: {references.origin}.", *references.remarks])
+    notes.extend(filter(None, [polyhedron_note(case)]))
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
@@ -260,15 +262,16 @@ def find_references(
         if trouble is not None:
             progress(f"left aside: {trouble}")
         wanted = {spec.against for spec in case.checks}
-        return solve_live(
+        found = solve_live(
             problem,
             progress,
             stored=stored,
             wanted=wanted,
             elements=elements,
             request=truth_request(case),
-            has_stress=any(spec.about.of_part is not None for spec in case.checks),
+            has_stress=any(spec.about.is_of_integrals for spec in case.checks),
         )
+        return found if stored is not None else _with_geometry(case, found, progress)
     if stored is not None:
         progress(f"reference {stored.origin}")
         return stored
@@ -280,6 +283,12 @@ def find_references(
         else "solve it here with --live, which needs FEniCSx (see README)"
     )
     raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
+
+
+def _with_geometry(case: Case, found: ReferenceSet, progress: Progress) -> ReferenceSet:
+    """What the true surface adds, for the strain measures that are held against the truth."""
+    asked = {s.strain or case.strain for s in case.checks if s.against == "truth"}
+    return with_geometry(case, found, progress, strains=asked)
 
 
 def _load_stored(case: Case) -> ReferenceSet | None:

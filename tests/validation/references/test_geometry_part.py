@@ -1,0 +1,302 @@
+"""What a polyhedron leaves out of a curved body, against closed forms."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.mesher import mesh_surface
+from palpate.meshes.errors import InputError
+from palpate.meshes.files import write_mesh, write_surface
+from palpate.meshes.problem import Strain
+from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.tri_surface import TriSurface
+from palpate.reference.errors import ReferenceCrashedError
+from palpate.validation.case import CaseError, load_case
+from palpate.validation.exchange.facets import facet_areas
+from palpate.validation.judging.checks import judge_check
+from palpate.validation.metrics import COMPARISONS, make_state
+from palpate.validation.references import geometry_part
+from palpate.validation.references.bar_parts import BarParts
+from palpate.validation.references.geometry_part import (
+    on_moved,
+    polyhedron_note,
+    shape_of,
+    true_body,
+    with_geometry,
+)
+from palpate.validation.references.sets import QUADRATIC, ReferenceSet
+from palpate.validation.states import Verdict
+
+CASE = """
+schema = 1
+title = "A curved body"
+strain = "linear"
+{truth}
+[geometry]
+{geometry}
+
+[material]
+youngs_modulus = 1000.0
+poissons_ratio = 0.3
+
+[[support]]
+region = {{ half_space = {{ point = [0.0, 0.0, {low}], normal = [0.0, 0.0, -1.0] }} }}
+
+[[load]]
+kind = "{kind}"
+region = {{ half_space = {{ point = [0.0, 0.0, {high}], normal = [0.0, 0.0, 1.0] }} }}
+{load}
+
+[[check]]
+metric = "max_displacement"
+against = "truth"
+limit = 0.05
+reason = "what a hand feels"
+"""
+RADIUS, HEIGHT = 1.0, 6.0
+CYLINDER = f'shape = "cylinder"\nradius = {RADIUS}\nheight = {HEIGHT}\nedge_length = 1.1'
+SPHERE = 'shape = "sphere"\nradius = 1.0\nedge_length = 0.6'
+PLACES = {(metric, Strain.LINEAR): 0.01 for metric in COMPARISONS}
+
+
+@pytest.fixture
+def case_of(tmp_path):
+    def write(geometry, *, truth="", kind="force", load="force = [1.0, 0.0, 0.0]", ends=(0.0, 0.0)):
+        low, high = ends
+        text = CASE.format(
+            geometry=geometry, truth=truth, kind=kind, load=load, low=low + 1e-3, high=high - 1e-3
+        )
+        path = tmp_path / "curved.toml"
+        path.write_text(text)
+        return load_case(path)
+
+    return write
+
+
+@pytest.fixture
+def cylinder(case_of):
+    return case_of(CYLINDER, ends=(0.0, HEIGHT))
+
+
+def references_of(problem):
+    truth = make_state(
+        problem.mesh,
+        0.01 * problem.mesh.points,
+        label=QUADRATIC,
+        simulator="reference",
+        strain=Strain.LINEAR,
+        degree=2,
+    )
+    return ReferenceSet({(QUADRATIC, Strain.LINEAR): truth}, PLACES, "here")
+
+
+def squeezed(monkeypatch):
+    """Every body shrinks alike, as under a pressure all around it: u = -p (1 - 2 nu) / E x."""
+
+    def solve(problem, strain, _degree, _progress):
+        return make_state(
+            problem.mesh,
+            -1e-3 * problem.mesh.points,
+            label=QUADRATIC,
+            simulator="reference",
+            strain=strain,
+            degree=1,
+        )
+
+    monkeypatch.setattr(geometry_part, "solve_state", solve)
+
+
+def geometry_of(case, **words):
+    found = with_geometry(
+        case, references_of(case.problem), lambda _line: None, strains=[Strain.LINEAR], **words
+    )
+    return found, {m: found.bar_parts(m, Strain.LINEAR).geometry for m in COMPARISONS}
+
+
+@pytest.mark.dolfinx
+def test_a_coarse_cylinder_bends_a_quarter_too_far(cylinder):
+    """Timoshenko's beam: w = F L^3 / (3 E I) + F L / (k G A), k = 6 (1 + nu) / (7 + 6 nu).
+
+    (G. R. Cowper, J. Appl. Mech. 33, 1966.) The case's polyhedron bends by 0.1309.
+    """
+    found, parts = geometry_of(cylinder)
+    E, nu, area, inertia = 1000.0, 0.3, math.pi, math.pi / 4.0
+    k = 6.0 * (1.0 + nu) / (7.0 + 6.0 * nu)
+    true = HEIGHT**3 / (3.0 * E * inertia) + HEIGHT / (k * E / (2.0 * (1.0 + nu)) * area)
+    expected = (0.1309 - true) / 0.1309
+    assert expected == pytest.approx(0.256, abs=0.005)
+    # The clamp's own stiffness and the mesh leave some per cent of the part.
+    assert parts["max_displacement"] == pytest.approx(expected, rel=0.05)
+    assert shape_of(found) == "a cylinder"
+    # The bar itself is what it was.
+    assert found.bar_parts("max_displacement", Strain.LINEAR).whole == pytest.approx(0.01)
+    assert dict(found.bars) == PLACES
+
+
+def test_a_sphere_under_pressure_shrinks_by_its_own_volume(case_of, monkeypatch):
+    """Any body does, by the same strain: changes differ as volumes and areas do, no point moves."""
+    squeezed(monkeypatch)
+    case = case_of(SPHERE)
+    mesh = case.problem.mesh
+    _, parts = geometry_of(case)
+    volume = 4.0 / 3.0 * math.pi / mesh.volume - 1.0
+    area = 4.0 * math.pi / mesh.surface_area - 1.0
+    assert volume > 0.05
+    assert parts["volume"] == pytest.approx(volume, rel=0.1)
+    assert parts["surface_area"] == pytest.approx(area, rel=0.1)
+    assert parts["displacement_max"] == parts["max_displacement"] == 0.0
+
+
+@pytest.fixture
+def sphere_file(tmp_path):
+    write_mesh(tmp_path / "coarse.vtu", mesh_surface(shape_sphere(1.0, edge_length=0.6)))
+    write_surface(tmp_path / "fine.ply", shape_sphere(1.0, edge_length=0.1))
+    return 'mesh = "coarse.vtu"'
+
+
+def test_a_finer_surface_says_what_a_file_leaves_out(case_of, sphere_file, monkeypatch):
+    squeezed(monkeypatch)
+    case = case_of(sphere_file, truth='[truth]\nsurface = "fine.ply"\n')
+    assert case.folder / "fine.ply" in case.files
+    assert polyhedron_note(case) == ""
+    found, parts = geometry_of(case)
+    assert parts["volume"] == pytest.approx(
+        4.0 / 3.0 * math.pi / case.problem.mesh.volume - 1.0, rel=0.1
+    )
+    assert shape_of(found) == "the surface in fine.ply"
+
+
+def test_a_distance_counts_out_and_in(case_of, sphere_file, monkeypatch):
+    squeezed(monkeypatch)
+    case = case_of(sphere_file, truth="[truth]\ngeometry_distance = 0.02\n")
+    _, parts = geometry_of(case)
+    # Outwards is the larger: 1.02^3 - 1, by vertex normals.
+    assert parts["volume"] == pytest.approx(1.02**3 - 1.0, rel=0.1)
+    assert parts["displacement_max"] == pytest.approx(0.02, rel=0.05)
+
+
+def test_of_a_file_alone_nobody_knows(case_of, sphere_file):
+    case = case_of(sphere_file)
+    assert true_body(case) is None
+    assert "of this polyhedron" in polyhedron_note(case)
+    untold, parts = geometry_of(case)
+    assert set(parts.values()) == {0.0}
+    assert shape_of(untold) == ""
+
+
+def test_flat_shapes_have_no_geometry_part(case_of):
+    case = case_of('shape = "box"\nsize = [1.0, 1.0, 6.0]\nedge_length = 1.0', ends=(0.0, 6.0))
+    assert true_body(case) is None
+    assert polyhedron_note(case) == ""
+
+
+def test_the_true_kidney_has_the_volume_of_table_one(case_of):
+    case = case_of('shape = "kidney"\nedge_length = 0.02')
+    body = true_body(case)
+    (mesh,) = body.others
+    assert mesh.volume == pytest.approx(332889e-9, rel=1e-12)
+    assert mesh.num_cells == body.base.mesh.num_cells == 8 * case.problem.mesh.num_cells
+    assert np.abs(mesh.points - body.base.mesh.points).max() > 1e-4
+
+
+def test_a_force_keeps_its_size_and_a_moment_too(case_of):
+    def moved(case):
+        body = true_body(case)
+        problem = on_moved(case.spec.load, case.spec.units, body.base, body.others[0])
+        (load,) = problem.loads
+        return problem.mesh, load
+
+    mesh, load = moved(case_of(CYLINDER, ends=(0.0, HEIGHT)))
+    force = facet_areas(mesh.points, load.facets).sum() * np.array(load.traction)
+    assert force == pytest.approx([1.0, 0.0, 0.0])
+    mesh, load = moved(
+        case_of(CYLINDER, kind="moment", load="moment = [0.0, 0.0, 2.0]", ends=(0.0, HEIGHT))
+    )
+    # Affine over a facet, weighted by the points of a rule of third degree and more.
+    corners = mesh.points[load.facets]
+    areas = facet_areas(mesh.points, load.facets)
+    middles = 0.5 * (corners + corners[:, [1, 2, 0]])
+    at = middles.reshape(-1, 3)
+    weights = np.repeat(areas / 3.0, 3)
+    moment = (weights[:, None] * np.cross(at, load.at(at))).sum(axis=0)
+    assert moment == pytest.approx([0.0, 0.0, 2.0], abs=1e-9)
+
+
+def test_a_true_body_without_an_answer_is_told(cylinder, monkeypatch):
+    def crash(*_args):
+        raise ReferenceCrashedError(-9, "")
+
+    monkeypatch.setattr(geometry_part, "solve_state", crash)
+    found, parts = geometry_of(cylinder)
+    assert set(parts.values()) == {math.inf}
+    assert found.bar_parts("volume", Strain.LINEAR).whole == pytest.approx(0.01)
+    assert "a cylinder adds" in found.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("truth", "shape", "words"),
+    [
+        ('surface = "fine.ply"\ngeometry_distance = 0.1', "file", "not both"),
+        ("geometry_distance = 0.1", "sphere", "knows its own surface"),
+        ("geometry_distance = -0.1", "file", "geometry_distance"),
+        ("geometry_distance = true", "file", "geometry_distance"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(case_of, sphere_file, truth, shape, words):
+    geometry = sphere_file if shape == "file" else SPHERE
+    with pytest.raises(CaseError, match=words):
+        case_of(geometry, truth=f"[truth]\n{truth}\n")
+
+
+@pytest.mark.parametrize(
+    ("truth", "words"),
+    [
+        ('surface = "gone.ply"', "no such file"),
+        ('surface = "../fine.ply"', "outside the case's folder"),
+        ('surface = "open.ply"', "open.ply"),
+        ("geometry_distance = 2.0", "too coarse for its true surface"),
+    ],
+)
+def test_surfaces_that_cannot_be_used_are_refused(case_of, sphere_file, tmp_path, truth, words):
+    whole = shape_sphere(1.0, edge_length=0.6)
+    write_surface(tmp_path / "open.ply", TriSurface(whole.points, whole.facets[:-3]))
+    with pytest.raises(InputError, match=words):
+        true_body(case_of(sphere_file, truth=f"[truth]\n{truth}\n"))
+
+
+def test_geometry_counts_where_the_number_is_of_the_true_body(case_of):
+    published = """
+[[check]]
+metric = "published_displacement"
+against = "{against}"
+at = [0.0, 0.0, 1.0]
+component = "z"
+expected = 0.008
+limit = 0.01
+reason = "closed form"
+"""
+    case = case_of(SPHERE)
+    state = references_of(case.problem).truth(Strain.LINEAR)
+
+    def judged(against):
+        text = case.text + published.format(against=against)
+        case.path.write_text(text)
+        spec = load_case(case.path).checks[-1]
+        parts = BarParts(discretisation=0.001, geometry=0.4 if against == "truth" else 0.0)
+        words = {"parts": parts, "shape": "a sphere"}
+        return judge_check(spec, Strain.LINEAR, case.problem, state, state, 0.001, "", **words)
+
+    # A quarter off a number that the chords alone may be 40 % off.
+    found = judged("truth")
+    assert found.value == pytest.approx(0.25)
+    assert found.verdict is Verdict.INCONCLUSIVE
+    assert "geometry" in found.message
+    assert "a polyhedron of a sphere: its geometry adds" in found.message
+    assert "beside the bar" not in found.message
+    # The candidate answered for the polyhedron.
+    assert judged("candidate").verdict is Verdict.FAILED
+    assert dataclasses.is_dataclass(found)
