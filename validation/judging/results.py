@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +12,9 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.states import Precision, State, Verdict
+
+# Relative: sums in another order.
+_SUMS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -57,8 +61,14 @@ class CheckResult:
 
     @property
     def bar_says(self) -> str:
-        """The parts of the bar in words, geometry too; empty where there is one only."""
-        return BarParts(**self.bar_parts).says(with_geometry=True)
+        """The parts of the bar in words, where there are several, and what stands beside it."""
+        parts = BarParts(**self.bar_parts)
+        everything = parts.whole + parts.geometry
+        counts = math.isclose(everything, self.reference_error, rel_tol=_SUMS)
+        told = [parts.says(with_geometry=counts)]
+        if parts.geometry and not counts:
+            told.append(f"beside it: geometry {parts.geometry:.2g}")
+        return "; ".join(filter(None, told))
 
 
 @dataclass(frozen=True)

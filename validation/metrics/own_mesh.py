@@ -74,7 +74,7 @@ class OwnPair:
 
 
 def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
-    """Another mesh of a case's body with the case's materials, without loads, supports and tools."""
+    """Another mesh of a case's body with its materials, without loads, supports and tools."""
     if not problem.inclusions:
         return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), tools=())
     case = problem.mesh

@@ -26,6 +26,8 @@ from palpate.validation.references.sequences import NOISE
 
 # Where a file's provenance keeps them.
 PARTS = "bar_parts"
+# And what the case's mesh is a polyhedron of.
+GEOMETRY = "geometry"
 _WORDS = {"discretisation": "mesh"}
 # Of the whole: a smaller part is not told in a verdict.
 _WORTH_TELLING = 0.01

@@ -42,13 +42,11 @@ from palpate.validation.case.units import Units
 from palpate.validation.exchange.facets import facet_areas
 from palpate.validation.exchange.surface_search import nearest_on_surface
 from palpate.validation.metrics import COMPARISONS
-from palpate.validation.references.bar_parts import PARTS, as_record
+from palpate.validation.references.bar_parts import GEOMETRY, PARTS, as_record
 from palpate.validation.references.sequences import at_points_of
 from palpate.validation.references.sets import ReferenceSet, solve_state
 from palpate.validation.states import Progress, State
 
-# Where provenance says what the true body is.
-GEOMETRY = "geometry"
 _WORDS = {
     "cylinder": "a cylinder",
     "sphere": "a sphere",

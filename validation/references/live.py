@@ -35,7 +35,7 @@ from palpate.validation.references.adaptive_truth import (
     record_of,
     refine_truth,
 )
-from palpate.validation.references.bar_parts import PARTS
+from palpate.validation.references.bar_parts import GEOMETRY, PARTS
 from palpate.validation.references.limits import has_limit, without_limits
 from palpate.validation.references.sets import (
     BOTH,
@@ -122,7 +122,7 @@ def solve_live(
             {
                 "versions": versions,
                 "stored": dict(stored.provenance),
-                PARTS: stored.provenance.get(PARTS, {}),
+                **{k: stored.provenance.get(k, {}) for k in (PARTS, GEOMETRY)},
             },
         )
     told = {ADAPTIVE: run.records} if run.records else {}

@@ -121,6 +121,9 @@ def test_parts_are_kept_in_the_file_and_told_in_the_verdict(block, tmp_path, mon
     }
     assert f"(+- {bar:.2g}: mesh {0.75 * bar:.2g}, time {0.25 * bar:.2g})" in check.message
     assert "its geometry adds 0.3, beside the bar" in check.message
-    assert check.bar_says.startswith("geometry 0.3, mesh")
+    assert check.bar_says.startswith("mesh ")
+    assert check.bar_says.endswith("; beside it: geometry 0.3")
+    counted = dataclasses.replace(check, reference_error=bar + 0.3)
+    assert counted.bar_says.startswith("geometry 0.3, mesh ")
     written = json.loads(results_json([result], "0"))["cases"][0]["checks"]
     assert any(row["bar_parts"].get("geometry") == 0.3 for row in written)
