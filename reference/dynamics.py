@@ -75,7 +75,7 @@ def simulate_implicit(
 
     Raises:
         InputError: No time span or step, outputs that are not whole steps apart, a tool with
-            friction, driven by a force, given by a surface or inside the body at the start, or a
+            friction, driven by a force or inside the body at the start, or a
             load or support that cannot be used.
         ReferenceStepError: A step had no answer, however short; carries the last good state.
 

@@ -38,7 +38,7 @@ class SteppedTools:
         mobility: W above, of every degree of freedom [m/N], flat.
 
     Raises:
-        InputError: A tool with friction, driven by a force, given by a surface, or inside the body
+        InputError: A tool with friction, driven by a force, or inside the body
             at the start.
     """
 

@@ -1,8 +1,9 @@
 """Signed distance to a rigid tool with its first two derivatives, in closed form.
 
-Every shape here is a distance to a plane, line or point, less a radius: d = |P (x - c)| - r with a
-projection P that is constant in a region of space. So grad d = n = P (x - c) / |P (x - c)| and
-grad grad d = (P - n n) / |P (x - c)|.
+Every analytic shape here is a distance to a plane, line or point, less a radius:
+d = |P (x - c)| - r with a projection P that is constant in a region of space. So
+grad d = n = P (x - c) / |P (x - c)| and grad grad d = (P - n n) / |P (x - c)|. Surfaces: see
+`surface_distance`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -22,6 +22,7 @@ from palpate.meshes.rigid_tool import (
     ToolShape,
 )
 from palpate.reference.contact.box_faces import entered_faces, touching_distance
+from palpate.reference.contact.surface_distance import closed_surface, surface_distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +58,12 @@ def tool_distance(
             box the distance is that from the face it came by. Without it from the nearest.
 
     Raises:
-        InputError: A shape given by a surface.
+        InputError: A surface that bounds no solid.
 
     Note:
         The normal jumps across the medial axis of a shape (at the centre of a sphere, inside a box
-        without `came_from`) and the curvature at the edges of a box.
+        without `came_from`, inside a surface below its edges) and the curvature at the edges of a
+        box and from facet to facet of a surface.
     """
     local = (places - position) @ rotation
     match shape:
@@ -80,10 +82,7 @@ def tool_distance(
             normal = np.tile([0.0, 0.0, 1.0], (len(local), 1))
             found = Distance(local[:, 2], normal, np.zeros((len(local), 3, 3)))
         case SurfaceShape():
-            raise InputError(
-                "the reference measures the distance to spheres, capsules, boxes and planes; a "
-                "tool given as a closed surface is not one of them"
-            )
+            found = Distance(*surface_distance(closed_surface(shape), local))
     return Distance(found.gap, found.normal @ rotation.T, rotation @ found.curvature @ rotation.T)
 
 

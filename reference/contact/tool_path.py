@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape
+from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape, SurfaceShape
 from palpate.reference.contact.tool_contact import ToolContact, ToolState
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.load_stepping import LoadPath, follow
@@ -212,6 +212,8 @@ def _largest_step(contacts: Sequence[ToolContact], begin: float, end: float) -> 
                 reach = _REACH_OF_BOXES * contact.points.facet_size
             case SphereShape(radius) | CapsuleShape(radius):
                 reach = _REACH_OF_ROUND * radius
+            case SurfaceShape(surface):
+                reach = 0.5 * _REACH_OF_ROUND * float(np.ptp(surface.points, axis=0).min())
         if moved > reach:
             step = min(step, reach / moved)
     return step

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.problem import Problem, Strain, TimeSpan
@@ -16,14 +17,17 @@ from palpate.meshes.rigid_tool import (
     PlaneShape,
     RigidTool,
     SphereShape,
+    SurfaceShape,
     ToolPath,
     ToolShape,
 )
+from palpate.meshes.shapes import shape_sphere
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 
 if is_available():
     from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx
 
@@ -44,6 +48,11 @@ TOOLS = {
     "sphere": tool(SphereShape(0.012), [[24, 17, 32.5], [25, 18, 29], [36, 22, 29]], UPRIGHT),
     "capsule": tool(CapsuleShape(0.006, 0.01), [[24, 17, 26.5], [25, 18, 23], [36, 22, 23]], LYING),
     "plane": tool(PlaneShape(), [[24, 17, 20.5], [25, 18, 18], [25, 18, 18.5]], DOWN),
+    "surface": tool(
+        SurfaceShape(shape_sphere(0.012, edge_length=0.006)),
+        [[24, 17, 32.5], [25, 18, 29.5], [30, 20, 29.5]],
+        UPRIGHT,
+    ),
     "box": tool(BoxShape((0.008,) * 3), [[24, 17, 28.5], [25, 18, 25], [25, 18, 26]], UPRIGHT),
 }
 SECOND = tool(SphereShape(0.006), [[46, 30, 26.5], [45, 29, 24], [45, 29, 24.5]], UPRIGHT)
@@ -76,6 +85,19 @@ def assert_alike(problem: Problem, strain: Strain) -> None:
 @pytest.mark.parametrize("name", list(TOOLS))
 def test_one_tool(name: str, strain: Strain) -> None:
     assert_alike(slab(TOOLS[name]), strain)
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+def test_a_surface_in_equilibrium(strain: Strain) -> None:
+    places = 1e-3 * np.array([[24, 17, 32.2], [24.5, 17.3, 31], [25, 17.6, 30], [26, 18, 29]])
+    pressed = dataclasses.replace(TOOLS["surface"], path=ToolPath(np.arange(4.0), places))
+    problem = dataclasses.replace(slab(pressed), time=None)
+    ours, theirs = solve_contact(problem, strain=strain), solve_static(problem, strain=strain)
+    forces = np.array(theirs.tools[0].forces)
+    assert forces[-1, 2] > 0.1
+    assert np.abs(ours.forces[:, 0] - forces).max() <= 1e-8 * forces[-1, 2]
+    largest = np.abs(theirs.displacement).max()
+    assert np.abs(ours.displacements[-1] - theirs.displacement).max() <= 1e-8 * largest
 
 
 def test_two_tools_at_once() -> None:

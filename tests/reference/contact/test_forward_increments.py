@@ -16,10 +16,8 @@ from palpate.meshes.rigid_tool import (
     PlaneShape,
     RigidTool,
     SphereShape,
-    SurfaceShape,
     ToolPath,
 )
-from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.availability import is_available
 
 if is_available():
@@ -88,17 +86,6 @@ def test_held_components_stay_and_the_rest_leaves_the_ball(box):
             "path instead of a force",
         ),
         ({"path": path([0.0, 1.0], [[0.5, 0.5, 1.3], [0.5, 0.5, 1.0]])}, "0.2 m deep"),
-        (
-            {
-                "shape": SurfaceShape(
-                    TriSurface(
-                        np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.2,
-                        np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
-                    )
-                )
-            },
-            "closed surface",
-        ),
     ],
 )
 def test_what_the_explicit_reference_cannot_do_is_refused(box, change, words):

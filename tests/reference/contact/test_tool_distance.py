@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import InputError
+from palpate.meshes.errors import OpenSurfaceError
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -14,7 +14,8 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     rotation_matrix,
 )
-from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.contact.tool_distance import tool_distance
 
 SHAPES = [
@@ -75,7 +76,38 @@ def test_distances_by_hand():
     assert corner.gap[0] == pytest.approx(np.sqrt(3.0), rel=1e-15)
 
 
-def test_a_closed_surface_is_refused():
-    shape = SurfaceShape(shape_sphere(0.1, edge_length=0.05))
-    with pytest.raises(InputError, match="closed surface"):
-        tool_distance(shape, POSITION, ROTATION, places(3))
+def test_a_surface_of_a_box_is_the_box():
+    half = np.array([0.3, 0.2, 0.25])
+    box = shape_box(tuple(2.0 * half), edge_length=0.2)
+    centred = TriSurface(box.points - box.points.mean(axis=0), box.facets)
+    x = 0.6 * np.random.default_rng(3).uniform(-1.0, 1.0, (400, 3))
+    mine = tool_distance(SurfaceShape(centred), POSITION, ROTATION, POSITION + x @ ROTATION.T)
+    its = tool_distance(BoxShape(tuple(half)), POSITION, ROTATION, POSITION + x @ ROTATION.T)
+    assert (its.gap < 0.0).sum() > 20
+    for name in ("gap", "normal", "curvature"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(its, name), atol=1e-13)
+
+
+def test_a_hollow_edge_of_a_surface_bends_the_other_way():
+    """A wedge cut out of a prism: inside, the nearest place is the wedge's edge."""
+    profile = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [0.0, 0.0], [-1.0, 1.0]])
+    points = np.array([[x, y, z] for y in (-2.0, 2.0) for x, z in profile])
+    caps = [[0, 1, 3], [1, 2, 3], [0, 3, 4]]
+    sides = [[[i, i + 5, j], [j, i + 5, j + 5]] for i, j in ((i, (i + 1) % 5) for i in range(5))]
+    facets = [*caps, *([5 + a, 5 + c, 5 + b] for a, b, c in caps), *np.reshape(sides, (-1, 3))]
+    prism = SurfaceShape(TriSurface(points, np.array(facets, dtype=np.int32)))
+    x = np.array([[0.05, 0.3, -0.2]])
+    found = tool_distance(prism, np.zeros(3), np.eye(3), x)
+    length = np.hypot(0.05, 0.2)
+    normal = np.array([-0.05, 0.0, 0.2]) / length
+    np.testing.assert_allclose(found.gap, [-length], rtol=1e-14)
+    np.testing.assert_allclose(found.normal, [normal], atol=1e-14)
+    across = np.array([0.2, 0.0, 0.05]) / length
+    np.testing.assert_allclose(found.curvature, [-np.outer(across, across) / length], atol=1e-13)
+
+
+def test_a_surface_with_a_hole_is_refused():
+    whole = shape_sphere(0.1, edge_length=0.05)
+    holed = SurfaceShape(TriSurface(whole.points, whole.facets[1:]))
+    with pytest.raises(OpenSurfaceError):
+        tool_distance(holed, POSITION, ROTATION, places(3))
