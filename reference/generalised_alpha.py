@@ -284,7 +284,8 @@ class Motion:
             # Over steps, M v = impulses + (alpha_f - 1/2) dt M a.
             return self.inertia(dv + (0.5 - m.alpha_f) * dt * da)
 
-        v, a = self.tools.end_step(new, trial.v, trial.a, dt, momentum)
+        late = 0.5 - m.alpha_f
+        v, a = self.tools.end_step(new, trial.v, trial.a, dt, late, momentum)
         return State(
             new,
             v,

@@ -6,6 +6,8 @@ The force that keeps it out is one over the whole step, as a multiplier of the c
 
 at the nodes (`tool_contact`), beside forces and inertia balanced within the step. A multiplier may
 swing from step to step; what is told of a tool is its impulse over the time from output to output.
+Forces are balanced at a time within the step, not in its middle; a step's impulse is taken between
+its own force and the one before, or it would be of another time by a part of the step.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class ImplicitTools:
         tolerance: Relative residual of a step [-].
 
     Raises:
-        InputError: A tool with friction, driven by a force, or given by a surface.
+        InputError: A tool with friction, or driven by a force.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class ImplicitTools:
         materials = (problem.material, *(i.material for i in problem.inclusions))
         self._density = max(material.density for material in materials)
         self._impulses = np.zeros((len(self._contacts), 3))
+        self._last_forces = np.zeros((len(self._contacts), 3))
 
     def __bool__(self) -> bool:
         return bool(self._contacts)
@@ -89,6 +92,7 @@ class ImplicitTools:
         velocity: Floats,
         acceleration: Floats,
         dt: float,
+        late: float,
         momentum: Callable[[Floats, Floats], Floats],
     ) -> tuple[Floats, Floats]:
         """Go on from a step that is done.
@@ -98,6 +102,7 @@ class ImplicitTools:
             velocity: By Newmark's formulas [m/s], flat.
             acceleration: Likewise [m/s2].
             dt: Its length [s].
+            late: How far beyond its middle forces are balanced, in its length [-].
             momentum: What the body's momentum gains by changes of velocity and acceleration
                 [N s], flat.
 
@@ -107,13 +112,16 @@ class ImplicitTools:
             it again. What the body gains by that the tool gave.
         """
         v, a = velocity.reshape(-1, 3).copy(), acceleration.reshape(-1, 3).copy()
-        for row, contact in zip(self._impulses, self._contacts, strict=True):
+        rows = zip(self._impulses, self._last_forces, self._contacts, strict=True)
+        for row, last, contact in rows:
             nodes, normal, speed = contact.held_along(displacement, dt)
             dv, da = np.zeros_like(v), np.zeros_like(a)
             dv[nodes] = (speed - np.sum(v[nodes] * normal, axis=1))[:, None] * normal
             da[nodes] = -np.sum(a[nodes] * normal, axis=1)[:, None] * normal
             given = momentum(dv.ravel(), da.ravel()).reshape(-1, 3).sum(axis=0)
-            row += dt * contact.state(displacement).force - fenicsx.total(given)
+            force = contact.state(displacement).force
+            row += dt * (force + late * (last - force)) - fenicsx.total(given)
+            last[:] = force
             v, a = v + dv, a + da
             contact.keep(displacement)
         return v.ravel(), a.ravel()

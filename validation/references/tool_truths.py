@@ -2,9 +2,12 @@
 
 What matters is small beside the body: where tools touch it, and the strain changes from cell to
 cell. Three meshes, each refined from the last where its motion says, tell how far the last of them
-is from the limit; three time steps on the second, how far the middle one is (on the first, nodes
-that come and go would drown it). Both parts of a bar are grid convergence indices; that of time has
-the difference to the shortest step on top, because the truth takes the middle one.
+is from the limit; three time steps on the second (on the first, nodes that come and go would drown
+it) how far the shortest is. All meshes take the longest step; what shorter ones change on the
+second mesh is added to the finest mesh's motion, so that it need not take them itself.
+
+The part of a bar that is of time has what is left of the steps, a grid convergence index like the
+part of the mesh, and how far the change would have been off from the first mesh to the second.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.arrays import Floats
 from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
@@ -30,8 +34,8 @@ from palpate.validation.references.sequences import as_data, bar_of
 from palpate.validation.references.sets import TRUTH
 from palpate.validation.states import Progress, State, Trajectory
 
-# Steps from output to output; the middle one is the truth's.
-_STEPS = (1, 2, 4)
+# Steps from output to output, on the second mesh; all others take the first.
+_STEPS = (2, 4, 8)
 _MESHES = 3
 # Of the roughness of the strain over the whole motion, in the cells that are cut next.
 _BULK = 0.7
@@ -50,24 +54,27 @@ def solve_tool_truth(
     Raises:
         ReferenceFailedError: A run failed.
     """
+    long, middling, short = _STEPS
     runs: list[State] = []
     meshes = [problem]
     for number in range(_MESHES):
-        runs.append(solve_implicit(meshes[-1], strain, _STEPS[1], progress))
+        runs.append(solve_implicit(meshes[-1], strain, long, progress))
         if number + 1 < _MESHES:
             marked = rough_cells(meshes[-1].mesh, runs[-1], _BULK)
             meshes.append(refine_cells(meshes[-1], marked).problem)
-    longest, shortest = (
+    first, second, finest = (_read_at(problem.mesh, run) for run in runs)
+    half, quarter = (
         _read_at(problem.mesh, solve_implicit(meshes[1], strain, steps, progress))
-        for steps in (_STEPS[0], _STEPS[2])
+        for steps in (middling, short)
     )
-    read = [_read_at(problem.mesh, run) for run in runs]
-    in_time = assess_sequence(problem, (shortest, read[1], longest))
-    in_space = assess_sequence(problem, read[::-1])
+    first_quarter = solve_implicit(problem, strain, short, progress)
+    in_time = assess_sequence(problem, (quarter, half, second))
+    in_space = assess_sequence(problem, (finest, second, first))
+    guessed = _changed(problem.mesh, first, second, quarter)
     bars = {
         metric: BarParts(
             discretisation=bar_of(in_space[metric]),
-            time=bar_of(in_time[metric]) + difference(metric, problem, read[1], shortest),
+            time=bar_of(in_time[metric]) + difference(metric, problem, guessed, first_quarter),
         )
         for metric in truth_metrics(problem)
     }
@@ -75,8 +82,10 @@ def solve_tool_truth(
         "time": as_data(in_time),
         "mesh": as_data(in_space),
         "cells": [p.mesh.num_cells for p in meshes],
+        "steps_per_output": list(_STEPS),
     }
-    return dataclasses.replace(read[-1], label=TRUTH), bars, details
+    truth = _changed(problem.mesh, finest, second, quarter)
+    return dataclasses.replace(truth, label=TRUTH), bars, details
 
 
 def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
@@ -117,17 +126,35 @@ def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
 def _read_at(mesh: TetMesh, run: State) -> State:
     """A run on a refined mesh at the points of the mesh it came from, which come first."""
     assert run.trajectory is not None
-    kept = run.trajectory.displacements[:, : mesh.num_points]
+    return _with(mesh, run, run.trajectory.displacements[:, : mesh.num_points], run.tool_forces)
+
+
+def _changed(mesh: TetMesh, run: State, before: State, after: State) -> State:
+    """A run and what changes from one other to another, all at the same points and outputs."""
+    moved, forces = _motion(run)
+    ends, starts = _motion(after), _motion(before)
+    return _with(mesh, run, moved + (ends[0] - starts[0]), forces + (ends[1] - starts[1]))
+
+
+def _motion(run: State) -> tuple[Floats, Floats]:
+    """Displacements [m] and forces on the tools [N] over time."""
+    assert run.trajectory is not None
+    assert run.tool_forces is not None
+    return run.trajectory.displacements, run.tool_forces
+
+
+def _with(mesh: TetMesh, run: State, moved: Floats, forces: Floats | None) -> State:
+    assert run.trajectory is not None
     return make_state(
         mesh,
-        kept[-1],
+        moved[-1],
         label=run.label,
         simulator=run.simulator,
         strain=run.strain,
         degree=run.degree,
         seconds=run.seconds,
         details=run.details,
-        tool_forces=run.tool_forces,
+        tool_forces=forces,
         versions=dict(run.versions),
-        trajectory=Trajectory(run.trajectory.times, kept),
+        trajectory=Trajectory(run.trajectory.times, moved),
     )

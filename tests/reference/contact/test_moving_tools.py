@@ -50,6 +50,27 @@ def test_a_plane_feels_the_impedance_of_a_bar(box):
     assert abs(found.energy_errors[-1]) < 0.02 * found.external_works[-1]
 
 
+def test_a_force_that_grows_is_told_at_its_time(box):
+    """The plane gathers speed: rho c A a t, whose mean is that of the middle between outputs.
+
+    Forces are balanced beyond the middle of a step. Told as if there, they would be a sixth of a
+    step's growth too large, at a spectral radius of a half.
+    """
+    problem, dt, growth = pushed_bar(box, 4), 0.05, 1e-4
+    times = np.arange(0.0, 1.6 + dt / 2, dt)
+    places = np.outer(0.005 * times**2, [1.0, 0.0, 0.0])
+    (tool,) = problem.tools
+    path = ToolPath(times, places, np.tile(tool.path.rotations[0], (len(times), 1)))
+    gathering = dataclasses.replace(
+        problem,
+        tools=(dataclasses.replace(tool, path=path),),
+        time=TimeSpan(1.6, dt, num_outputs=8),
+    )
+    found = simulate_implicit(gathering, strain=Strain.LINEAR, spectral_radius=0.5)
+    off = -found.tool_forces[0, 1:, 0] - growth * (np.arange(8) + 0.5) * 0.2
+    assert abs(off[2:].mean()) < 0.03 * growth * dt
+
+
 def pressed_slab(box, span, knots):
     """A slab of 6 x 4 x 2 m on a held bottom, and a ball of 2 m that comes 0.3 m deep."""
     mesh = box((3, 2, 1), (6.0, 4.0, 2.0))
