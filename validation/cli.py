@@ -14,6 +14,7 @@ from palpate.validation.commands.check import check
 from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
 from palpate.validation.commands.exchange import compare, export
 from palpate.validation.commands.gate import gate
+from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.new_case import init, schema
 from palpate.validation.commands.report import report
@@ -62,6 +63,7 @@ app.command()(mesh)
 app.command()(export)
 app.command()(compare)
 app.command()(audit)
+app.command()(law)
 app.command()(solve)
 app.command()(sweep)
 _faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))

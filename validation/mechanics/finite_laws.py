@@ -28,7 +28,7 @@ def energy_density(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> A
         H: F - I, (num_cells, 3, 3).
         lmbda: Lamé's first parameter at rest [Pa], (num_cells,).
         mu: The second.
-        c01: Of Mooney and Rivlin's law [Pa].
+        c01: Of Mooney and Rivlin's law [Pa]; read by no other.
     """
     if law is Law.SAINT_VENANT_KIRCHHOFF:
         E = strain_of(H, Strain.GREEN)
@@ -46,6 +46,7 @@ def energy_density(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> A
             case Law.NEO_HOOKEAN:
                 found = mu / 2 * (first - 3) - mu * np.log(J) + lmbda / 2 * np.log(J) ** 2
             case _:
+                c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
                 second = (first**2 - np.einsum("cij,cij->c", C, C)) / 2
                 kappa = lmbda + 2 * mu / 3
                 found = (mu / 2 - c01) * (J ** (-2 / 3) * first - 3)
@@ -75,6 +76,7 @@ def finite_stress(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> Ar
                 return np.asarray(mu * F + ((lmbda + mu) * (J - 1.0) - mu) * cofactor)
             case Law.NEO_HOOKEAN:
                 return np.asarray(mu * F + (lmbda * np.log(J) - mu) / J * cofactor)
+        c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
         C = transposed(F) @ F
         first = _by_cell(np.trace(C, axis1=1, axis2=2))
         second = (first**2 - _by_cell(np.einsum("cij,cji->c", C, C))) / 2
