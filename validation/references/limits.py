@@ -16,6 +16,7 @@ import numpy as np
 
 from palpate.meshes.boundary_conditions import PointForce
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.mechanics.body import dead_force
 from palpate.validation.states import State
 
 # What has a limit all the same, under linear strain.
@@ -43,11 +44,17 @@ def has_point_forces(problem: Problem, state: State | None = None) -> bool:
     """
     if any(isinstance(load, PointForce) for load in problem.loads):
         return True
-    single = [support.points for support in problem.supports if not len(support.facets)]
+    single = [support for support in problem.supports if not len(support.facets)]
     if not single or state is None or state.integrals is None:
         return bool(single)
-    sizes = np.linalg.norm(state.integrals.internal_force, axis=1)
-    return bool(sizes[np.concatenate(single)].max() > _NO_FORCE * sizes.max())
+    # Along what it holds alone: the point may lie on a face that is held or pushed as well.
+    nodal = state.integrals.internal_force
+    pushed = nodal - dead_force(problem)
+    least = _NO_FORCE * np.linalg.norm(nodal, axis=1).max()
+    return any(
+        bool((np.abs(pushed[support.points] @ support.directions.T) > least).any())
+        for support in single
+    )
 
 
 def has_limit(metric: str, strain: Strain) -> bool:

@@ -15,6 +15,7 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.adaptivity.goals import Budget, error_bar_of_two
 from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
+from palpate.validation.mechanics.body import dead_force
 from palpate.validation.metrics import COMPARISONS, make_state, measure
 from palpate.validation.references import live
 from palpate.validation.references.adaptive_truth import TruthRequest
@@ -123,13 +124,19 @@ def test_a_single_point_that_is_held_counts_where_it_carries_force(block: Proble
     none = np.zeros((0, 3), dtype=np.int32)
     pin = Support(np.array([0], dtype=np.int32), none)
     pinned = dataclasses.replace(block, supports=(*block.supports, pin))
-    forces = np.zeros_like(block.mesh.points)
+    # In balance with the loads there, it holds nothing.
+    forces = dead_force(pinned)
     forces[1] = 2.0
     stresses = np.zeros((block.mesh.num_cells, 3, 3))
     told = dataclasses.replace(state(block, 0.01), integrals=StressIntegrals(stresses, forces))
     assert not has_point_forces(pinned, told)
-    forces[0] = 1e-3
+    forces[0] += 1e-3
     assert has_point_forces(pinned, told)
+    # Along x alone: that is another support's, or a load's.
+    roller = dataclasses.replace(pin, components=(False, False, True))
+    rolling = dataclasses.replace(block, supports=(*block.supports, roller))
+    forces[0] = dead_force(rolling)[0] + [1e-3, 0.0, 0.0]
+    assert not has_point_forces(rolling, told)
     # Nothing is known of its force.
     assert has_point_forces(pinned)
     assert not has_point_forces(block)

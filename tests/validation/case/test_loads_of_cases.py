@@ -1,0 +1,337 @@
+"""The built-in cases of varied loads and supports: their numbers are those of their closed forms.
+
+Each is worked out here once more, by another way where there is one: Lame's formulas,
+Saint-Venant's bending, a rigid body's motion, hydrostatics, and for the sphere at large strain the
+ordinary differential equation by Runge-Kutta's method.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.bricks import brick_box
+from palpate.meshes.problem import Element, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.case import load_case
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.simulators.candidate import fastsim_candidate
+from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
+from palpate.validation.states import Verdict
+
+NAMES = ("bend", "flight", "ring", "sphere", "submerged", "turned")
+
+
+def expected(name: str, metric: str, *, strain: Strain | None = None, at: int = 0) -> float:
+    """The number that the checks of a metric expect, of the candidate and the truth alike."""
+    case = load_case(name)
+    found: list[float] = []
+    for check in case.checks:
+        if check.metric == metric and check.strain is strain and check.expected is not None:
+            found += [check.expected] if check.expected not in found else []
+    return found[at]
+
+
+def lame(name: str) -> tuple[float, float, float]:
+    """E in the case's unit, nu and the pressure."""
+    spec = load_case(name).spec
+    (load,) = spec.load
+    assert load.kind == "pressure"
+    return spec.material.youngs_modulus, spec.material.poissons_ratio, load.pressure
+
+
+def test_the_ring_is_lames_in_plane_strain() -> None:
+    E, nu, p = lame("ring")
+    a, b, height = 10.0, 20.0, 2.0
+    # Constants of the displacement c r + d / r from its stresses at both radii.
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    c, d = np.linalg.solve(
+        [[2 * (lmbda + mu), -2 * mu / a**2], [2 * (lmbda + mu), -2 * mu / b**2]], [-p, 0.0]
+    )
+    assert expected("ring", "published_displacement") == pytest.approx(c * a + d / a, rel=1e-12)
+    # Hoop stress, by Gauss's rule over the ring.
+    nodes, weights = np.polynomial.legendre.leggauss(30)
+    r = 0.5 * (a + b) + 0.5 * (b - a) * nodes
+    hoop = 2 * (lmbda + mu) * c + 2 * mu * d / r**2
+    mean = float((weights * hoop * r).sum() / (weights * r).sum())
+    assert expected("ring", "published_stress") == pytest.approx(mean, rel=1e-9)
+    # Through a cut the hoop stress sums to p a; along the plane's normal at 30 degrees.
+    pull = float((weights * hoop).sum() * 0.5 * (b - a)) * height
+    assert pull == pytest.approx(p * a * height, rel=1e-9)
+    found = expected("ring", "published_reaction")
+    assert found == pytest.approx(pull * math.cos(math.radians(30.0)), rel=1e-9)
+    assert load_case("ring").problem.supports[1].normal == pytest.approx(
+        (-0.5, math.cos(math.radians(30.0)), 0.0)
+    )
+
+
+def pressure_of_sphere(E: float, nu: float, outer: float, steps: int) -> tuple[float, float]:
+    """Inner radius and pressure of a sphere of radii 1 and 2 whose outer one has become `outer`.
+
+    From outside in: dr/dR = the radial stretch x with x (lmbda tr E + 2 mu E_R) = P, and
+    dP/dR = -2 (P - T) / R, T = r / R (lmbda tr E + 2 mu E_T).
+    """
+    lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    stretch = math.sqrt(1.0 - 2.0 * lmbda * ((outer / 2.0) ** 2 - 1.0) / (lmbda + 2.0 * mu))
+
+    def rates(R: float, r: float, P: float) -> tuple[float, float]:
+        nonlocal stretch
+        e = 0.5 * ((r / R) ** 2 - 1.0)
+        for _ in range(40):
+            radial = (lmbda + 2.0 * mu) * 0.5 * (stretch**2 - 1.0) + 2.0 * lmbda * e
+            step = (stretch * radial - P) / (radial + stretch**2 * (lmbda + 2.0 * mu))
+            stretch -= step
+            if abs(step) < 1e-15:
+                break
+        trace = 0.5 * (stretch**2 - 1.0) + 2.0 * e
+        T = r / R * (lmbda * trace + 2.0 * mu * e)
+        return stretch, -2.0 * (P - T) / R
+
+    R, r, P, h = 2.0, outer, 0.0, -1.0 / steps
+    for _ in range(steps):
+        k1 = rates(R, r, P)
+        k2 = rates(R + h / 2, r + h / 2 * k1[0], P + h / 2 * k1[1])
+        k3 = rates(R + h / 2, r + h / 2 * k2[0], P + h / 2 * k2[1])
+        k4 = rates(R + h, r + h * k3[0], P + h * k3[1])
+        r += h / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
+        P += h / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
+        R += h
+    # The nominal stress is that of a pressure on the deformed area.
+    return r, -P / r**2
+
+
+def test_the_sphere_obeys_its_differential_equation() -> None:
+    E, nu, p = lame("sphere")
+    low, high = 2.0, 2.1
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (
+            (middle, high) if pressure_of_sphere(E, nu, middle, 100)[1] < p else (low, middle)
+        )
+    inner = 10.0 * (pressure_of_sphere(E, nu, low, 100)[0] - 1.0)
+    # Of a point in the middle of the inner face.
+    part = 4.0 / math.sqrt(34.0)
+    found = expected("sphere", "published_displacement") / part
+    assert found == pytest.approx(inner, rel=1e-7)
+    a, b = 10.0, 20.0
+    linear = p * a**3 / (E * (b**3 - a**3)) * ((1 - 2 * nu) * a + (1 + nu) * b**3 / (2 * a**2))
+    by_lame = expected("sphere", "published_displacement", strain=Strain.LINEAR) / part
+    assert by_lame == pytest.approx(linear, rel=1e-12)
+    # Large strain: a fifth apart.
+    assert found > 1.2 * by_lame
+
+
+def test_the_turned_bar_is_homogeneous() -> None:
+    case = load_case("turned")
+    problem = case.problem
+    one, other = problem.supports
+    assert one.rotation == other.rotation
+    turn = one.rotation
+    assert turn is not None
+    K = np.cross(np.eye(3), turn.axis)
+    # exp of the cross product's matrix, as a power series.
+    R = sum(np.linalg.matrix_power(turn.angle * K, k) / float(math.factorial(k)) for k in range(30))
+    F = R @ np.diag([1.1, 1.0, 1.0])
+    exact = problem.mesh.points @ F.T - problem.mesh.points
+    for element in Element:
+        found = solve_static(problem, element=element).displacement
+        assert np.abs(found - exact).max() < 1e-10 * np.abs(exact).max()
+    E = case.spec.material.youngs_modulus
+    P = F @ np.diag([E * 0.105, 0.0, 0.0])
+    assert expected("turned", "published_reaction") == pytest.approx(P[1, 0] * 100.0, rel=1e-12)
+    assert expected("turned", "published_stress") == pytest.approx(np.linalg.norm(P), rel=1e-12)
+    assert expected("turned", "published_energy") == pytest.approx(E * 0.105**2 / 2 * 2000.0)
+    assert expected("turned", "published_volume_change") == 200.0
+    u = F @ [10.0, 10.0, 10.0] - 10.0
+    assert expected("turned", "published_displacement") == pytest.approx(u[1], rel=1e-12)
+
+
+def test_the_bent_beam_is_saint_venants() -> None:
+    case = load_case("bend")
+    (load,) = case.problem.loads
+    assert isinstance(load, Traction)
+    k, L = 1.0 / 200.0, 20.0
+    E, nu = case.spec.material.youngs_modulus, case.spec.material.poissons_ratio
+    points = 1e3 * case.problem.mesh.points
+    x, y, z = points.T - np.array([[0.0], [0.0], [0.5]])
+    # Stress -E k z at the end, and nothing else.
+    face = np.unique(load.facets)
+    t = load.at(case.problem.mesh.points[face])
+    assert t == pytest.approx(np.outer(-1e3 * E * k * z[face], [1.0, 0.0, 0.0]), abs=1e-9)
+    u = k * np.stack([-x * z, nu * y * z, 0.5 * (x**2 + nu * (z**2 - y**2))], axis=1)
+    corner = np.flatnonzero((points == 0.0).all(axis=1))[0]
+    end = np.flatnonzero((points == [L, 0.0, 0.0]).all(axis=1))[0]
+    number = expected("bend", "published_displacement")
+    assert u[end, 2] - u[corner, 2] == pytest.approx(number, rel=1e-12)
+    energy = 0.5 * E * k**2 * (1.0 / 12.0) * L
+    assert expected("bend", "published_energy") == pytest.approx(energy, rel=1e-12)
+
+
+def test_what_is_submerged_is_in_hydrostatic_balance() -> None:
+    case = load_case("submerged")
+    E, nu = 1e3 * case.spec.material.youngs_modulus, case.spec.material.poissons_ratio
+    K, weight, depth = E / (3.0 * (1.0 - 2.0 * nu)), 9810.0, 0.1
+    size = np.array([0.04, 0.025, 0.02])
+    c = weight / (3.0 * K)
+
+    def strain(z: float) -> float:
+        return -weight * (depth - z) / (3.0 * K)
+
+    assert expected("submerged", "published_displacement") == pytest.approx(
+        1e3 * size[0] * strain(size[2]), rel=1e-12
+    )
+    mean = weight * (depth - 0.5 * size[2])
+    assert expected("submerged", "published_stress") == pytest.approx(-1e-3 * mean, rel=1e-12)
+    assert expected("submerged", "published_reaction") == pytest.approx(mean * 5e-4, rel=1e-12)
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    change = 0.0
+    gauss = list(zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True))
+    for (a, wa), (b, wb), (d, wd) in itertools.product(gauss, repeat=3):
+        x, y, z = size * [a, b, d]
+        e = strain(z)
+        H = [[e, 0.0, c * x], [0.0, e, c * y], [-c * x, -c * y, e]]
+        change += wa * wb * wd * (float(np.linalg.det(np.eye(3) + H)) - 1.0)
+    number = 1e9 * change * float(size.prod())
+    assert expected("submerged", "published_volume_change") == pytest.approx(number, rel=1e-9)
+    # Each face bears what the water presses on it; all of them bear the weight.
+    pressed = [load for load in case.problem.loads if isinstance(load, Traction)]
+    assert len(pressed) == 4
+    for load in pressed:
+        x = case.problem.mesh.points[np.unique(load.facets)]
+        assert np.abs(load.at(x)).max(axis=1) == pytest.approx(weight * (depth - x[:, 2]))
+
+
+def test_what_flies_keeps_its_momentum_and_turns_as_a_rigid_body() -> None:
+    problem = load_case("flight").problem
+    mesh, span, start = problem.mesh, problem.time, problem.initial_velocity
+    assert span is not None
+    assert start is not None
+    mass = np.bincount(mesh.cells.ravel(), np.repeat(250.0 * mesh.cell_volumes, 4), mesh.num_points)
+    motion = simulate(problem)
+    assert problem.supports == problem.loads == ()
+    centres = np.einsum("n,tni->ti", mass, motion.displacements) / mass.sum()
+    assert np.abs(centres - np.outer(motion.times, start.velocity)).max() < 1e-14
+    r = mesh.points - np.array(start.center)
+    # Angular momentum about the centre, from velocities half-way between the outputs.
+    places = mesh.points + motion.displacements - np.array(start.center) - centres[:, None]
+    spin = np.array(start.angular_velocity)
+    angle = np.linalg.norm(spin) * motion.times[-1]
+    assert angle == pytest.approx(math.radians(60.0))
+    turned = np.stack(
+        [
+            r[:, 0] * math.cos(angle) - r[:, 1] * math.sin(angle),
+            r[:, 0] * math.sin(angle) + r[:, 1] * math.cos(angle),
+            r[:, 2],
+        ],
+        axis=1,
+    )
+    assert np.abs(places[-1] - turned).max() < 1e-3 * np.abs(r).max()
+    at = np.flatnonzero((np.abs(mesh.points - [0.04, 0.02, 0.01]) < 1e-9).all(axis=1))[0]
+    rigid = 1e3 * (turned[at] - r[at] + 0.1 * np.array(start.velocity))
+    numbers = [expected("flight", "published_displacement", at=k) for k in (0, 1)]
+    assert numbers == pytest.approx([30.0, rigid[1]], rel=1e-12)
+
+
+def test_the_meshes_are_what_the_cases_say() -> None:
+    bricks = brick_box((4, 5, 1), (1.0, 1.0, 1.0))
+    r, angle = 10.0 + 10.0 * bricks.points[:, 0], math.radians(30.0) * bricks.points[:, 1]
+    places = np.stack([r * np.cos(angle), r * np.sin(angle), 2.0 * bricks.points[:, 2]], axis=1)
+    ring = load_case("ring").problem.mesh
+    assert np.abs(1e3 * ring.points - places).max() < 1e-13
+    assert np.array_equal(ring.cells, bricks.cells)
+    crossed = load_case("flight").problem.mesh
+    corners = np.array([[i, j, k] for i in (0, 2) for j in (0, 2) for k in (0, 2)])
+    middles = [1 + s * np.eye(3, dtype=int)[k] for k in range(3) for s in (-1, 1)]
+    every = np.vstack([corners, middles, [[1, 1, 1]]]) * np.array([20.0, 10.0, 5.0])
+    assert np.abs(1e3 * crossed.points - every).max() < 1e-13
+    # Mirrored about the middle it is the same mesh, cell by cell.
+    cells = {tuple(sorted(cell)) for cell in crossed.cells.tolist()}
+    for axis in range(3):
+        mirror = crossed.points.copy()
+        mirror[:, axis] = np.ptp(crossed.points[:, axis]) - mirror[:, axis]
+        apart = np.linalg.norm(crossed.points[:, None] - mirror, axis=2)
+        new = apart.argmin(axis=1)
+        assert apart.min(axis=1).max() < 1e-15
+        assert {tuple(sorted(new[list(cell)].tolist())) for cell in cells} == cells
+    sphere = load_case("sphere").problem.mesh
+    on = np.linalg.norm(1e3 * sphere.points[np.unique(sphere.boundary_facets)], axis=1)
+    assert on.min() == pytest.approx(10.0)
+    assert on.max() == pytest.approx(20.0)
+    assert isinstance(sphere, TetMesh)
+    assert (signed_volumes(sphere.points, sphere.cells) > 0.0).all()
+
+
+@functools.cache
+def healthy(name: str) -> dict[tuple[str, str], int]:
+    """How many checks are red without a fault, by metric and whom they are against."""
+    return reds(name, Fault.NONE)
+
+
+def reds(name: str, fault: Fault) -> dict[tuple[str, str], int]:
+    candidate = with_fault(fastsim_candidate(), fault)
+    found: dict[tuple[str, str], int] = {}
+    for check in judge_case(load_case(name), candidate=candidate, diagnoses=False).checks:
+        if check.verdict is Verdict.FAILED:
+            key = check.metric, check.against
+            found[key] = found.get(key, 0) + 1
+    return found
+
+
+FAULTS = {
+    "bend": (Fault.SOFTER, Fault.DROPPED_LOAD, Fault.REVERSED_LOAD, Fault.SWAPPED_LAME),
+    "flight": (Fault.LINEAR_INSTEAD_OF_GREEN, Fault.MIRRORED, Fault.LATE, Fault.UNIT_ERROR),
+    "ring": (Fault.SOFTER, Fault.DROPPED_LOAD, Fault.REVERSED_LOAD, Fault.SWAPPED_LAME),
+    "sphere": (Fault.SOFTER, Fault.LINEAR_INSTEAD_OF_GREEN, Fault.DROPPED_LOAD),
+    "submerged": (Fault.SOFTER, Fault.DROPPED_LOAD, Fault.REVERSED_LOAD, Fault.SWAPPED_LAME),
+    # Between given places the stiffness shows nowhere.
+    "turned": (Fault.LINEAR_INSTEAD_OF_GREEN, Fault.MIRRORED, Fault.UNIT_ERROR),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"), [(name, fault) for name in NAMES for fault in FAULTS[name]]
+)
+def test_a_spoiled_answer_goes_red(name: str, fault: Fault) -> None:
+    added = {key for key, count in reds(name, fault).items() if count > healthy(name).get(key, 0)}
+    assert added
+
+
+@pytest.mark.parametrize(
+    ("name", "metric", "fault"),
+    [
+        ("turned", "published_reaction", Fault.LINEAR_INSTEAD_OF_GREEN),
+        ("turned", "published_energy", Fault.LINEAR_INSTEAD_OF_GREEN),
+        ("turned", "published_stress", Fault.LINEAR_INSTEAD_OF_GREEN),
+        ("turned", "published_volume_change", Fault.MIRRORED_MESH),
+        ("ring", "published_reaction", Fault.DROPPED_LOAD),
+        ("ring", "published_stress", Fault.REVERSED_LOAD),
+        ("submerged", "published_volume_change", Fault.SOFTER),
+        ("submerged", "published_reaction", Fault.REVERSED_LOAD),
+        ("submerged", "published_stress", Fault.DROPPED_LOAD),
+    ],
+)
+def test_a_number_goes_red_without_any_reference(name: str, metric: str, fault: Fault) -> None:
+    assert (metric, "candidate") not in healthy(name)
+    assert (metric, "candidate") in reds(name, fault)
+
+
+def test_the_cases_say_how_to_check_every_published_number() -> None:
+    """Between them the built-in cases hold every kind of number against a closed form."""
+    checks: list[CheckSpec] = [check for name in NAMES for check in load_case(name).checks]
+    kinds = {check.metric for check in checks if check.about.is_published}
+    assert kinds == {
+        "published_displacement",
+        "published_energy",
+        "published_reaction",
+        "published_stress",
+        "published_volume_change",
+    }
