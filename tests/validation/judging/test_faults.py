@@ -13,7 +13,6 @@ import pytest
 
 from palpate.validation.references.stored import references_folder
 
-pytestmark = pytest.mark.once
 # The same-mesh displacement check is the sharpest: it must see every one of them.
 ALWAYS = "displacement_l2|same_mesh"
 FAULTS = {

@@ -16,7 +16,6 @@ from palpate.validation.references.sets import SAME_MESH, SMOOTHED
 from palpate.validation.simulators.candidate import result_candidate
 from palpate.validation.states import Verdict
 
-pytestmark = pytest.mark.once
 CASES = sorted(path.stem for path in Path(__file__).parents[3].glob("validation/cases/*.toml"))
 
 

@@ -32,7 +32,6 @@ from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Precision, Trajectory, Verdict
 
-pytestmark = pytest.mark.once
 REMARK = "agrees to single precision"
 
 

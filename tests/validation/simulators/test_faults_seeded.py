@@ -64,7 +64,6 @@ def test_faults_leave_the_rest_alone(problem: Problem) -> None:
     assert faults.spoil_problem(problem, Fault.DROPPED_LOAD).loads == problem.loads[:-1]
 
 
-@pytest.mark.once
 @pytest.mark.slow
 def test_the_self_test_catches_every_fault_by_name(tmp_path: Path) -> None:
     from palpate.validation.judging import outputs
