@@ -15,6 +15,7 @@ from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
 from palpate.reference.cell_stress import measure_stresses, support_forces
+from palpate.reference.contact.driven_tool import press, require_known_drive
 from palpate.reference.contact.tool_path import follow_tools
 from palpate.reference.deformed_state import DetFSampler, find_smallest_stretch, measure_state
 from palpate.reference.discrete_problem import DiscreteProblem
@@ -63,7 +64,8 @@ def solve_static(
         The state under the full load; its displacement at the mesh's points, in their order.
 
     Raises:
-        InputError: The problem cannot be used: not enough supports, values that are not finite,
+        InputError: The problem cannot be used: not enough supports, a tool driven by a force
+            beside others, with friction or from too near, values that are not finite,
             overlapping cells, or an element or formulation that cannot do it.
         ReferenceNotConvergedError: No equilibrium under the full load; carries the last one found.
 
@@ -184,6 +186,7 @@ def find_equilibrium(
     if not 1e-14 <= relative_tolerance <= 1e-2:
         raise InputError(f"relative_tolerance = {relative_tolerance:g}: needs 1e-14 to 1e-2")
     require_supported(problem)
+    require_known_drive(problem.tools)
     tell: Progress = progress or _say_nothing
     tell(f"compiling the forms of degree {degree} (once for this version)")
     formulation, element = Formulation(formulation), Element(element)
@@ -234,7 +237,7 @@ def _go_on(newton: Newton, near: Floats, tell: Progress) -> LoadPath:
 def _follow(
     discrete: DiscreteProblem, sampler: DetFSampler, newton: Newton, tell: Progress
 ) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
-    """Loads first, with the tools where they begin; then the tools along their paths."""
+    """Loads first, with the tools where they begin; then the tools as they are driven."""
     given = fenicsx.norm(discrete.held.values) + fenicsx.norm(discrete.dead_force)
     if given > 0.0 or discrete.has_followers or not discrete.contacts:
         path = follow_load(newton, sampler, discrete.num_dofs, progress=tell)
@@ -243,7 +246,10 @@ def _follow(
         start = path.displacement
     else:
         start = np.zeros(discrete.num_dofs)
-    run = follow_tools(newton, sampler, discrete.contacts, start, progress=tell)
+    if discrete.contacts[0].tool.drive is not None:
+        run = press(newton, discrete.contacts[0], start, progress=tell)
+    else:
+        run = follow_tools(newton, sampler, discrete.contacts, start, progress=tell)
     if run.path.reason:
         where = f"on the way of the tools: {run.path.reason}"
         return dataclasses.replace(run.path, reason=where), run.histories

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw, layer_stiffness
+from palpate.fastsim.contact.contact_law import (
+    ContactForm,
+    ContactLaw,
+    layer_stiffness,
+    mean_edge,
+)
 from palpate.fastsim.contact.contact_term import ContactTerm
 from palpate.fastsim.contact.errors import ContactLostError
 from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
@@ -18,6 +23,7 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
+from palpate.meshes.rigid_tool import ForceDrive
 
 # Penalty in layers of cells: presses as much as a hundredth of a layer.
 _STIFFNESS_IN_LAYERS = 100.0
@@ -35,7 +41,8 @@ class ContactResult:
     """Equilibria at the knots of the tools' paths.
 
     Attributes:
-        times: Load parameter at the knots, shape (n,).
+        times: Load parameter at the knots, shape (n,); of a tool that is driven by a force the way
+            it has gone along its line [m], 0 and where it rests.
         displacements: [m], shape (n, num_points, 3).
         forces: On each tool [N], shape (n, num_tools, 3).
         moments: On each tool about its origin [N m], shape (n, num_tools, 3).
@@ -77,7 +84,8 @@ def solve_contact(
     The loads act in full at the first knot; from there on the tools move.
 
     Args:
-        problem: With at least one tool; on paths. With friction the answer depends on the steps.
+        problem: With at least one tool, on paths; or one that is driven by a force, of which the
+            amplitude does not matter. With friction the answer depends on the steps.
         strain: Engineering or Green strain.
         element: Plain or smoothed.
         law: Penalty or constraint; None is the constraint.
@@ -91,7 +99,8 @@ def solve_contact(
         would leave.
 
     Raises:
-        InputError: A tool driven by a force, or friction with a penalty: not known to the statics.
+        InputError: A tool driven by a force beside others, with friction, or from too near; or
+            friction with a penalty.
         UnsupportedBodyError: The body can float.
         ToolInsideError: A tool is in the body at the first knot.
         ContactLostError: No (stable) equilibrium beyond a time; carries the results before it.
@@ -111,8 +120,11 @@ def solve_contact(
     newton = Newton(problem, strain, relative_tolerance, max_iterations, element=element, term=term)
     path = _Path(problem, newton, term, law.form)
     wanted = _knots(problem) if times is None else np.asarray(times, dtype=np.float64)
-    reason = path.load(wanted[0])
-    for time in wanted[1:] if not reason else ():
+    is_driven = problem.tools[0].drive is not None
+    reason = path.load(0.0 if is_driven else wanted[0])
+    if not reason and problem.tools[0].drive is not None:
+        reason = path.drive(problem.tools[0].drive)
+    for time in () if reason or is_driven else wanted[1:]:
         reason = path.press(time, float(wanted[-1] - wanted[0]))
         if reason:
             break
@@ -172,6 +184,57 @@ class _Path:
                 return reason
         self._keep()
         return ""
+
+    def drive(self, drive: ForceDrive) -> str:
+        """Push the tool along its line until the body takes the force; return why not, if so."""
+        contact, direction = self.term.contacts[0], np.array(drive.direction)
+        lacking = drive.force - self._taken(direction)
+        if lacking < 0.0:
+            raise InputError(
+                f"where the tool starts the body pushes it back with {drive.force - lacking:.4g} N,"
+                f" more than the {drive.force:.4g} N it is driven by; start it farther away"
+            )
+        points = self._problem.mesh.points
+        size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        start = self.term.poses[0]["position"]
+        farthest = 2.0 * (size + float(np.linalg.norm(points.mean(axis=0) - start)))
+        longest = step = 0.25 * mean_edge(self._problem, contact.facets)
+        self._shortest_step = 2.0 * _SMALLEST_STEP * longest
+        while lacking > 0.0:
+            low = self.time, lacking
+            clear = float(self.term.pressed(self.displacement)[0][0].distances.min(initial=np.inf))
+            way = self.time + max(step, clear)
+            if way > farthest:
+                return "the tool passes the body; aim it at the body"
+            reason = self._settle(way, 1.0)
+            if reason:
+                step *= 0.5
+                if step < _SMALLEST_STEP * longest:
+                    return reason
+                continue
+            self.time, lacking = way, drive.force - self._taken(direction)
+        # Regula falsi; an end that stays twice is taken for half as far off ("Illinois").
+        high, stayed = (self.time, lacking), 0
+        for _ in range(_MOST_UPDATES):
+            if abs(lacking) <= _SETTLED * drive.force:
+                self._keep()
+                return ""
+            way = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1])
+            reason = self._settle(way, 1.0)
+            if reason:
+                return reason
+            self.time, lacking = way, drive.force - self._taken(direction)
+            if lacking > 0.0:
+                low, high = (way, lacking), (high[0], high[1] * (0.5 if stayed > 0 else 1.0))
+                stayed = 1
+            else:
+                low, high = (low[0], low[1] * (0.5 if stayed < 0 else 1.0)), (way, lacking)
+                stayed = -1
+        return "the force was not met"
+
+    def _taken(self, direction: Floats) -> float:
+        """Force of the first tool on the body along its line [N]."""
+        return float(self.term.vectors(self.displacement)[0].sum(axis=0) @ direction)
 
     def partial(self, stiffnesses: list[float]) -> ContactResult | None:
         """What was found, the last equilibrium included; None before the loads act in full."""
@@ -256,7 +319,12 @@ class _Path:
         return self.displacement if outcome.displacement is None else outcome.displacement
 
     def _poses(self, time: float) -> list[NDArray[np.void]]:
-        return [poses_at(c.tool.path, np.array([time]))[0] for c in self.term.contacts]
+        poses = [poses_at(c.tool.path, np.array([time]))[0] for c in self.term.contacts]
+        for contact, pose in zip(self.term.contacts, poses, strict=True):
+            if contact.tool.drive is not None:
+                # There time is the way along its line.
+                pose["position"] += time * np.array(contact.tool.drive.direction)
+        return poses
 
     def _keep(self) -> None:
         term, u = self.term, self.displacement
@@ -281,10 +349,21 @@ def _require_known_to_statics(problem: Problem, form: ContactForm) -> None:
         raise InputError("no tool: use palpate.fastsim.statics.solve_static")
     for number, tool in enumerate(problem.tools, start=1):
         if tool.drive is not None:
-            raise InputError(
-                f"tool {number} is driven by a force: statics take tools on a path; give one, or "
-                "use dynamics"
-            )
+            if len(problem.tools) > 1:
+                raise InputError(
+                    f"tool {number} is driven by a force, beside others: statics drive one tool, "
+                    "alone"
+                )
+            if tool.friction_coefficient > 0.0:
+                raise InputError(
+                    f"tool {number} is driven by a force and has friction, whose drag depends on "
+                    "the way: set 0, or give a path"
+                )
+            if not tool.drive.force > 0.0:
+                raise InputError(
+                    f"tool {number} is driven by {tool.drive.force:g} N: statics need a force "
+                    "above 0; turn the direction round"
+                )
         if tool.friction_coefficient > 0.0 and form is ContactForm.PENALTY:
             raise InputError(
                 f"tool {number} has friction: statics know it with the constraint, not a penalty"

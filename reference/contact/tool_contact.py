@@ -65,14 +65,15 @@ class ToolContact:
         youngs_modulus: Largest of the body [Pa].
 
     Raises:
-        InputError: A tool driven by a force.
+        InputError: Contact facets inside the body.
     """
 
     def __init__(
         self, space: TransferredSpace, tool: RigidTool, held: Indices, youngs_modulus: float
     ) -> None:
-        require_on_path(tool)
         self.tool = tool
+        self.source_points = space.transferred.source.points
+        self._way = np.zeros(3)
         self.points = find_contact_points(space, tool.contact_facets, held)
         self._num_dofs = 3 * space.num_blocks
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
@@ -110,7 +111,19 @@ class ToolContact:
     def set_time(self, time: float) -> None:
         """Put the tool where it is at a time of its path."""
         self.time = time
-        self.position, self.rotation = self.tool.path.pose_at(time)
+        position, self.rotation = self.tool.path.pose_at(time)
+        self.position = position + self._way
+
+    def move(self, way: float) -> None:
+        """Put a tool that is driven by a force so far along its line [m]."""
+        assert self.tool.drive is not None
+        self._way = way * np.array(self.tool.drive.direction)
+        self.set_time(self.time)
+
+    def clearance(self, displacement: Floats) -> float:
+        """Least distance of the contact nodes from the tool [m], 0 where one touches it."""
+        gap = self._distance(displacement).gap
+        return max(0.0, fenicsx.smallest(float(gap.min(initial=np.inf))))
 
     def stiffen(self, inertia: float) -> None:
         """Set the penalty against a step's inertia too, which short steps are made of.
@@ -252,14 +265,6 @@ def create_contacts(
     return tuple(ToolContact(space, tool, held, stiffest) for tool in problem.tools)
 
 
-def require_on_path(tool: RigidTool) -> None:
-    """Raise InputError for a tool that is driven by a force."""
-    if tool.drive is not None:
-        raise InputError(
-            "the reference moves a tool along its path; give the path instead of a force"
-        )
-
-
 def require_frictionless_on_path(tool: RigidTool) -> None:
     """Raise InputError for a tool with friction, or one that is driven by a force."""
     if tool.friction_coefficient > 0.0:
@@ -267,4 +272,8 @@ def require_frictionless_on_path(tool: RigidTool) -> None:
             f"friction_coefficient = {tool.friction_coefficient:g}: the reference's motions are "
             "frictionless; set 0, or take the time span away: its statics know friction"
         )
-    require_on_path(tool)
+    if tool.drive is not None:
+        raise InputError(
+            "the reference's motions take a tool along its path; give the path instead of a force, "
+            "or take the time span away: its statics know forces"
+        )

@@ -18,7 +18,7 @@ from palpate.reference.result import ToolHistory, Vector
 
 # Uzawa steps end when the multipliers carry all but this of the contact forces: this many times
 # what Newton's iteration leaves, which would let no smaller change of theirs move a node.
-_OVER_NEWTON = 10.0
+OVER_NEWTON = 10.0
 _CARRIED_ON_THE_WAY = 0.1
 _MOST_UZAWA_STEPS = 30
 _FEW_ITERATIONS = 12
@@ -67,7 +67,7 @@ class _Stretch:
             contact.set_time(self._time(parameter))
             contact.go_back()
         # On the way the penalty alone is nearly good enough.
-        all_of_it = _OVER_NEWTON * self._newton.relative_tolerance
+        all_of_it = OVER_NEWTON * self._newton.relative_tolerance
         carried = all_of_it if parameter == 1.0 else _CARRIED_ON_THE_WAY
         return settle(self._newton, self._contacts, start, carried, report=report)
 
@@ -168,13 +168,14 @@ def follow_tools(
         states.append(tuple(contact.state(u) for contact in contacts))
         before = knot
     return ToolRun(
-        LoadPath(u, tuple(factors), residual, iterations, reason), _histories(times, states)
+        LoadPath(u, tuple(factors), residual, iterations, reason), histories(times, states)
     )
 
 
-def _histories(
+def histories(
     times: Sequence[float], states: Sequence[Sequence[ToolState]]
 ) -> tuple[ToolHistory, ...]:
+    """Of each tool, from the states of all of them at some times."""
     return tuple(
         ToolHistory(
             times=tuple(times),
@@ -206,17 +207,22 @@ def _largest_step(contacts: Sequence[ToolContact], begin: float, end: float) -> 
     """By which side a node came to a tool is known from short steps only."""
     step = 1.0
     for contact in contacts:
-        moved, reach = _way(contact, begin, end), math.inf
-        match contact.tool.shape:
-            case BoxShape():
-                reach = _REACH_OF_BOXES * contact.points.facet_size
-            case SphereShape(radius) | CapsuleShape(radius):
-                reach = _REACH_OF_ROUND * radius
-            case SurfaceShape(surface):
-                reach = 0.5 * _REACH_OF_ROUND * float(np.ptp(surface.points, axis=0).min())
+        moved, reach = _way(contact, begin, end), first_reach(contact)
         if moved > reach:
             step = min(step, reach / moved)
     return step
+
+
+def first_reach(contact: ToolContact) -> float:
+    """How far a tool may go in one step, for its shape [m]."""
+    match contact.tool.shape:
+        case BoxShape():
+            return _REACH_OF_BOXES * contact.points.facet_size
+        case SphereShape(radius) | CapsuleShape(radius):
+            return _REACH_OF_ROUND * radius
+        case SurfaceShape(surface):
+            return 0.5 * _REACH_OF_ROUND * float(np.ptp(surface.points, axis=0).min())
+    return math.inf
 
 
 def _way(contact: ToolContact, begin: float, end: float) -> float:

@@ -17,7 +17,6 @@ from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.statics import solve_static
 from palpate.fastsim.supports import HeldPoints
-from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.errors import InputError
@@ -25,7 +24,6 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
-    ForceDrive,
     PlaneShape,
     RigidTool,
     SphereShape,
@@ -259,10 +257,6 @@ def test_a_lost_path_says_how_far_it_went(slab: TetMesh) -> None:
 
 
 def test_what_statics_do_not_know_is_told(slab: TetMesh) -> None:
-    start = ToolPath(np.zeros(1), np.array([[0.5, 0.5, 0.9]]))
-    drive = ForceDrive((0.0, 0.0, -1.0), 1.0, TabularAmplitude((0.0,), (1.0,)), 1.0)
-    with pytest.raises(InputError, match="force"):
-        solve_contact(standing(slab, replace(SPHERE, path=start, drive=drive)))
     with pytest.raises(ToolInsideError):
         solve_contact(standing(slab, replace(SPHERE, path=down([0.5, 0.5, 0.8], [0.0, 0.1]))))
     with pytest.raises(InputError, match="above 0"):
