@@ -10,11 +10,11 @@ from palpate.meshes.problem import Material
 from palpate.validation.diagnosis.explanation import Cause, Explanation
 from palpate.validation.diagnosis.factors import snapped
 from palpate.validation.diagnosis.static_answer import StaticAnswer, fit
+from palpate.validation.mechanics.finite_laws import laws_instead_of_law
 from palpate.validation.mechanics.laws import (
     OTHER_STRAIN,
     Array,
     hooke,
-    laws_instead_of,
     push_forward,
     strain_of,
 )
@@ -30,7 +30,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 def law_explanations(answer: StaticAnswer) -> Iterator[Explanation]:
     """Each other law with the material asked for."""
     body, u = answer.body, answer.displacement
-    for name, law in laws_instead_of(body.strain, body.law).items():
+    for name, law in laws_instead_of_law(body.strain, body.law).items():
         internal = body.internal(u, law)
         tried = [answer.tried(name, Cause.LAW, internal=internal)]
         if name == OTHER_STRAIN[body.strain]:

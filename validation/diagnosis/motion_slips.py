@@ -28,7 +28,8 @@ from palpate.validation.diagnosis.factors import (
 from palpate.validation.diagnosis.law_slips import lame_slips
 from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
 from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.laws import OTHER_STRAIN, laws_instead_of
+from palpate.validation.mechanics.finite_laws import laws_instead_of_law
+from palpate.validation.mechanics.laws import OTHER_STRAIN
 from palpate.validation.mechanics.stepping import Slip, Start, Stepper, Update
 from palpate.validation.states import State
 
@@ -124,7 +125,7 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
             yield name, Cause.TIME, Slip(damping=factor * asked)
     yield from _mass_slips(body)
     yield from _load_slips(body)
-    for name, law in laws_instead_of(body.strain, body.law).items():
+    for name, law in laws_instead_of_law(body.strain, body.law).items():
         yield name, Cause.LAW, Slip(law=law)
         if name == OTHER_STRAIN[body.strain] and pressures:
             # Pressures go with the strain measure, or are as they were asked for.

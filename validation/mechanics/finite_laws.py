@@ -8,13 +8,22 @@ Review 40, 1998).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
-from palpate.validation.mechanics.laws import Array, hooke, strain_of, transposed
+from palpate.validation.mechanics.laws import (
+    OTHER_STRAIN,
+    Array,
+    hooke,
+    laws_instead_of,
+    strain_of,
+    transposed,
+)
+from palpate.validation.mechanics.laws import Law as LawOfCells
 
 _STEP = 1e-100
 _ONE = np.eye(3)
@@ -92,6 +101,24 @@ def stress_change(law: Law, H: Array, dH: Array, lmbda: Array, mu: Array, c01: A
     stepped: Any = H + 1j * _STEP * dH
     change: Array = np.imag(finite_stress(law, stepped, lmbda, mu, c01)) / _STEP
     return change
+
+
+def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
+    """By name, the laws that may stand where this strain measure and law were asked for."""
+    others = laws_instead_of(strain)
+    if strain is Strain.LINEAR or asked.is_linear_in_strain:
+        return others
+    # Slips in Saint-Venant-Kirchhoff's own formula are none of another law's.
+    kept = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1", "corotated linear law")
+    found = {name: others[name] for name in kept}
+    for law in Law:
+        if law not in (asked, Law.MOONEY_RIVLIN):
+            found[f"{law} law"] = partial(_without_c01, law)
+    return found
+
+
+def _without_c01(law: Law, H: Array, lmbda: Array, mu: Array) -> Array:
+    return finite_stress(law, H, lmbda, mu, np.zeros_like(mu))
 
 
 def _by_cell(values: Any) -> Any:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.material_law import Law as MaterialLaw
 from palpate.meshes.problem import Strain
 
 Array = NDArray[np.float64]
@@ -115,21 +114,8 @@ def _corotated(H: Array, lmbda: Array, mu: Array) -> Array:
     return P
 
 
-def laws_instead_of(
-    strain: Strain, asked: MaterialLaw = MaterialLaw.SAINT_VENANT_KIRCHHOFF
-) -> dict[str, Law]:
-    """By name, the laws that may stand where this strain measure and law were asked for."""
-    if strain is Strain.GREEN and not asked.is_linear_in_strain:
-        others: dict[str, Law] = {
-            OTHER_STRAIN[strain]: linear,
-            "Saint-Venant-Kirchhoff law": green,
-            "neo-Hookean law, with ln J": _neo_hookean,
-            "neo-Hookean law, with J - 1": _neo_hookean_of_j,
-            "corotated linear law": _corotated,
-        }
-        if asked is MaterialLaw.NEO_HOOKEAN:
-            del others["neo-Hookean law, with ln J"]
-        return others
+def laws_instead_of(strain: Strain) -> dict[str, Law]:
+    """By name, the laws that may stand where this strain measure was asked for."""
     return {
         OTHER_STRAIN[strain]: linear if strain is Strain.GREEN else green,
         "engineering shear strain taken for tensor shear: shear stresses doubled": sheared(
