@@ -7,6 +7,7 @@ import pytest
 
 from palpate.meshes.errors import MeshError, OpenSurfaceError
 from palpate.meshes.gmsh_mesher import MesherFailedError, mesh_with_gmsh
+from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.shapes import shape_box, shape_sphere
@@ -36,6 +37,25 @@ def test_a_hollow_ball_with_a_ball_in_it_is_meshed_where_it_is_solid() -> None:
     )
     mesh = mesh_with_gmsh(surface, edge_length=1.5)
     assert mesh.volume == pytest.approx((64 - 8 + 1) * ball.volume, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [
+        shape_hollow_sphere(2.0, 1.0, edge_length=0.8),
+        shape_hollow_octant(2.0, 1.0, edge_length=0.5),
+        shape_tube(2.0, 1.2, 3.0, edge_length=0.8),
+    ],
+    ids=["hollow_sphere", "hollow_octant", "tube"],
+)
+def test_the_hollow_shapes_keep_their_facets_and_hold_nothing_in_the_hollow(
+    surface: TriSurface,
+) -> None:
+    mesh = mesh_with_gmsh(surface)
+    wanted = {tuple(row) for row in np.sort(surface.facets, axis=1).tolist()}
+    assert {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()} == wanted
+    assert mesh.volume == pytest.approx(surface.volume, rel=1e-12)
+    assert measure_quality(mesh).smallest_dihedral_deg > 5.0
 
 
 def test_an_open_surface_is_refused_before_gmsh_sees_it() -> None:

@@ -48,7 +48,7 @@ class Tangent:
         force = body.force_of(stress)
         if body.has_followers:
             force -= self._load_change(change)
-        return np.where(body.held, 0.0, force)
+        return body.freed(force)
 
     def _load_change(self, change: Points) -> Points:
         """Of pressures, which are quadratic in the displacement: central differences are exact."""

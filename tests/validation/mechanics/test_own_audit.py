@@ -12,6 +12,7 @@ import palpate
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
+from palpate.meshes.transforms import rotation, turn
 from palpate.validation.case import load_case
 from palpate.validation.mechanics.audit import audit_on_own_mesh
 from palpate.validation.mechanics.body import Body
@@ -34,7 +35,9 @@ def off_balance(name: str, strain: Strain, element: Element) -> tuple[palpate.Pr
 
 
 @pytest.mark.dolfinx
-@pytest.mark.parametrize("name", ["block", "kidney", pytest.param("beam", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["block", "ring", "kidney", pytest.param("beam", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(("strain", "element"), EVERY)
 def test_it_finds_what_the_reference_finds(name: str, strain: Strain, element: Element) -> None:
     from palpate.reference.audit import audit_displacement
@@ -137,6 +140,32 @@ def test_an_inverted_body_has_no_estimate_and_what_cannot_be_audited_is_refused(
     floating = dataclasses.replace(problem, supports=())
     with pytest.raises(InputError, match="floats"):
         audit_on_own_mesh(floating, inverted, strain=Strain.GREEN)
+
+
+@pytest.mark.parametrize(("strain", "element"), EVERY)
+def test_on_slanted_walls_it_finds_what_it_finds_where_they_are_straight(
+    strain: Strain, element: Element
+) -> None:
+    straight, displacement = off_balance("submerged", strain, element)
+    R = rotation((1.0, 2.0, 3.0), 50.0)
+    slanted, _ = turn(straight, R)
+    assert any(support.normal is not None for support in slanted.supports)
+    wanted = audit_on_own_mesh(straight, displacement, strain, element)
+    found = audit_on_own_mesh(slanted, displacement @ R.T, strain, element)
+    assert wanted.displacement_error is not None
+    assert wanted.displacement_error > 1e-4
+    for field in dataclasses.fields(wanted):
+        one, other = getattr(found, field.name), getattr(wanted, field.name)
+        if field.name == "cell_errors":
+            assert np.abs(one - other).max() < 1e-6 * other.max()
+        elif isinstance(other, float) and field.name != "support_gap":
+            assert one == pytest.approx(other, rel=1e-6), field.name
+    # The largest component of a distance depends on the axes.
+    assert 0.3 < found.support_gap / wanted.support_gap < 2.0
+    right = palpate.solve(slanted, strain=strain, element=element).displacement
+    good = audit_on_own_mesh(slanted, right, strain, element)
+    assert good.relative_residual_norm < 1e-8
+    assert abs(good.displacement_error or 1.0) < 1e-7
 
 
 def test_both_solvers_solve_and_tell_what_they_cannot() -> None:
