@@ -86,6 +86,11 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
         case Fault.SOFTER:
             return dataclasses.replace(problem, material=Material(0.98 * E, nu, rho))
         case Fault.SWAPPED_LAME:
+            if not nu > 0.0:
+                raise CannotShowError(
+                    f"fault {fault}: at a Poisson's ratio of {nu:g} lmbda is not above 0, "
+                    "which as mu makes no body; try block"
+                )
             # E = mu (3 lmbda + 2 mu)/(lmbda + mu), nu = lmbda/2/(lmbda + mu), the two exchanged.
             mu, lmbda = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
             total = lmbda + mu

@@ -47,6 +47,11 @@ def test_swapped_lame_parameters_are_those_of_the_problem_exchanged(problem: Pro
     assert (mu, lmbda) == pytest.approx(lame(problem), rel=1e-12)
 
 
+def test_without_a_poissons_ratio_lames_parameters_cannot_be_exchanged() -> None:
+    with pytest.raises(faults.CannotShowError, match="Poisson's ratio of 0"):
+        faults.spoil_problem(load_case("turned").problem, Fault.SWAPPED_LAME)
+
+
 def test_an_inverted_cell_is_one_or_its_neighbours(
     problem: Problem,
     answer: np.ndarray,  # type: ignore[type-arg]
