@@ -27,7 +27,15 @@ from palpate.validation.metrics import stress_integrals
 from palpate.validation.references.reference_files import read_reference, write_reference
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH, ReferenceSet
 from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.states import CellStresses, Precision, State, Verdict, in_silence
+from palpate.validation.simulators.seeded import on_own_mesh
+from palpate.validation.states import (
+    CellStresses,
+    Precision,
+    State,
+    Trajectory,
+    Verdict,
+    in_silence,
+)
 
 # 2 x 1 x 1 cm of 10 kPa; forces in mN, so that energies are in mN cm, 1e-5 J.
 A, E, NU = 0.9, 10.0, 0.3
@@ -326,3 +334,39 @@ def test_what_is_not_there_is_named(tmp_path: Path):
         write(tmp_path, check("published_reaction", of, 1.0, green), by=moving).problem  # noqa: B018
     with pytest.raises(InputError, match=r"the truth of a case with \[time\] knows"):
         write(tmp_path, check(*forms(green)[3], green, against='"truth"'), by=PUSHED + time)
+
+
+def test_an_answer_on_a_mesh_of_its_own_is_read_with_its_doubt(tmp_path: Path):
+    case = write(
+        tmp_path, *(check(*form, Strain.GREEN, limit=0.05) for form in forms(Strain.GREEN))
+    )
+    answer = on_own_mesh(fastsim_candidate()).solve(case.problem, Strain.GREEN, in_silence)
+    assert answer.own is not None
+    for found in judged(case, answer):
+        # Homogeneous: nothing is lost between the points of either mesh.
+        assert found.verdict is Verdict.PASSED, found.message
+        assert found.value is not None
+        assert found.value < 1e-6
+    twice = dataclasses.replace(
+        answer,
+        own=dataclasses.replace(answer.own, displacements=2.0 * answer.own.displacements),
+        volume=case.problem.mesh.volume * (1 + 2.0 * (A - 1)),
+    )
+    assert Verdict.PASSED not in {found.verdict for found in judged(case, twice)}
+
+
+def test_of_a_motion_it_is_the_last_state(tmp_path: Path):
+    of = [form for form in forms(Strain.GREEN) if form[0] != "published_tool_force"]
+    still = write(tmp_path, *(check(*form, Strain.GREEN) for form in of))
+    last = solved(still, Strain.GREEN)
+    time = "[time]\nend_time = 0.1\nnum_outputs = 4\n"
+    case = write(tmp_path, *(check(*form, Strain.GREEN) for form in of), by=PUSHED + time)
+    assert case.problem.time is not None
+    times = np.linspace(0.0, 0.1, 5)
+    motion = Trajectory(times, times[:, None, None] / 0.1 * last.displacement)
+    moved = dataclasses.replace(last, trajectory=motion, stresses=None)
+    assert {found.verdict for found in judged(case, moved)} == {Verdict.PASSED}
+    early = dataclasses.replace(
+        moved, displacement=0.75 * last.displacement, volume=case.problem.mesh.volume * 0.925
+    )
+    assert {found.verdict for found in judged(case, early)} == {Verdict.FAILED}
