@@ -6,15 +6,15 @@ struct Float8 {
     using V = __m256;
     static constexpr std::size_t width = 8;
 
-    static V load(const Real *p) { return _mm256_loadu_ps(p); }
+    [[gnu::always_inline]] static V load(const Real *p) { return _mm256_loadu_ps(p); }
     // With a source of zeros, since compilers warn of the one left undefined.
-    static V lookup(const Real *base, const std::int32_t *index) {
+    [[gnu::always_inline]] static V lookup(const Real *base, const std::int32_t *index) {
         const V zero = _mm256_setzero_ps();
         const auto at = _mm256_loadu_si256(reinterpret_cast<const __m256i *>(index));
         return _mm256_mask_i32gather_ps(zero, base, at, _mm256_cmp_ps(zero, zero, _CMP_EQ_OQ), 4);
     }
     /// Rows become columns, eight of them.
-    static void transpose(V *m) {
+    [[gnu::always_inline]] static void transpose(V *m) {
         V low[4], high[4]; // columns 0, 1 and 2, 3 of each half, of rows 2 k and 2 k + 1
         for (int k = 0; k < 4; ++k) {
             low[k] = _mm256_unpacklo_ps(m[2 * k], m[2 * k + 1]);
@@ -32,10 +32,11 @@ struct Float8 {
             m[4 + k] = _mm256_permute2f128_ps(upper, lower, 0x31);
         }
     }
-    static V pair(const Real *low, const Real *high) {
+    [[gnu::always_inline]] static V pair(const Real *low, const Real *high) {
         return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(low)), _mm_load_ps(high), 1);
     }
-    static void gather(const Real *base, const std::int32_t *r, V &x, V &y, V &z) {
+    [[gnu::always_inline]] static void gather(const Real *base, const std::int32_t *r, V &x, V &y,
+                                              V &z) {
         const V a0 = pair(base + r[0], base + r[4]), a1 = pair(base + r[1], base + r[5]);
         const V a2 = pair(base + r[2], base + r[6]), a3 = pair(base + r[3], base + r[7]);
         const __m256d low0 = _mm256_castps_pd(_mm256_unpacklo_ps(a0, a1));
@@ -45,10 +46,11 @@ struct Float8 {
         z = _mm256_castpd_ps(_mm256_unpacklo_pd(_mm256_castps_pd(_mm256_unpackhi_ps(a0, a1)),
                                                 _mm256_castps_pd(_mm256_unpackhi_ps(a2, a3))));
     }
-    static void add(Real *record, __m128 v) {
+    [[gnu::always_inline]] static void add(Real *record, __m128 v) {
         _mm_store_ps(record, _mm_add_ps(_mm_load_ps(record), v));
     }
-    static void scatter_add(Real *base, const std::int32_t *r, V x, V y, V z) {
+    [[gnu::always_inline]] static void scatter_add(Real *base, const std::int32_t *r, V x, V y,
+                                                   V z) {
         const V zero = _mm256_setzero_ps();
         const __m256d xy0 = _mm256_castps_pd(_mm256_unpacklo_ps(x, y));
         const __m256d xy1 = _mm256_castps_pd(_mm256_unpackhi_ps(x, y));
@@ -70,13 +72,13 @@ struct Double4 {
     using V = __m256d;
     static constexpr std::size_t width = 4;
 
-    static V load(const Real *p) { return _mm256_loadu_pd(p); }
-    static V lookup(const Real *base, const std::int32_t *index) {
+    [[gnu::always_inline]] static V load(const Real *p) { return _mm256_loadu_pd(p); }
+    [[gnu::always_inline]] static V lookup(const Real *base, const std::int32_t *index) {
         const V zero = _mm256_setzero_pd();
         const auto at = _mm_loadu_si128(reinterpret_cast<const __m128i *>(index));
         return _mm256_mask_i32gather_pd(zero, base, at, _mm256_cmp_pd(zero, zero, _CMP_EQ_OQ), 8);
     }
-    static void transpose(V *m) {
+    [[gnu::always_inline]] static void transpose(V *m) {
         const V t0 = _mm256_unpacklo_pd(m[0], m[1]), t1 = _mm256_unpackhi_pd(m[0], m[1]);
         const V t2 = _mm256_unpacklo_pd(m[2], m[3]), t3 = _mm256_unpackhi_pd(m[2], m[3]);
         m[0] = _mm256_permute2f128_pd(t0, t2, 0x20);
@@ -84,7 +86,8 @@ struct Double4 {
         m[2] = _mm256_permute2f128_pd(t0, t2, 0x31);
         m[3] = _mm256_permute2f128_pd(t1, t3, 0x31);
     }
-    static void gather(const Real *base, const std::int32_t *r, V &x, V &y, V &z) {
+    [[gnu::always_inline]] static void gather(const Real *base, const std::int32_t *r, V &x, V &y,
+                                              V &z) {
         const V a0 = _mm256_load_pd(base + r[0]), a1 = _mm256_load_pd(base + r[1]);
         const V a2 = _mm256_load_pd(base + r[2]), a3 = _mm256_load_pd(base + r[3]);
         const V xz0 = _mm256_unpacklo_pd(a0, a1), xz1 = _mm256_unpacklo_pd(a2, a3);
@@ -92,10 +95,11 @@ struct Double4 {
         z = _mm256_permute2f128_pd(xz0, xz1, 0x31);
         y = _mm256_permute2f128_pd(_mm256_unpackhi_pd(a0, a1), _mm256_unpackhi_pd(a2, a3), 0x20);
     }
-    static void add(Real *record, V v) {
+    [[gnu::always_inline]] static void add(Real *record, V v) {
         _mm256_store_pd(record, _mm256_add_pd(_mm256_load_pd(record), v));
     }
-    static void scatter_add(Real *base, const std::int32_t *r, V x, V y, V z) {
+    [[gnu::always_inline]] static void scatter_add(Real *base, const std::int32_t *r, V x, V y,
+                                                   V z) {
         const V zero = _mm256_setzero_pd();
         const V xy0 = _mm256_unpacklo_pd(x, y), xy1 = _mm256_unpackhi_pd(x, y);
         const V zw0 = _mm256_unpacklo_pd(z, zero), zw1 = _mm256_unpackhi_pd(z, zero);

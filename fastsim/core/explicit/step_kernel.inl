@@ -12,8 +12,9 @@ template <std::size_t bytes, typename T> void prefetch(const T *block, std::size
 
 /// Displacements of corners 1 to 3 of a batch of cells less that of corner 0.
 template <typename Pack>
-inline void gather_edges(const typename Pack::Real *displacement, const std::int32_t *records,
-                         typename Pack::V *edges) {
+[[gnu::always_inline]] inline void gather_edges(const typename Pack::Real *displacement,
+                                                const std::int32_t *records,
+                                                typename Pack::V *edges) {
     using V = typename Pack::V;
     V x0, y0, z0;
     Pack::gather(displacement, records, x0, y0, z0);
@@ -28,8 +29,9 @@ inline void gather_edges(const typename Pack::Real *displacement, const std::int
 
 /// Adds forces on corners 1 to 3, and their opposite to corner 0.
 template <typename Pack>
-inline void scatter_forces(typename Pack::Real *force, const std::int32_t *records,
-                           const typename Pack::V *edges) {
+[[gnu::always_inline]] inline void scatter_forces(typename Pack::Real *force,
+                                                  const std::int32_t *records,
+                                                  const typename Pack::V *edges) {
     for (std::size_t a = 0; a < 3; ++a)
         Pack::scatter_add(force, records + (a + 1) * Pack::width, edges[3 * a], edges[3 * a + 1],
                           edges[3 * a + 2]);

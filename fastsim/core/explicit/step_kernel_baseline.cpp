@@ -11,19 +11,19 @@ template <typename Number> struct Plain {
     static constexpr std::size_t width = 16 / sizeof(Real);
     using V [[gnu::vector_size(16)]] = Real;
 
-    static V load(const Real *p) {
+    [[gnu::always_inline]] static V load(const Real *p) {
         V v;
         for (std::size_t i = 0; i < width; ++i)
             v[i] = p[i];
         return v;
     }
-    static V lookup(const Real *base, const std::int32_t *index) {
+    [[gnu::always_inline]] static V lookup(const Real *base, const std::int32_t *index) {
         V v;
         for (std::size_t i = 0; i < width; ++i)
             v[i] = base[index[i]];
         return v;
     }
-    static void transpose(V *m) {
+    [[gnu::always_inline]] static void transpose(V *m) {
         for (std::size_t i = 0; i < width; ++i)
             for (std::size_t j = 0; j < i; ++j) {
                 const Real moved = m[i][j];
@@ -31,7 +31,8 @@ template <typename Number> struct Plain {
                 m[j][i] = moved;
             }
     }
-    static void gather(const Real *base, const std::int32_t *records, V &x, V &y, V &z) {
+    [[gnu::always_inline]] static void gather(const Real *base, const std::int32_t *records, V &x,
+                                              V &y, V &z) {
         for (std::size_t i = 0; i < width; ++i) {
             const Real *record = base + records[i];
             x[i] = record[0];
@@ -39,7 +40,8 @@ template <typename Number> struct Plain {
             z[i] = record[2];
         }
     }
-    static void scatter_add(Real *base, const std::int32_t *records, V x, V y, V z) {
+    [[gnu::always_inline]] static void scatter_add(Real *base, const std::int32_t *records, V x,
+                                                   V y, V z) {
         for (std::size_t i = 0; i < width; ++i) {
             Real *record = base + records[i];
             record[0] += x[i];
