@@ -71,17 +71,33 @@ def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[floa
     return least, fenicsx.last_of_ranks(place, found == least)
 
 
-def smallest_stretches(body: ElasticBody, displacement: Floats) -> Floats:
-    """Smallest principal stretch at the corners of each cell [-], in the TetMesh's order."""
+def least_moduli(body: ElasticBody, displacement: Floats) -> Floats:
+    """How much of its stiffness is left at the corners of each cell [-], in the TetMesh's order.
+
+    Along principal directions, with stretches l and second Piola-Kirchhoff stresses S, the energy
+    of Saint-Venant-Kirchhoff curves by S_i + (lmbda + 2 mu) l_i^2 under a further stretch, and by
+    S_j + mu l_i^2 under a shear of directions i and j; both over what they are at rest. At 0 it
+    loses rank-one convexity (J. E. Marsden, T. J. R. Hughes, Mathematical Foundations of
+    Elasticity, 1983, section 3.4): confined compression gets there at a stretch of 0.577 by the
+    first, and with Poisson's ratio 0.3 at 0.655 by the second.
+    """
     transferred = body.space.transferred
-    F_at = fenicsx.evaluate_in_cells(transferred.mesh, deformation_gradient(body.u), lattice(1))
+    mesh, points = transferred.mesh, lattice(1)
+    F_at = fenicsx.evaluate_in_cells(mesh, deformation_gradient(body.u), points)
+    S_at = fenicsx.evaluate_in_cells(mesh, body.stress, points)
     body.set_displacement(displacement)
-    F = F_at().reshape(-1, 4, 3, 3)
-    squared = np.linalg.eigvalsh(np.swapaxes(F, 2, 3) @ F)[..., 0].min(axis=1)
+    F, S = (sample().reshape(-1, len(points), 3, 3) for sample in (F_at, S_at))
+    lmbda, mu = (fenicsx.cell_values(x)[:, None, None] for x in body.lame)
+    squared, along = np.linalg.eigh(np.swapaxes(F, 2, 3) @ F)
+    stress = np.einsum("cpik,cpij,cpjk->cpk", along, S, along)
+    least = ((stress + (lmbda + 2.0 * mu) * squared) / (lmbda + 2.0 * mu)).min(axis=(1, 2))
+    for i, j in itertools.permutations(range(3), 2):
+        shear = (stress[..., j] + mu[..., 0] * squared[..., i]) / mu[..., 0]
+        least = np.minimum(least, shear.min(axis=1))
     everywhere = np.zeros(transferred.source.num_cells)
-    everywhere[transferred.cell_of_cell] = np.sqrt(np.maximum(squared, 0.0))
-    stretches: Floats = fenicsx.total(everywhere)
-    return stretches
+    everywhere[transferred.cell_of_cell] = least
+    moduli: Floats = fenicsx.total(everywhere)
+    return moduli
 
 
 @dataclass(frozen=True)

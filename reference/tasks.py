@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
 
-from palpate.meshes.arrays import Points
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import (
     AdaptiveResult,
@@ -57,15 +59,20 @@ class StaticTask:
         return solve_static(problem, **vars(self), progress=progress)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AdaptiveTask:
     """`palpate.reference.adaptivity.adaptive.solve_adaptively`.
 
     Attributes:
-        goals: Pairs of a quantity and its tolerance.
+        goals: What each is called and its tolerance. A name is that of a quantity; where it is of
+            a part of the body, "@" and something of the caller's own follow.
         seconds: Of the budget.
         memory: Likewise [GB].
         unknowns: Likewise.
+        part_cells: Of the goals with a part, in their order, 1 in the cells whose stress counts and
+            0 in the others, shape (num_parts, num_cells).
+        part_weights: Likewise `Part.weights`, shape (num_parts, num_points, 3).
+        part_supports: Likewise the support, -1 for none, shape (num_parts,).
         strain: See `solve_adaptively`; so are the others.
     """
 
@@ -76,6 +83,9 @@ class AdaptiveTask:
     degree: int = 2
     formulation: Formulation = Formulation.DISPLACEMENT
     unknowns: float = math.inf
+    part_cells: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    part_weights: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    part_supports: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
     answer = AdaptiveResult
 
@@ -83,10 +93,26 @@ class AdaptiveTask:
         """Solve, estimate, refine."""
         from palpate.reference.adaptivity.adaptive import solve_adaptively
         from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
+        from palpate.reference.adaptivity.parts import Part
 
+        rows = zip(self.part_cells, self.part_weights, self.part_supports, strict=True)
+        parts = iter(
+            [
+                Part(np.flatnonzero(inside), weights, int(support) if support >= 0 else None)
+                for inside, weights, support in rows
+            ]
+        )
         return solve_adaptively(
             problem,
-            [Goal(Quantity(name), tolerance) for name, tolerance in self.goals],
+            [
+                Goal(
+                    Quantity(name.split("@")[0]),
+                    tolerance,
+                    next(parts) if "@" in name else None,
+                    name,
+                )
+                for name, tolerance in self.goals
+            ],
             budget=Budget(self.seconds, self.memory, self.unknowns),
             strain=self.strain,
             degree=self.degree,

@@ -178,13 +178,11 @@ class StressIntegrals:
         cauchy: Mean of Cauchy's stress over each rest cell of the case [Pa], (num_cells, 3, 3).
         internal_force: Integral of P grad N over the body [N], (num_points, 3), N the linear shape
             functions of the case's points; sums to zero.
-        halvings: How often the case's cells were halved for the mesh that it was solved on.
         strain_energy: Of the quadratic field itself [J]; None where it was not kept.
     """
 
     cauchy: Floats
     internal_force: Points
-    halvings: int = 0
     strain_energy: float | None = None
 
 

@@ -18,11 +18,11 @@ from palpate.meshes.local_refinement import LocallyRefined, refine_cells
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
-from palpate.reference.adaptivity.duals import dual_of, solve_duals
-from palpate.reference.adaptivity.goals import Budget, Goal
+from palpate.reference.adaptivity.duals import Solved, dual_of, solve_duals
+from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
 from palpate.reference.adaptivity.history import History
 from palpate.reference.adaptivity.recovery import GradientRecovery
-from palpate.reference.deformed_state import smallest_stretches
+from palpate.reference.deformed_state import least_moduli
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.result import LOST, AdaptiveResult, Formulation, ReferenceResult
@@ -31,10 +31,10 @@ from palpate.reference.statics import Equilibrium, find_equilibrium
 # Of the estimated error, in the cells that are cut next (W. Doerfler, SIAM J. Numer. Anal. 33,
 # 1996). Less makes better meshes in more steps; more makes the steps' rate easier to see.
 BULK = 0.6
-# Smallest principal stretches [-] of cells that are still cut, the next where a mesh has no
-# equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved: 0.7 becomes 0.576, and what
-# softens on the way grows by more.
-CRUSHED = (0.75, 0.85, 0.93)
+# Least stiffness over that at rest, see `least_moduli`, of cells that are still cut, the next where
+# a mesh has no equilibrium. At a clamp strains grow by 2^(1/2) as cells are halved: of confined
+# compression 0.3 becomes 0, and what softens on the way grows by more.
+SOFTENED = (0.35, 0.6, 0.8)
 # Graded meshes are thin where they are fine: their factors are smaller than those of a solid, and
 # Jacobi's smoother slower. 110 000 unknowns of degree 2 on one core: 2 GB.
 LARGEST_DIRECT = 600_000
@@ -60,11 +60,11 @@ def solve_adaptively(
     Cells are marked by the product of how rough the displacement's gradient is and how rough that
     of the goals' duals (`recovery`, `duals`). Each mesh begins from the last one's equilibrium.
 
-    With Green strain cells that are crushed to less than CRUSHED, and their neighbours, are not cut
-    further: at the compressed side of a clamp strains grow without end as cells shrink, and beyond
-    a stretch of 0.577 Saint-Venant-Kirchhoff has no resistance left, so that the finer mesh would
-    have no equilibrium. What those cells have wrong stays in the estimates, and through them in the
-    bars. Where a mesh has none all the same, fewer cells are cut.
+    With Green strain cells that have softened to less than SOFTENED, and their neighbours, are not
+    cut further: at the compressed side of a clamp strains grow without end as cells shrink, and
+    Saint-Venant-Kirchhoff has no resistance left at a stretch of about 0.6, so that the finer mesh
+    would have no equilibrium. What those cells have wrong stays in the estimates, and through them
+    in the bars. Where a mesh has none all the same, fewer cells are cut.
 
     Args:
         problem: On the case's mesh: the body that is solved is this polyhedron.
@@ -91,9 +91,8 @@ def solve_adaptively(
     """
     if degree not in (2, 3):
         raise InputError(f"degree = {degree}: the adaptive truth needs 2 or 3")
-    quantities = [goal.quantity for goal in goals]
-    if not goals or len(set(quantities)) < len(goals):
-        raise InputError("the adaptive truth needs goals, each quantity once")
+    if not goals or len({goal.called for goal in goals}) < len(goals):
+        raise InputError("the adaptive truth needs goals, each quantity or name once")
     allowed = budget or Budget()
     tell: Progress = progress or (lambda _line: None)
     start, base = time.perf_counter(), _memory()
@@ -122,12 +121,12 @@ def solve_adaptively(
                 raise
             tell(f"no equilibrium on {current.mesh.num_cells} cells: {error.reason}")
             tries += 1
-            if strain is Strain.LINEAR or tries == len(CRUSHED):
+            if strain is Strain.LINEAR or tries == len(SOFTENED):
                 last.destroy()
                 history.lose_limit()
                 end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
                 return history.result(state, end)
-            refined = refine_cells(last.problem, _marked(last, wrong, CRUSHED[tries]))
+            refined = refine_cells(last.problem, _marked(last, wrong, SOFTENED[tries]))
             current = refined.problem
             continue
         case_cell = case_cell if refined is None else case_cell[refined.given_cell]
@@ -136,19 +135,19 @@ def solve_adaptively(
             gc.collect()
         last = found
         state = _on_case(found.result(), problem, current, case_cell)
-        errors = _cell_errors(found, state, goals)
+        errors = _cell_errors(Solved(found, state, problem.mesh, case_cell), goals)
         history.add(problem, current, found.discrete, state, errors)
         history.seconds.append(time.perf_counter() - began)
         tell(history.line())
         end = history.met()
         if not end:
             wrong = _together(errors, history.needs())
-            marked = _marked(last, wrong, CRUSHED[tries])
+            marked = _marked(last, wrong, SOFTENED[tries])
             refined = refine_cells(current, marked)
             end = (
                 _too_much(history, refined, allowed, time.perf_counter() - start, base)
                 if marked.any()
-                else "what is left of the error is in crushed cells"
+                else "what is left of the error is in cells that have softened"
             )
         if end:
             last.destroy()
@@ -157,15 +156,16 @@ def solve_adaptively(
         current = refined.problem
 
 
-def _marked(found: Equilibrium, wrong: Floats, least_stretch: float) -> NDArray[np.bool_]:
-    """Cells to be cut: the bulk of the error, but nothing crushed, nor beside it."""
+def _marked(found: Equilibrium, wrong: Floats, least_modulus: float) -> NDArray[np.bool_]:
+    """Cells to be cut: the bulk of the error, but nothing that has softened, nor beside it."""
     cells = found.problem.mesh.cells
     rest = wrong
-    if found.discrete.strain is Strain.GREEN:
-        stretches = smallest_stretches(found.discrete, found.displacement)
-        is_crushed = np.zeros(found.problem.mesh.num_points, dtype=bool)
-        is_crushed[cells[stretches < least_stretch]] = True
-        rest = np.where(is_crushed[cells].any(axis=1), 0.0, wrong)
+    # Other laws grow stiff in compression.
+    law = found.problem.material.law
+    if found.discrete.strain is Strain.GREEN and law.is_linear_in_strain:
+        is_soft = np.zeros(found.problem.mesh.num_points, dtype=bool)
+        is_soft[cells[least_moduli(found.discrete, found.displacement) < least_modulus]] = True
+        rest = np.where(is_soft[cells].any(axis=1), 0.0, wrong)
     return mark_bulk(rest, BULK) if rest.any() else np.zeros(len(cells), dtype=bool)
 
 
@@ -216,17 +216,20 @@ def _on_case(
     )
 
 
-def _cell_errors(
-    found: Equilibrium, state: ReferenceResult, goals: Sequence[Goal]
-) -> dict[Goal, Floats]:
+def _cell_errors(solved: Solved, goals: Sequence[Goal]) -> dict[Goal, Floats]:
     """Of each goal its error's parts by cell, relative to the goal's scale [-]."""
-    discrete = found.discrete
-    wanted = list(dict.fromkeys(dual_of(goal.quantity) for goal in goals))
-    duals = solve_duals(found, state, wanted)
+    found, discrete = solved.found, solved.discrete
+    duals = solve_duals(solved, list(dict.fromkeys(dual_of(goal) for goal in goals)))
+    inside = [
+        solved.here(goal.part.is_inside(solved.case_mesh))
+        for goal in goals
+        if goal.part is not None and goal.quantity is Quantity.STRESS_L2
+    ]
     own = discrete.of_displacement(found.displacement)
-    rough = GradientRecovery(discrete).cell_errors([own, *duals.values()])
+    recovery = GradientRecovery(discrete, inside)
+    rough = recovery.cell_errors([own, *duals.values()])
     weights = dict(zip(duals, rough[1:], strict=True))
-    return {goal: rough[0] * weights[dual_of(goal.quantity)] for goal in goals}
+    return {goal: rough[0] * weights[dual_of(goal)] for goal in goals}
 
 
 def _together(errors: dict[Goal, Floats], needs: Sequence[float]) -> Floats:

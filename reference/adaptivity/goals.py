@@ -8,13 +8,12 @@ left is at most a geometric series that goes on as slowly as either of them says
     bar = SAFETY max(d_n, fall d_(n-1)) ratio / (1 - ratio)
 
 d_(n-1) stands beside d_n because a signed number may pass by chance through the value of the mesh
-before, and the worst point may lie where no cell was cut; it has to have fallen as the L2 norm of
-the displacement has, d_n / d_(n-1) of that, or by the ratio, where that is smaller. That norm does
-neither: its fall is 0. The largest displacement is no farther off than the displacement at its
-worst point. SAFETY and LEAST_RATIO are held against known answers by `palpate study
-calibration`. At clamped edges the displacement goes as the square root of the distance, so the
-error of a goal halves where the cells are halved: LEAST_RATIO is that, and no faster rate is ever
-believed.
+before; it has to have fallen as the L2 norm of the displacement has, d_n / d_(n-1) of that, or by
+the ratio, where that is smaller. A norm does not pass through anything: its fall is 0. The largest
+displacement is no farther off than the displacement at its worst point. SAFETY and LEAST_RATIO are
+held against known answers by `palpate study calibration`. At clamped edges the displacement goes
+as the square root of the distance, so the error of a goal halves where the cells are halved:
+LEAST_RATIO is that, and no faster rate is ever believed.
 Where the sequence shrinks by less than LARGEST_RATIO from mesh to mesh nothing can be concluded,
 and the bar is infinite.
 """
@@ -34,6 +33,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.field_norms import l2_norm, size_of_change
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.adaptivity.parts import Part, force_apart, stress_apart
 from palpate.reference.result import ReferenceResult
 
 LEAST_RATIO = 0.5
@@ -51,6 +51,9 @@ NOISE = 1e-8
 class Quantity(StrEnum):
     """What of a state has an error bar, relative to its own size or change.
 
+    The last two are of a part of the body: the L2 norm of Cauchy's stress in it, and the force
+    through it, over the largest of a support.
+
     >>> Quantity("volume")
     <Quantity.VOLUME: 'volume'>
     """
@@ -60,6 +63,15 @@ class Quantity(StrEnum):
     MAX_DISPLACEMENT = "max_displacement"
     VOLUME = "volume"
     SURFACE_AREA = "surface_area"
+    STRAIN_ENERGY = "strain_energy"
+    STRESS_L2 = "stress_l2"
+    TRACTION_RESULTANT = "traction_resultant"
+
+
+OF_PART = frozenset({Quantity.STRESS_L2, Quantity.TRACTION_RESULTANT})
+
+
+_NORMS = (Quantity.DISPLACEMENT_L2, Quantity.DISPLACEMENT_MAX)
 
 
 @dataclass(frozen=True)
@@ -69,17 +81,29 @@ class Goal:
     Args:
         quantity: What.
         tolerance: Largest bar that is small enough [-], > 0; infinite where any is.
+        part: Of the case's mesh, where the quantity is of one; else None.
+        name: What it is called in the result; the quantity's own name where empty.
 
     Raises:
-        InputError: A tolerance that is not above 0.
+        InputError: A tolerance that is not above 0, a part too many or too few.
     """
 
     quantity: Quantity
     tolerance: float
+    part: Part | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
         if not self.tolerance > 0.0:
             raise InputError(f"{self.quantity}: bar = {self.tolerance:g}: needs a value above 0")
+        if (self.part is not None) != (self.quantity in OF_PART):
+            needs = "needs a part of the body" if self.part is None else "is of the whole body"
+            raise InputError(f"{self.quantity} {needs}")
+
+    @property
+    def called(self) -> str:
+        """Its name in the result."""
+        return self.name or str(self.quantity)
 
 
 @dataclass(frozen=True)
@@ -166,7 +190,11 @@ def _area(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[f
     )
 
 
-_COMPARISONS: dict[
+def _energy(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    return abs(fine.strain_energy - coarse.strain_energy), fine.strain_energy
+
+
+_OF_WHOLE: dict[
     Quantity, Callable[[TetMesh, ReferenceResult, ReferenceResult], tuple[float, float]]
 ] = {
     Quantity.DISPLACEMENT_L2: _l2,
@@ -174,16 +202,23 @@ _COMPARISONS: dict[
     Quantity.MAX_DISPLACEMENT: _size,
     Quantity.VOLUME: _volume,
     Quantity.SURFACE_AREA: _area,
+    Quantity.STRAIN_ENERGY: _energy,
 }
 
 
-def difference(
-    quantity: Quantity, mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult
-) -> float:
+_OF_PART: dict[
+    Quantity, Callable[[TetMesh, ReferenceResult, ReferenceResult, Part], tuple[float, float]]
+] = {
+    Quantity.STRESS_L2: stress_apart,
+    Quantity.TRACTION_RESULTANT: force_apart,
+}
+
+
+def difference(goal: Goal, mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> float:
     """How far two states at the points of one mesh are apart, over the size of the finer's [-].
 
     Args:
-        quantity: In what.
+        goal: In what.
         mesh: At whose points both displacements are.
         fine: The better one.
         coarse: The other.
@@ -191,7 +226,10 @@ def difference(
     Returns:
         At least 0; 0 where both are nothing, infinite where the better one alone is.
     """
-    apart, scale = _COMPARISONS[quantity](mesh, fine, coarse)
+    if goal.part is None:
+        apart, scale = _OF_WHOLE[goal.quantity](mesh, fine, coarse)
+    else:
+        apart, scale = _OF_PART[goal.quantity](mesh, fine, coarse, goal.part)
     if scale == 0.0:
         return 0.0 if apart == 0.0 else math.inf
     return apart / scale
@@ -208,9 +246,7 @@ def error_bars(
     apart = sequences.get(Quantity.DISPLACEMENT_L2, ((), ()))[0]
     fall = apart[-1] / apart[-2] if len(apart) > 1 and apart[-2] > 0.0 else 1.0
     found = {
-        name: error_bar(
-            differences, estimates, fall=0.0 if name == Quantity.DISPLACEMENT_L2 else fall
-        )
+        name: error_bar(differences, estimates, fall=0.0 if name in _NORMS else fall)
         for name, (differences, estimates) in sequences.items()
     }
     size, worst = Quantity.MAX_DISPLACEMENT, Quantity.DISPLACEMENT_MAX

@@ -51,7 +51,7 @@ class History:
             [
                 math.inf
                 if self._last is None
-                else difference(goal.quantity, problem.mesh, state, self._last)
+                else difference(goal, problem.mesh, state, self._last)
                 for goal in self._goals
             ]
         )
@@ -76,11 +76,16 @@ class History:
         self.bars[-1] = [math.inf] * len(self._goals)
 
     def needs(self) -> list[float]:
-        """How many times too large each goal's bar is, or its estimate where it has none yet."""
-        rows = zip(self._goals, self.bars[-1], self.estimates[-1], strict=True)
+        """How many times too large each goal's bar is.
+
+        Where it has none yet, its estimate, or its difference from the mesh before if that is more.
+        """
+        rows = zip(
+            self._goals, self.bars[-1], self.estimates[-1], self.differences[-1], strict=True
+        )
         needs = [
-            (bar if math.isfinite(bar) else estimate) / goal.tolerance
-            for goal, bar, estimate in rows
+            (bar if math.isfinite(bar) else max(e, d) if math.isfinite(d) else e) / goal.tolerance
+            for goal, bar, e, d in rows
         ]
         return needs if any(need > 0.0 for need in needs) else [1.0] * len(needs)
 
@@ -92,8 +97,7 @@ class History:
     def line(self) -> str:
         """The last mesh in a line of progress."""
         said = ", ".join(
-            f"{goal.quantity} {bar:.2g}"
-            for goal, bar in zip(self._goals, self.bars[-1], strict=True)
+            f"{goal.called} {bar:.2g}" for goal, bar in zip(self._goals, self.bars[-1], strict=True)
         )
         return (
             f"mesh {len(self.cells)}: {self.cells[-1]} cells, {self.unknowns[-1]} unknowns, "
@@ -105,7 +109,7 @@ class History:
         fields = {f.name: getattr(state, f.name) for f in dataclasses.fields(ReferenceResult)}
         return AdaptiveResult(
             **fields,
-            quantities=tuple(str(goal.quantity) for goal in self._goals),
+            quantities=tuple(goal.called for goal in self._goals),
             tolerances=tuple(goal.tolerance for goal in self._goals),
             num_cells=np.array(self.cells),
             num_unknowns=np.array(self.unknowns),

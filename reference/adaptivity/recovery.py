@@ -2,12 +2,14 @@
 
 O. C. Zienkiewicz, J. Z. Zhu, Int. J. Numer. Methods Eng. 24 (1987) 337-357, with the L2 projection
 to continuous gradients of degree p - 1, which are as good as the gradient itself where the
-displacement is smooth. Material by material, since gradients do jump where materials meet.
-It asks nothing of loads, supports or tools.
+displacement is smooth. Material by material, since gradients do jump where materials meet, and part
+by part, since those of a part's dual jump at its border. It asks nothing of loads, supports or
+tools.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,9 +28,10 @@ class GradientRecovery:
 
     Args:
         discrete: Whose space and materials.
+        parts: Each 1 in a part's cells and 0 in the others, dolfinx numbering, (num_cells,).
     """
 
-    def __init__(self, discrete: DiscreteProblem) -> None:
+    def __init__(self, discrete: DiscreteProblem, parts: Sequence[Floats] = ()) -> None:
         self._space = discrete.space
         transferred = discrete.space.transferred
         mesh, degree = transferred.mesh, discrete.space.degree
@@ -48,7 +51,7 @@ class GradientRecovery:
 
         mu = discrete.lame[1]
         values = [fenicsx.cell_values(x) for x in discrete.lame]
-        kinds = np.column_stack(values)
+        kinds = np.column_stack([*values, *parts])
         everywhere = fenicsx.every_row(kinds)
         self._parts = [(kinds == kind).all(axis=1).astype(float) for kind in everywhere]
         self._inside = fenicsx.cell_function(mesh, np.ones(len(kinds)))

@@ -9,7 +9,12 @@ from palpate.meshes.problem import Material, Strain
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference.deformed_state import DetFSampler, lattice, measure_state
+    from palpate.reference.deformed_state import (
+        DetFSampler,
+        lattice,
+        least_moduli,
+        measure_state,
+    )
     from palpate.reference.discrete_problem import ElasticBody
     from palpate.reference.mesh_transfer import create_space, transfer
 
@@ -83,3 +88,35 @@ def test_lattice_holds_the_vertices_and_determines_a_polynomial():
         assert len(points) == count
         for vertex in np.vstack([np.zeros(3), np.eye(3)]):
             assert np.any(np.all(points == vertex, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("stretches", "least"),
+    [
+        # Confined compression a: S_xx = (lmbda + 2 mu) e with e = (a^2 - 1) / 2, which leaves
+        # 1 + 3 e for more of it and 1 + 3.5 e for a shear, (lmbda + 2 mu) / mu = 3.5.
+        ((0.75, 1.0, 1.0), 1.0 + 1.75 * (0.75**2 - 1.0)),
+        ((1.0, (1.0 - 2.0 / 3.5) ** 0.5, 1.0), 0.0),
+        ((1.0, 1.0, 1.0), 1.0),
+        # Pulled with its sides free: S = (E e, 0, 0), and l^2 = 1 - 2 nu e across.
+        ((1.5, (1.0 - 0.3 * 1.25) ** 0.5, (1.0 - 0.3 * 1.25) ** 0.5), 1.0 - 0.3 * 1.25),
+    ],
+)
+def test_how_much_stiffness_is_left(box, stretches, least):
+    body = body_of(box(jitter=0.2), 2)
+    turn = np.linalg.qr(np.array([[1.0, 2.0, 0.0], [0.5, -1.0, 3.0], [2.0, 0.0, 1.0]]))[0]
+    other = np.linalg.qr(np.array([[0.0, 1.0, 1.0], [1.0, 3.0, 0.0], [2.0, 0.0, -1.0]]))[0]
+    F = turn @ np.diag(stretches) @ other
+    u = interpolated(body, lambda x: x @ (F - np.eye(3)).T)
+    np.testing.assert_allclose(least_moduli(body, u), least, atol=1e-12)
+
+
+def test_a_plane_shear_softens_less_than_a_compression_to_the_same_stretch(box):
+    # At a clamp's edge cells are sheared, and stay stiff.
+    body = body_of(box(), 2)
+    sheared = interpolated(body, lambda p: p[:, [1]] * np.array([[0.8, 0.0, 0.0]]))
+    shortest = (1.0 + 0.8**2 / 4.0) ** 0.5 - 0.4
+    crushed = interpolated(body, lambda p: p * np.array([[shortest - 1.0, 0.0, 0.0]]))
+    assert shortest == pytest.approx(0.677, abs=1e-3)
+    assert least_moduli(body, sheared).min() > 0.4
+    assert least_moduli(body, crushed).max() < 0.1

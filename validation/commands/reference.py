@@ -59,17 +59,14 @@ def build(
         Element | None,
         typer.Option(help="put this one's answers on the same mesh beside what was accepted"),
     ] = None,
-    stress: Annotated[
-        bool, typer.Option("--stress", help="put the truth's stresses beside what was accepted")
-    ] = False,
 ) -> None:
     """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx.
 
-    With --element or --stress only those states are solved, and the rest stays as it was accepted.
+    With --element only those states are solved, and the rest stays as it was accepted.
     """
     from palpate.validation.case import load_case
     from palpate.validation.judging.truth_request import truth_request
-    from palpate.validation.references.additions import with_element, with_stresses
+    from palpate.validation.references.additions import with_element
     from palpate.validation.references.changes import describe_changes
     from palpate.validation.references.geometry_part import with_geometry
     from palpate.validation.references.sets import solve_for_storing
@@ -80,28 +77,17 @@ def build(
         store,
     )
 
-    if stress and element is not None:
-        raise InputError("--element and --stress are added one after the other: accept between")
     for name in _chosen(names):
         case = load_case(name)
         wanted = {spec.against for spec in case.checks}
-        asked = " --stress" if stress else "" if element is None else f" --element {element}"
+        asked = "" if element is None else f" --element {element}"
         about = {
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "command": f"palpate reference build {case.name}{asked}",
             "palpate": version_of("palpate"),
         }
         progress = progress_lines()
-        if stress:
-            if case.problem.time is not None or case.problem.tools:
-                print(for_terminal(f"{name}: its truth carries no stresses: nothing to build"))
-                continue
-            old = load_checked(accepted_path(case.name, case.beside), case.name, case.problem, name)
-            asking = (spec.strain for spec in case.checks if spec.about.is_of_integrals)
-            strains = {case.strain, *(strain for strain in asking if strain is not None)}
-            found = with_stresses(case.problem, old, sorted(strains), about, progress)
-            provenance: dict[str, Any] = dict(found.provenance)
-        elif element is None:
+        if element is None:
             judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
             found = solve_for_storing(
                 case.problem,
@@ -111,7 +97,7 @@ def build(
                 request=truth_request(case),
             )
             found = with_geometry(case, found, progress, strains=judged)
-            provenance = {**about, **found.provenance}
+            provenance: dict[str, Any] = {**about, **found.provenance}
         elif "same_mesh" not in wanted:
             print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))
             continue

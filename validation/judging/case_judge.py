@@ -10,16 +10,15 @@ from palpate.validation.case import Case
 from palpate.validation.case.parts import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.published import metric_of_bar, number_of
+from palpate.validation.judging.published import metric_of_bar, name_of_bar, number_of
 from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import Number, is_still
-from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.references.geometry_part import shape_of
 from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.references.stress_bars import bar_of_number, bar_of_part
+from palpate.validation.references.stress_bars import bar_of_number, bar_of_part, was_asked
 from palpate.validation.states import State, Verdict
 
 
@@ -112,7 +111,8 @@ class CaseJudge:
             return self.references.truth(strain)
         truth = self.references.stress_truth(strain)
         is_told = truth and (spec.about.read is None or self._number(spec, truth))
-        return truth if is_told else None
+        name = name_of_bar(spec, self.problem, self.case.spec.units)
+        return truth if is_told and was_asked(self.references, strain, name) else None
 
     def _number(self, spec: CheckSpec, state: State) -> Number | None:
         return number_of(spec, self.problem, state, self.case.spec.units)
@@ -124,10 +124,8 @@ class CaseJudge:
         if spec not in self._bars_of_parts:
             problem, units, strain = self.problem, self.case.spec.units, self.strain_of(spec)
             if spec.about.read is not None:
-                read = partial(self._number, spec)
-                bar = bar_of_number(problem, self.references, strain, spec.metric, read)
-                # Relative to the number expected, as its errors are.
-                bar /= abs(spec.expected or 0.0) * units.of(spec.about.dimension)[0]
+                read, name = partial(self._number, spec), name_of_bar(spec, problem, units)
+                bar = bar_of_number(problem, self.references, strain, spec.metric, name, read)
             else:
                 part = part_of_check(spec, problem, units, f"check {spec.metric}")
                 assert part is not None
@@ -147,13 +145,10 @@ class CaseJudge:
         if is_truth and self._reference(spec) is None:
             called = case_name(self.case)
             kept = "stresses" if spec.about.read is None else "stresses and energy"
-            # Of meshes refined for displacements nothing can be added: it is built anew.
-            how = "build it anew" if ADAPTIVE in references.provenance else "add them"
-            option = "" if ADAPTIVE in references.provenance else " --stress"
             return (
-                f"the stored truth of this case has no {kept}: {how} with `palpate reference build "
-                f"{called}{option}` where FEniCSx is installed, then `palpate reference "
-                f"accept {called} --reason TEXT`"
+                f"the stored truth of this case was not asked for {kept} in this part: build it "
+                f"anew with `palpate reference build {called}` where FEniCSx is installed, then "
+                f"`palpate reference accept {called} --reason TEXT`"
             )
         is_there = spec.against != "same_mesh" or references.same_mesh(strain) is not None
         if known or is_there or references.element is Element.LINEAR:

@@ -18,6 +18,7 @@ from palpate.validation.metrics import Number, Part
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
+from palpate.validation.references.adaptive_truth import name_of_part
 from palpate.validation.states import State
 
 _LENGTHS = ("amplitude", "mean")
@@ -29,6 +30,15 @@ def metric_of_bar(spec: CheckSpec) -> str:
     if spec.quantity is not None:
         return f"oscillation_{spec.quantity}"
     return spec.about.bar_of or spec.metric
+
+
+def name_of_bar(spec: CheckSpec, problem: Problem, units: Units) -> str:
+    """The same, of the part of the body that the check is about."""
+    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    metric = metric_of_bar(spec)
+    if part is None or not spec.about.is_of_integrals:
+        return metric
+    return name_of_part(metric, part)
 
 
 def number_of(spec: CheckSpec, problem: Problem, state: State, units: Units) -> Number | None:
@@ -119,8 +129,7 @@ def _compare_number(spec: CheckSpec, problem: Problem, state: State, units: Unit
     if found is None:
         return Comparison(math.inf, f"{state.label} does not tell it")
     unit, name = units.of(spec.about.dimension)
-    size = abs(spec.expected or 0.0)
-    scale = size if found.scale is None else found.scale / unit
+    scale = found.scale / unit
     off = found.doubt
     if state.other_reading is not None:
         other = number_of(spec, problem, state.other_reading, units)

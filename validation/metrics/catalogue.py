@@ -210,6 +210,7 @@ _METRICS = (
         read=numbers.reaction,
         components=_AXES,
         dimension="force",
+        bar_of="traction_resultant",
     ),
     Metric(
         "published_tool_force",
@@ -239,6 +240,7 @@ _METRICS = (
         asks=("expected",),
         read=numbers.strain_energy,
         dimension="energy",
+        bar_of="strain_energy",
     ),
     Metric(
         "published_stress",
@@ -248,6 +250,7 @@ _METRICS = (
         read=numbers.mean_stress,
         components=numbers.STRESSES,
         dimension="stress",
+        bar_of="stress_l2",
     ),
 )
 CATALOGUE = {metric.name: metric for metric in _METRICS}

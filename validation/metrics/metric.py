@@ -17,6 +17,10 @@ CompareInPart = Callable[[Problem, State, State, Part], Difference]
 Read = Callable[[Problem, State, Part, str], numbers.Number | None]
 
 
+# Whose error bars are of stress and energy.
+_OF_INTEGRALS = ("stress_l2", "traction_resultant", "strain_energy")
+
+
 @dataclass(frozen=True)
 class Metric:
     """One metric.
@@ -36,7 +40,7 @@ class Metric:
         read: That number; None of a displacement at a point, over time or at the end.
         components: Which `component` such a check may name.
         dimension: Of that number: "length", "force", "stress", "volume" or "energy".
-        bar_of: Whose error bar the truth's number has; "" where it has one of its own.
+        bar_of: Whose error bar the truth's number has.
         is_alone: On its own mesh, without what it is at the case's points.
         is_of_surface: Of a part: of a support or a cut, not of cells.
         is_fitted: To a motion, as good as its samples.
@@ -79,11 +83,8 @@ class Metric:
 
     @property
     def is_of_integrals(self) -> bool:
-        """Whether a quadratic truth tells it by integrals that are kept beside its displacement.
-
-        Its error bar then comes from two meshes, one cut in eight from the other.
-        """
-        return self.of_part is not None or (self.read is not None and not self.bar_of)
+        """Whether a quadratic truth tells it by integrals that are kept beside its displacement."""
+        return self.of_part is not None or self.bar_of in _OF_INTEGRALS
 
     @property
     def is_own(self) -> bool:

@@ -19,7 +19,13 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.mechanics.body import body_of, factor_at_end, load_force
 from palpate.validation.metrics.own_mesh import problem_on
-from palpate.validation.metrics.stress import Part, force_of_part, read_stress, resultant
+from palpate.validation.metrics.stress import (
+    Part,
+    force_of_part,
+    read_stress,
+    resultant,
+    scale_of_force,
+)
 from palpate.validation.states import State
 
 # Components of a symmetric tensor by name.
@@ -37,13 +43,13 @@ class Number:
     Attributes:
         value: In its SI unit.
         doubt: What reading it may be off by, in that unit: of answers on meshes of their own.
-        scale: What errors of the metric that its error bar is of are divided by, in that unit;
-            None where its bar is its own.
+        scale: What errors of the metric that its error bar is of are divided by, in that unit; of
+            a mean stress the most that it can be off by where their L2 norm is off by all of it.
     """
 
     value: float
     doubt: float = 0.0
-    scale: float | None = None
+    scale: float = math.nan
 
 
 def reaction(problem: Problem, state: State, part: Part, component: str) -> Number:
@@ -67,7 +73,7 @@ def reaction(problem: Problem, state: State, part: Part, component: str) -> Numb
     off = 0.0
     if doubt is not None:
         off = abs(float(force_of_part(problem, doubt.internal_force, part)[axis]))
-    return Number(float(force[axis]), off)
+    return Number(float(force[axis]), off, scale_of_force(problem, state)[0])
 
 
 def tool_force(problem: Problem, state: State, part: Part, component: str) -> Number | None:
@@ -97,12 +103,13 @@ def strain_energy(problem: Problem, state: State, _part: Part, _component: str) 
     """
     if state.integrals is not None:
         kept = state.integrals.strain_energy
-        return None if kept is None else Number(kept)
+        return None if kept is None else Number(kept, scale=kept)
     if state.own is None:
-        return Number(body_of(problem, state.strain, state.element).energy(state.displacement))
+        own_energy = body_of(problem, state.strain, state.element).energy(state.displacement)
+        return Number(own_energy, scale=own_energy)
     own = problem_on(state.own.mesh, problem)
     found = body_of(own, state.strain, state.element).energy(state.own.displacements[-1])
-    return Number(found, abs(own.mesh.volume / problem.mesh.volume - 1.0) * found)
+    return Number(found, abs(own.mesh.volume / problem.mesh.volume - 1.0) * found, found)
 
 
 def mean_stress(problem: Problem, state: State, part: Part, component: str) -> Number:
@@ -114,11 +121,14 @@ def mean_stress(problem: Problem, state: State, part: Part, component: str) -> N
     integrals, doubt = read_stress(problem, state)
     volumes = signed_volumes(problem.mesh.points, problem.mesh.cells)[part.cells]
     weights = volumes / volumes.sum()
-    value = float(weights @ _component_of(integrals.cauchy[part.cells], component))
+    sigma = integrals.cauchy[part.cells]
+    value = float(weights @ _component_of(sigma, component))
+    most = _LIPSCHITZ if component == VON_MISES else 1.0
+    scale = most * math.sqrt(float(weights @ np.einsum("cij,cij->c", sigma, sigma)))
     if doubt is None:
-        return Number(value)
+        return Number(value, scale=scale)
     sizes = np.linalg.norm(doubt.cauchy[part.cells], axis=(1, 2))
-    return Number(value, (_LIPSCHITZ if component == VON_MISES else 1.0) * float(weights @ sizes))
+    return Number(value, most * float(weights @ sizes), scale)
 
 
 def _component_of(sigma: Floats, component: str) -> Floats:

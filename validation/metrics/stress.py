@@ -84,11 +84,11 @@ def tells_stress(state: State) -> bool:
 def stress_integrals(
     mesh: TetMesh, stresses: CellStresses, strain_energy: float | None = None
 ) -> StressIntegrals | None:
-    """Means over the cells of a mesh, from those of the same mesh or of it cut in eight.
+    """Means over the cells of a mesh, with the nodal forces that they make.
 
     Args:
         mesh: The case's.
-        stresses: Of the cells of that mesh, or refined once or more by `refine_uniformly`.
+        stresses: Of its cells.
         strain_energy: Of the whole body [J], kept beside them.
 
     Returns:
@@ -97,10 +97,7 @@ def stress_integrals(
     sigma, P = stresses.cauchy, stresses.first_piola_kirchhoff
     if P is None:
         return None
-    halvings = 0
-    while len(sigma) > mesh.num_cells:
-        sigma, P, halvings = mean_over_parents(sigma), mean_over_parents(P), halvings + 1
-    return StressIntegrals(sigma, _nodal_force(mesh, P), halvings, strain_energy)
+    return StressIntegrals(sigma, _nodal_force(mesh, P), strain_energy)
 
 
 def stress_l2(problem: Problem, candidate: State, reference: State, part: Part) -> Difference:
@@ -140,15 +137,20 @@ def traction_resultant(
     ours, doubt = read_stress(problem, candidate)
     theirs, _ = read_stress(problem, reference)
     error = resultant(problem, ours, part) - resultant(problem, theirs, part)
-    scale = _largest_resultant(problem, reference, theirs)
-    name = "the reference's largest force of a load or support"
-    if scale == 0.0:
-        scale, name = 1.0, "1 N, since no load or support has a force of its own"
+    scale, name = scale_of_force(problem, reference)
     compared = ratio(float(np.linalg.norm(error)), scale, name)
     if doubt is None:
         return compared
     off = float(np.linalg.norm(force_of_part(problem, doubt.internal_force, part)))
     return dataclasses.replace(compared, uncertainty=off / scale)
+
+
+def scale_of_force(problem: Problem, state: State) -> tuple[float, str]:
+    """What errors of forces are divided by [N], and its name."""
+    largest = _largest_resultant(problem, state, read_stress(problem, state)[0])
+    if largest > 0.0:
+        return largest, "the reference's largest force of a load or support"
+    return 1.0, "1 N, since no load or support has a force of its own"
 
 
 def resultant(problem: Problem, integrals: StressIntegrals, part: Part) -> NDArray[np.float64]:

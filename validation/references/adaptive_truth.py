@@ -1,26 +1,31 @@
 """The truth of a static case on meshes refined where its error comes from, and its record.
 
-It tells no stresses: they are no goal of the refinement yet, and where no goal asks for finer cells
+Its stresses are kept where a part of the body is asked for: where no goal asks for finer cells
 their difference from mesh to mesh says nothing of their error.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
-from palpate.validation.metrics import COMPARISONS
+from palpate.validation.exchange.array_hash import array_hash
+from palpate.validation.metrics import COMPARISONS, Part, stress_integrals
 from palpate.validation.references.sequences import NOISE
-from palpate.validation.references.static_states import state_of
+from palpate.validation.references.static_states import state_of, stresses_of
 from palpate.validation.states import Progress, State
 
 DEGREE = 2
 # Where a file's provenance keeps the record of such a truth.
 ADAPTIVE = "adaptive"
+# What is told of the whole body.
+OF_WHOLE = (*COMPARISONS, "strain_energy")
 
 
 @dataclass(frozen=True)
@@ -31,8 +36,11 @@ class TruthRequest:
         bar: Largest error bar that is small enough, relative [-].
         seconds: Of the reference's budget, for each strain measure.
         memory: Likewise [GB].
-        metrics: Whose bars are to be that small, by strain measure; the others' are what they are.
+        metrics: Of the whole body, whose bars are to be that small, by strain measure; the others'
+            are what they are.
         unknowns: Of the largest mesh.
+        parts: Pairs of a metric and the part of the body it is asked in, by strain measure, with
+            bars as small.
     """
 
     bar: float = 0.005
@@ -40,6 +48,7 @@ class TruthRequest:
     memory: float = 8.0
     metrics: Mapping[Strain, Collection[str]] = field(default_factory=dict)
     unknowns: float = math.inf
+    parts: Mapping[Strain, Sequence[tuple[str, Part]]] = field(default_factory=dict)
 
     def tolerance(self, metric: str, strain: Strain) -> float:
         """The bar that is asked of a metric; where nothing is checked, twice it of displacement."""
@@ -47,6 +56,24 @@ class TruthRequest:
         if not wanted:
             return 2.0 * self.bar if metric == "displacement_l2" else math.inf
         return self.bar if metric in wanted else math.inf
+
+    def asks_energy(self, strain: Strain) -> bool:
+        """Whether the energy is checked, which is kept beside the stresses."""
+        return "strain_energy" in self.metrics.get(strain, ())
+
+    def named_parts(self, strain: Strain) -> dict[str, Part]:
+        """The parts by what their metrics are called among error bars, each once."""
+        return {name_of_part(metric, part): part for metric, part in self.parts.get(strain, ())}
+
+
+def name_of_part(metric: str, part: Part) -> str:
+    """What a metric of a part is called among error bars: the same cells, the same name."""
+    told = {
+        "cells": np.sort(part.cells).astype(np.int64),
+        "weights": part.weights,
+        "support": np.array(-1 if part.support is None else part.support),
+    }
+    return f"{metric}@{array_hash('palpate part', told)[:12]}"
 
 
 def solve_truth(
@@ -67,9 +94,13 @@ def solve_truth(
     """
     found = refine_truth(problem, strain, request, progress, label=label)
     seconds = float(found.seconds.sum())
-    state = state_of(found, strain, label=label, degree=found.degree, seconds=seconds)
-    bars = {metric: found.bar(metric) for metric in COMPARISONS}
-    return state, bars, record_of(found)
+    integrals = None
+    if request.named_parts(strain) or request.asks_energy(strain):
+        integrals = stress_integrals(problem.mesh, stresses_of(found), found.strain_energy)
+    state = state_of(
+        found, strain, label=label, degree=found.degree, seconds=seconds, integrals=integrals
+    )
+    return state, {name: found.bar(name) for name in found.quantities}, record_of(found)
 
 
 def refine_truth(
@@ -84,14 +115,26 @@ def refine_truth(
     from palpate.reference.tasks import AdaptiveTask
 
     progress(f"{label}, {strain} strain, adaptive, from {problem.mesh.num_cells} cells")
+    mesh, parts = problem.mesh, request.named_parts(strain)
     task = AdaptiveTask(
-        tuple((metric, request.tolerance(metric, strain)) for metric in COMPARISONS),
+        (
+            *((metric, request.tolerance(metric, strain)) for metric in OF_WHOLE),
+            *((name, request.bar) for name in parts),
+        ),
         request.seconds,
         request.memory,
         strain,
         DEGREE,
         formulation_for(problem, DEGREE),
         request.unknowns,
+        part_cells=np.array(
+            [np.isin(np.arange(mesh.num_cells), part.cells) for part in parts.values()], dtype=float
+        ).reshape(-1, mesh.num_cells),
+        part_weights=np.array([p.weights for p in parts.values()]).reshape(-1, mesh.num_points, 3),
+        part_supports=np.array(
+            [-1 if part.support is None else part.support for part in parts.values()],
+            dtype=np.int32,
+        ),
     )
     # The budget is kept by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)

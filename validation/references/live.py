@@ -48,8 +48,8 @@ from palpate.validation.references.sets import (
     parts_of_statics,
     solve_state,
 )
-from palpate.validation.references.static_states import state_of
-from palpate.validation.states import CellStresses, Progress, State
+from palpate.validation.references.static_states import state_of, stresses_of
+from palpate.validation.states import Progress, State
 
 # Of the largest graded mesh, and time for all of one strain measure [s]: with it a case of 5 000
 # cells has three meshes within about half a minute of one core.
@@ -93,7 +93,9 @@ def solve_live(
 
         return solve_motion_set(problem, progress, wanted=wanted, stored=stored, elements=elements)
     asked = request or TruthRequest(metrics=dict.fromkeys(Strain, tuple(COMPARISONS)))
-    asked = dataclasses.replace(asked, seconds=min(asked.seconds, SECONDS), unknowns=UNKNOWNS)
+    asked = dataclasses.replace(
+        asked, seconds=min(asked.seconds, SECONDS), unknowns=UNKNOWNS, parts={}
+    )
     run = _Run(problem, progress, asked)
     is_graded = stored is None and not problem.tools and 2.0 * unknowns_of(problem) <= UNKNOWNS
     for strain in Strain:
@@ -195,11 +197,7 @@ class _Run:
         bars = graded_bars(problem, strain, found)
         label = TRUTH if bars else QUADRATIC
         seconds = float(found.seconds.sum())
-        stresses = CellStresses(
-            found.second_piola_kirchhoff_stress,
-            found.cauchy_stress,
-            found.first_piola_kirchhoff_stress,
-        )
+        stresses = stresses_of(found)
         # Means over the case's cells, of which nothing is known on graded meshes.
         told: dict[str, Any] = {} if bars else {"stresses": stresses}
         if not bars:

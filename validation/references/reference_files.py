@@ -86,11 +86,10 @@ def write_reference(
 
 
 def _of_integrals(kept: StressIntegrals | None) -> dict[str, Any]:
-    """What the header says of stresses; files of before have no energy."""
-    if kept is None:
-        return {}
-    energy = {} if kept.strain_energy is None else {"strain_energy": kept.strain_energy}
-    return {"halvings": kept.halvings, **energy}
+    """What the header says beside the stresses; files of before have no energy."""
+    return (
+        {} if kept is None or kept.strain_energy is None else {"strain_energy": kept.strain_energy}
+    )
 
 
 def _details(state: State) -> dict[str, Any]:
@@ -169,16 +168,14 @@ def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Ref
 def _integrals(
     entry: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], index: int
 ) -> StressIntegrals | None:
-    if "halvings" not in entry:
+    if f"cauchy_stress_{index}" not in arrays:
         return None
     six = _numbers(arrays[f"cauchy_stress_{index}"])
     stress = np.zeros((len(six), 3, 3))
     stress[:, *_UPPER] = stress[:, *_UPPER[::-1]] = six
     force = _numbers(arrays[f"internal_force_{index}"])
     energy = entry.get("strain_energy")
-    return StressIntegrals(
-        stress, force, int(entry["halvings"]), None if energy is None else float(energy)
-    )
+    return StressIntegrals(stress, force, None if energy is None else float(energy))
 
 
 def _numbers(values: Any) -> NDArray[np.float64]:

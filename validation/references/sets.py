@@ -12,29 +12,18 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.refinement import refine_problem
 from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.metrics import COMPARISONS, stress_integrals, tells_stress
 from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest, solve_truth
 from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, of_statics, recorded
-from palpate.validation.references.limits import without_limits
-from palpate.validation.references.sequences import (
-    as_data,
-    assess_metrics,
-    at_points_of,
-    bar_of,
-    bar_of_two,
-)
-from palpate.validation.references.static_states import state_of
-from palpate.validation.states import REFERENCE, CellStresses, Progress, State
+from palpate.validation.references.static_states import state_of, stresses_of
+from palpate.validation.states import REFERENCE, Progress, State
 
 SAME_MESH = "reference P1"
 SMOOTHED = "reference smoothed"
 QUADRATIC = "reference P2"
 # P2 on finer meshes of the case's body: only stored references have it.
 TRUTH = "reference P2, refined"
-# Cells of the finest of three meshes for P2; more of them take hours.
-LARGEST_QUADRATIC = 50_000
 
 # What checks go against.
 BOTH = ("same_mesh", "truth")
@@ -131,11 +120,7 @@ def solve_state(
     form = formulation or formulation_for(problem, degree)
     task = StaticTask(strain, degree, formulation=form, element=element)
     result = run_task(task, problem, progress=progress)
-    stresses = CellStresses(
-        result.second_piola_kirchhoff_stress,
-        result.cauchy_stress,
-        result.first_piola_kirchhoff_stress,
-    )
+    stresses = stresses_of(result)
     return state_of(
         result,
         strain,
@@ -212,15 +197,11 @@ def solve_for_storing(
     truth_strains: Collection[Strain] = tuple(Strain),
     request: TruthRequest | None = None,
 ) -> ReferenceSet:
-    """Both elements on the case's mesh, P2 on finer ones for the truth, and what sequences tell.
+    """Both elements and P2 on the case's mesh, and P2 on adaptive ones for the truth.
 
-    With a `request` the truth is P2 on adaptive meshes (`adaptive_truth`). Without one: of small
-    bodies P2 on three meshes, each cut in eight from the last; the finest is the truth, its
-    bars are grid convergence indices. Others: P2 on two, bars by Roache's rule for two grids, held
-    against P1 on three: where that sequence oscillates or has no believable order the bar is
-    infinite, and where the two do not meet it is wide enough that they do. Refined meshes keep the
-    case's points first, so nothing is interpolated. Of a motion: see `motions`, and only what is
-    `wanted`; of one with tools the truth's `truth_strains` only.
+    Of a motion: see `motions`, and only what is `wanted`; of one with tools the truth's
+    `truth_strains` only. `request` is what is asked of a static truth: small bars of everything
+    that is of the whole body where None.
 
     Raises:
         ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
@@ -239,47 +220,5 @@ def solve_for_storing(
         )
     if problem.tools:
         return solve_tool_set(problem, progress)
-    if request is not None:
-        return _solve_adaptive_set(problem, progress, request)
-    mesh = problem.mesh
-    finer = refine_problem(problem)
-    finest = refine_problem(finer)
-    is_small = finest.mesh.num_cells <= LARGEST_QUADRATIC
-    states: dict[tuple[str, Strain], State] = {}
-    bars: Bars = {}
-    convergence: dict[str, Any] = {}
-
-    def solve(given: Problem, strain: Strain, degree: int, label: str) -> State:
-        return at_points_of(mesh, solve_state(given, strain, degree, progress), label)
-
-    for strain in Strain:
-        linear = solve(problem, strain, 1, SAME_MESH)
-        smoothed = solve_state(problem, strain, 1, progress, element=Element.SMOOTHED)
-        coarse = solve(problem, strain, 2, QUADRATIC)
-        middle = solve(finer, strain, 2, TRUTH)
-        if is_small:
-            truth = solve(finest, strain, 2, TRUTH)
-            found = assess_metrics(mesh, (truth, middle, coarse))
-            own = {metric: bar_of(found[metric]) for metric in COMPARISONS}
-        else:
-            truth = middle
-            series = [*(solve(p, strain, 1, SAME_MESH) for p in (finest, finer)), linear]
-            found = assess_metrics(mesh, series)
-            own = bar_of_two(mesh, truth, coarse, series, found)
-        own = without_limits(problem, strain, own, coarse)
-        bars |= {(metric, strain): bar for metric, bar in own.items()}
-        convergence[strain.value] = as_data(found)
-        states |= {(s.label, strain): s for s in (linear, smoothed, coarse, truth)}
-    cut = "twice" if is_small else "once"
-    return ReferenceSet(
-        states,
-        bars,
-        "stored: P1, smoothed tetrahedra and P2 on the case's mesh, and P2 on it cut in eight "
-        f"{cut} as the truth",
-        provenance={
-            "versions": dict(states[TRUTH, Strain.GREEN].versions),
-            "sequence": f"degree {2 if is_small else 1}, three meshes, each cut in eight",
-            "grid_convergence": convergence,
-            PARTS: parts_of_statics(bars),
-        },
-    )
+    whole = TruthRequest(metrics=dict.fromkeys(Strain, tuple(COMPARISONS)))
+    return _solve_adaptive_set(problem, progress, request or whole)

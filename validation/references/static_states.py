@@ -8,7 +8,16 @@ from numpy.linalg import norm
 
 from palpate.meshes.problem import Strain
 from palpate.reference.result import ReferenceResult
-from palpate.validation.states import REFERENCE, State
+from palpate.validation.states import REFERENCE, CellStresses, State
+
+
+def stresses_of(found: ReferenceResult) -> CellStresses:
+    """Its stresses of cells."""
+    return CellStresses(
+        found.second_piola_kirchhoff_stress,
+        found.cauchy_stress,
+        found.first_piola_kirchhoff_stress,
+    )
 
 
 def state_of(

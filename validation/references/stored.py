@@ -16,7 +16,6 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import problem_arrays
 from palpate.validation.exchange.array_hash import array_hash
 from palpate.validation.references.additions import (
-    STRESS,
     accept_additions,
     additions,
     altered_beside,
@@ -152,8 +151,7 @@ def describe_acceptance(references: ReferenceSet) -> str:
     """Who accepted a reference, when and why, in one line; empty where nobody did."""
     accepted = {"": references.provenance.get("accepted")}
     for what, about in additions(references).items():
-        name = "stresses " if what == STRESS else f"{what} tetrahedra "
-        accepted[name] = about.get("accepted")
+        accepted[f"{what} tetrahedra "] = about.get("accepted")
     lines = []
     for what, told in accepted.items():
         if isinstance(told, dict):

@@ -1,17 +1,10 @@
-"""Error bars of the truth's stress in a part of the body, and of its force through a surface.
+"""Error bars of the truth's stress in a part of the body, of its energy, of forces through it.
 
-They depend on the part that a check names, so they are worked out when it is judged, from the
-quadratic solutions on the case's mesh and on the truth's: Roache's rule for two grids (ASME J.
-Fluids Eng. 116, 1994), with first order assumed,
-
-    bar = 3 |coarse - truth| / (r - 1),    r = 2 or 4 the cells of one over those of the other.
-
-Stress of quadratic cells converges with second order where the solution is smooth. Near a clamped
-or reentrant edge it may be a half, and there the rule still holds: 3 / (r - 1) is above
-1 / (r^p - 1) from p = 0.42 on for r = 2, and from p = 0.5 on for r = 4. Forces as sums of nodal
-ones converge with twice the order. Where the truth is on the case's own mesh, solved on the spot,
-the bar is its difference from linear tetrahedra there, infinite where that is above a half: see
-`live`. Under forces on points and Green strain nothing has a limit, and every bar is infinite.
+A stored truth, on adaptive meshes, has them for the parts that the case's checks named when it was
+built: its meshes were refined for those, and of others nothing is told. Where the truth is on the
+case's own mesh, solved on the spot, the bar is its difference from linear tetrahedra there,
+infinite where that is above a half: see `live`. Under forces on points and Green strain nothing has
+a limit, and every bar is infinite.
 """
 
 from __future__ import annotations
@@ -21,10 +14,11 @@ from collections.abc import Callable
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.metrics import Number, Part, measure
+from palpate.validation.references.adaptive_truth import name_of_part
 from palpate.validation.references.limits import without_limits
 from palpate.validation.references.live import saturated
-from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, ReferenceSet
+from palpate.validation.references.sequences import NOISE
+from palpate.validation.references.sets import SAME_MESH, TRUTH, ReferenceSet
 from palpate.validation.states import State
 
 # Relative: stresses of a stored truth are kept in single precision.
@@ -36,13 +30,17 @@ def bar_of_part(
 ) -> float:
     """What the truth of a metric of a part may be off by, relative to the metric's scale [-].
 
-    Infinite where there is no second solution to tell it from.
+    Infinite where nothing tells it.
     """
     truth = references.stress_truth(strain)
     if truth is None:
         return math.inf
-    bar = _bar(references, strain, lambda state: measure(metric, problem, state, truth, part).value)
-    bar += NOISE + _KEPT_TO
+    if truth.label == TRUTH:
+        return references.bars.get((name_of_part(metric, part), strain), math.inf) + _KEPT_TO
+    linear = _linear(references, strain)
+    if linear is None:
+        return math.inf
+    bar = saturated(measure(metric, problem, linear, truth, part).value) + NOISE
     return without_limits(problem, strain, {metric: bar}, truth)[metric]
 
 
@@ -51,46 +49,42 @@ def bar_of_number(
     references: ReferenceSet,
     strain: Strain,
     metric: str,
+    name: str,
     read: Callable[[State], Number | None],
 ) -> float:
-    """What a number that the truth's stresses or energy tell may be off by, in its unit.
+    """What a number that the truth's stresses or energy tell may be off by, over its scale [-].
 
     By the same rule, of the signed number itself. Infinite where a solution does not tell it.
-    """
-    truth = references.stress_truth(strain)
-    best = None if truth is None else read(truth)
-    if truth is None or best is None:
-        return math.inf
-    size = abs(best.value)
 
-    def apart(state: State) -> float:
-        found = read(state)
-        return math.inf if found is None else abs(found.value - best.value)
-
-    bar = _bar(references, strain, apart, size) + (NOISE + _KEPT_TO) * size
-    return without_limits(problem, strain, {metric: bar}, truth)[metric]
-
-
-def _bar(
-    references: ReferenceSet, strain: Strain, apart: Callable[[State], float], size: float = 1.0
-) -> float:
-    """By the rule of the module from how far apart a coarser solution and the truth are.
-
-    `size` is what they are apart by where nothing is told at all.
+    Args:
+        problem: The case's.
+        references: Of the case.
+        strain: Strain measure.
+        metric: Its name.
+        name: Of the bar that a stored truth has for it.
+        read: The number of a state.
     """
     truth = references.stress_truth(strain)
     if truth is None:
         return math.inf
-    coarse = references.states.get((QUADRATIC, strain))
-    if truth is coarse:
-        known = {**references.aside, **references.states}
-        linear = known.get((SAME_MESH, strain))
-        if linear is None:
-            return math.inf
-        return saturated(apart(linear) / size) * size if size > 0.0 else apart(linear)
-    if coarse is None or coarse.integrals is None or truth.integrals is None:
+    if truth.label == TRUTH:
+        return references.bars.get((name, strain), math.inf) + _KEPT_TO
+    linear = _linear(references, strain)
+    other, best = None if linear is None else read(linear), read(truth)
+    if other is None or best is None or not best.scale > 0.0:
         return math.inf
-    ratio = 2.0 ** (truth.integrals.halvings - coarse.integrals.halvings)
-    if not ratio > 1.0:
-        return math.inf
-    return SAFETY_FACTOR * apart(coarse) / (ratio - 1.0)
+    size, apart = abs(best.value), abs(other.value - best.value)
+    bar = saturated(apart / size) * size if size > 0.0 else apart
+    bar = bar / best.scale + NOISE
+    return without_limits(problem, strain, {metric: bar}, truth)[metric]
+
+
+def was_asked(references: ReferenceSet, strain: Strain, name: str) -> bool:
+    """Whether a stored truth was asked for a bar; one that was solved on the spot tells any."""
+    truth = references.stress_truth(strain)
+    return truth is None or truth.label != TRUTH or (name, strain) in references.bars
+
+
+def _linear(references: ReferenceSet, strain: Strain) -> State | None:
+    """Linear tetrahedra on the case's mesh, whoever is judged."""
+    return {**references.aside, **references.states}.get((SAME_MESH, strain))

@@ -60,10 +60,15 @@ def test_small_bars_are_asked_of_what_is_checked():
     assert request.tolerance("volume", Strain.LINEAR) == math.inf
 
 
-def test_a_case_that_checks_stress_keeps_to_uniform_meshes():
-    case = load_case("kidney")
-    assert any(spec.about.of_part is not None for spec in case.checks)
-    assert truth_request(case) is None
+def test_small_bars_are_asked_of_the_parts_that_are_checked():
+    case = load_case("beam")
+    parts = truth_request(case).named_parts(Strain.GREEN)
+    assert [name.split("@")[0] for name in parts] == ["stress_l2", "traction_resultant"]
+    inside, cut = parts.values()
+    assert 0 < len(inside.cells) < case.problem.mesh.num_cells
+    assert len(cut.cells) == 0
+    assert 0.0 < cut.weights.sum() < cut.weights.size
+    assert truth_request(case).named_parts(Strain.LINEAR) == {}
 
 
 def test_a_case_may_ask_for_another_bar_and_budget(write_case):

@@ -16,10 +16,6 @@ KEYS_OF_0_1 = {
         "5ddd43083f32cc535a938c7879f2e936838b976ca3e8f9c4d3f7a9ce19e38b77",
         "e9d43dbf1cb5b1aae7b9151dd104f9593e064f96ee738d844d2bbf04a43edb7c",
     ),
-    "kidney": (
-        "d09f0089d3fe25d24e1b7db96bc0581435f9d5fe622fcd86bc5ba395e68a4451",
-        "515e0eee94e54578bb6d12d686b2c8abde750ff8503c7047a0efd56cf1e3af41",
-    ),
     # A tool; a tool that moves.
     "press": (
         "9b123c551dff7d268a8c9e817700c0bca68fc42779fc0dc8ee42a27d54e46964",

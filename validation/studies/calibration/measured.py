@@ -57,8 +57,8 @@ class Number(NamedTuple):
 
     @property
     def width(self) -> float:
-        """Bar over error, neither of which is below rounding."""
-        return max(self.bar, _ROUNDING) / max(self.error, self.doubt, _ROUNDING)
+        """Bar over error."""
+        return self.bar / max(self.error, self.doubt, _ROUNDING)
 
 
 class Summary(NamedTuple):
