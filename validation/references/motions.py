@@ -40,7 +40,7 @@ from palpate.validation.states import REFERENCE, Progress, State
 
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
-STORED_STEPS = (1, 2, 4)
+STORED_STEPS = (2, 4, 8)
 LIVE_STEPS = (1, 2)
 # Of the roughness of the strain over a motion, in the cells that are cut for the finer mesh: the
 # first that makes it at most so many times as large.
