@@ -88,6 +88,9 @@ def solve_adaptively(
         Bars are of this polyhedron's continuum limit: what the true body's curvature adds is not
         in them. They are infinite where there is no limit: see `has_limit`, and where a finer
         mesh has no equilibrium near the coarser one's.
+        No mesh is refined for a single point. Where the displacement is largest at a corner at
+        which a traction ends, the bars of the largest displacement and of the largest difference
+        are too small: on Cook's membrane 0.56 % where 1.5 % is left.
     """
     if degree not in (2, 3):
         raise InputError(f"degree = {degree}: the adaptive truth needs 2 or 3")
