@@ -8,12 +8,13 @@ left is at most a geometric series that goes on as slowly as either of them says
     bar = SAFETY max(d_n, fall d_(n-1)) ratio / (1 - ratio)
 
 d_(n-1) stands beside d_n because a signed number may pass by chance through the value of the mesh
-before; it has to have fallen as the L2 norm of the displacement has, d_n / d_(n-1) of that, or by
-the ratio, where that is smaller. A norm does not pass through anything: its fall is 0. The largest
-displacement is no farther off than the displacement at its worst point. SAFETY and LEAST_RATIO are
-held against known answers by `palpate study calibration`. At clamped edges the displacement goes
-as the square root of the distance, so the error of a goal halves where the cells are halved:
-LEAST_RATIO is that, and no faster rate is ever believed.
+before, and the worst point may lie where no cell was cut; it has to have fallen as the L2 norm of
+the displacement has, d_n / d_(n-1) of that, or by the ratio, where that is smaller. That norm does
+neither: its fall is 0. The largest displacement is no farther off than the displacement at its
+worst point. SAFETY and LEAST_RATIO are held against known answers by `palpate study
+calibration`. At clamped edges the displacement goes as the square root of the distance, so the
+error of a goal halves where the cells are halved: LEAST_RATIO is that, and no faster rate is ever
+believed.
 Where the sequence shrinks by less than LARGEST_RATIO from mesh to mesh nothing can be concluded,
 and the bar is infinite.
 """
@@ -69,9 +70,6 @@ class Quantity(StrEnum):
 
 
 OF_PART = frozenset({Quantity.STRESS_L2, Quantity.TRACTION_RESULTANT})
-
-
-_NORMS = (Quantity.DISPLACEMENT_L2, Quantity.DISPLACEMENT_MAX)
 
 
 @dataclass(frozen=True)
@@ -246,7 +244,9 @@ def error_bars(
     apart = sequences.get(Quantity.DISPLACEMENT_L2, ((), ()))[0]
     fall = apart[-1] / apart[-2] if len(apart) > 1 and apart[-2] > 0.0 else 1.0
     found = {
-        name: error_bar(differences, estimates, fall=0.0 if name in _NORMS else fall)
+        name: error_bar(
+            differences, estimates, fall=0.0 if name == Quantity.DISPLACEMENT_L2 else fall
+        )
         for name, (differences, estimates) in sequences.items()
     }
     size, worst = Quantity.MAX_DISPLACEMENT, Quantity.DISPLACEMENT_MAX

@@ -91,20 +91,22 @@ def test_a_difference_that_is_small_by_chance_makes_no_small_bar():
     assert error_bar([0.04, 1e-7, 0.01], estimates) == pytest.approx(SAFETY * 0.01)
 
 
-def test_norms_need_no_guard_and_signed_numbers_one_as_large_as_the_norm_falls():
+def test_the_norm_needs_no_guard_and_others_one_that_falls_as_it_does():
     estimates = [0.08, 0.04, 0.02, 0.01]
     kept = {
         Quantity.DISPLACEMENT_L2: ([0.08, 0.04, 0.008], estimates),
         Quantity.VOLUME: ([0.08, 0.04, 1e-7], estimates),
         Quantity.DISPLACEMENT_MAX: ([0.08, 0.04, 0.002], estimates),
-        Quantity.MAX_DISPLACEMENT: ([0.08, 0.04, 0.001], estimates),
+        Quantity.MAX_DISPLACEMENT: ([0.16, 0.08, 0.03], estimates),
     }
     bars = error_bars(kept)
     assert bars[Quantity.DISPLACEMENT_L2] == pytest.approx(SAFETY * 0.008)
     # The norm fell to a fifth.
     assert bars[Quantity.VOLUME] == pytest.approx(SAFETY * 0.04 / 5.0)
-    assert bars[Quantity.DISPLACEMENT_MAX] == pytest.approx(SAFETY * 0.002)
-    assert bars[Quantity.MAX_DISPLACEMENT] == pytest.approx(SAFETY * 0.002)
+    # The worst point may lie where nothing was cut.
+    assert bars[Quantity.DISPLACEMENT_MAX] == pytest.approx(SAFETY * 0.04 / 5.0)
+    # No farther off than the worst point.
+    assert bars[Quantity.MAX_DISPLACEMENT] == pytest.approx(SAFETY * 0.04 / 5.0)
     # Nothing said of the norm: by half, as slowly as is believed.
     alone = error_bars({Quantity.VOLUME: kept[Quantity.VOLUME]})
     assert alone[Quantity.VOLUME] == pytest.approx(SAFETY * 0.02)
@@ -131,7 +133,7 @@ def test_bars_hold_against_a_much_finer_truth(box, strain):
     problem = clamped(box((2, 1, 1), (2.0, 1.0, 1.0)))
     found = solve_adaptively(problem, goals(0.04), strain=strain)
     assert found.ended == "every bar is met"
-    finer = solve_adaptively(problem, goals(0.004), strain=strain)
+    finer = solve_adaptively(problem, goals(0.002), strain=strain)
     assert finer.num_unknowns[-1] > 2.0 * found.num_unknowns[-1]
     for quantity in WHOLE:
         apart = apart_in(quantity, problem.mesh, finer, found)

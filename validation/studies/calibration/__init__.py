@@ -106,8 +106,8 @@ def present(found: Found) -> Page:
             "families": Table("By family", columns, rows),
             "runs": Table(
                 "Runs on the half that is set apart",
-                {"date": "", "version": "", "generation": "d", "truth": "", "numbers": "d"}
-                | {"covered": ".3f", "worst": ".2f", "width": ".1f"},
+                {"date": "", "version": "", "generation": "d", "truth": "", "families": ""}
+                | {"numbers": "d", "covered": ".3f", "worst": ".2f", "width": ".1f"},
                 [_of_run(run) for run in runs],
             ),
             "numbers": Table(
@@ -123,8 +123,8 @@ def present(found: Found) -> Page:
 
 
 def _of_run(run: dict[str, Any]) -> tuple[Any, ...]:
-    keys = ("date", "version", "generation", "truth", "numbers", "covered", "worst", "width")
-    return tuple(run[key] for key in keys)
+    keys = ("version", "generation", "truth", "families", "numbers", "covered", "worst", "width")
+    return (str(run["date"]), *(run[key] for key in keys))
 
 
 def draw(numbers: Sequence[Number]) -> Figure:

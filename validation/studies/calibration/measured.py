@@ -57,8 +57,8 @@ class Number(NamedTuple):
 
     @property
     def width(self) -> float:
-        """Bar over error."""
-        return self.bar / max(self.error, self.doubt, _ROUNDING)
+        """Bar over error, neither of which is below rounding."""
+        return max(self.bar, _ROUNDING) / max(self.error, self.doubt, _ROUNDING)
 
 
 class Summary(NamedTuple):
@@ -142,7 +142,7 @@ def _stored(problem: Problem, strain: Strain, progress: Progress) -> tuple[State
     if problem.time is None:
         request = _request(strain)
         state, bars, _ = solve_truth(problem, strain, request, progress, label=TRUTH)
-        return state, bars
+        return state, {metric: bars[metric] for metric in COMPARISONS}
     found = solve_motion_set(
         problem, progress, wanted=("truth",), is_for_storing=True, truth_strains=(strain,)
     )
