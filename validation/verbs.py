@@ -42,7 +42,7 @@ def load_case(name_or_path: str | Path) -> Case:
     >>> import palpate
     >>> case = palpate.load_case("kidney")
     >>> case.strain, case.problem.material.poissons_ratio
-    (<Strain.GREEN: 'green'>, 0.289904)
+    (<Strain.GREEN: 'green'>, 0.2239)
     """
     from palpate.validation.case import load_case as read_case
 

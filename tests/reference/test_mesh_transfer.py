@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
 
@@ -59,20 +58,3 @@ def test_facets_are_found_by_their_points(shuffled):
         x = ufl.SpatialCoordinate(arrived.mesh)
         off = fenicsx.assemble_scalar(fenicsx.form((x[axis] - value) ** 2 * measure))
         assert abs(off) <= np.finfo(float).eps
-
-
-def test_facets_inside_the_body_or_given_twice_are_refused(box):
-    mesh = box((2, 2, 2))
-    arrived = transfer(mesh)
-    boundary = {tuple(sorted(f)) for f in mesh.boundary_facets.tolist()}
-    inner = next(
-        facet
-        for cell in mesh.cells.tolist()
-        for facet in (sorted(cell[:3]), sorted(cell[1:]))
-        if tuple(facet) not in boundary
-    )
-    with pytest.raises(InputError, match="not on the boundary"):
-        arrived.facet_entities(np.array([inner], dtype=np.int32), "load 1")
-    twice = mesh.boundary_facets[[0, 0]]
-    with pytest.raises(InputError, match="twice"):
-        arrived.facet_entities(twice, "load 1")

@@ -259,8 +259,9 @@ def test_discretisation_of_the_kidney_is_found_within_the_bar_of_other_meshes() 
 def test_a_long_time_step_is_the_error_of_time(name: str) -> None:
     still = problem_of(name)
     limit = Body(still.mesh, still.material).critical_time_step()
-    # A swing of some hundred steps, damped, far from rest.
-    span = TimeSpan(400 * limit, 0.5 * limit, 1.0, 4)
+    # A swing of some hundred steps, damped, far from rest, at an instant at which what the step
+    # costs is of second order on every case: on the kidney it passes through zero at 400.
+    span = TimeSpan(300 * limit, 0.5 * limit, 1.0, 4)
     problem = dataclasses.replace(still, time=span)
     # What the step costs, measured on the candidate alone against an eighth of it.
     finest = dataclasses.replace(problem, time=dataclasses.replace(span, time_step=limit / 16.0))

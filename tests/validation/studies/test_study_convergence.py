@@ -167,13 +167,15 @@ def test_the_page_has_every_family_and_grid() -> None:
 def test_the_stored_truth_of_the_kidney_has_the_papers_volumes() -> None:
     case = load_case("kidney")
     # 332889, with linear strain 364543, with Green strain 352602 mm3 (Table I): fitted to
-    # 0.005 percentage points.
+    # 0.03 percentage points, as the case says, which is within the bars of both.
     stored = load_stored(case.name, case.problem)
     for strain, volume in ((Strain.LINEAR, 364543.0), (Strain.GREEN, 352602.0)):
         state = stored.truth(strain)
         assert state is not None
         growth = 100.0 * (state.volume / case.problem.mesh.volume - volume / 332889.0)
-        assert abs(growth) < 0.005
+        assert abs(growth) < 0.03
+        bar = stored.bars["volume", strain]
+        assert abs(growth) < bar * 100.0 * (state.volume / case.problem.mesh.volume - 1.0)
     known = stored_truth(case)["volume change"]
     assert known.value == pytest.approx(352602.0 - 332889.0, rel=1e-3)
     assert 0.0 < known.bar < 0.05 * known.value
