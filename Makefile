@@ -2,13 +2,14 @@
 # FENICSX=apt|wheel|none chooses where FEniCSx comes from (see .ci/setup.sh).
 
 VENV ?= .venv
+PEERS ?= .venv-peers
 OUT ?= out
 FENICSX ?=
 PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test gate lint sanitize mutants fuzz view clean
+.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -23,6 +24,15 @@ setup: ## make the environment and install palpate into it
 report: setup ## the kidney and the beam, judged: out/kidney/report.html
 	@$(VENV)/bin/palpate report kidney --element both --expected -o $(OUT)/kidney
 	@$(VENV)/bin/palpate report beam --element both --expected -o $(OUT)/beam
+
+peers: ## the simulators of others that PyPI has, in an environment of their own
+	@python3 -m venv $(PEERS)
+	@$(PEERS)/bin/python -m pip install -q --disable-pip-version-check --upgrade pip
+	@$(PEERS)/bin/python -m pip install -q --disable-pip-version-check --group peers
+
+scoreboard: setup ## every simulator that is installed on every case: out/scoreboard/index.html
+	@PALPATE_BENCH_PYTHON=$(subst $() ,:,$(wildcard $(PEERS)/bin/python /usr/bin/python3)) OMP_NUM_THREADS=1 \
+	  $(VENV)/bin/palpate scoreboard -o $(OUT)/scoreboard
 
 test: setup ## run the test suite
 	@$(VENV)/bin/python -m pytest $(PYTEST_ARGS)

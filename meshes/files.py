@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError, InputError, MeshError
+from palpate.meshes.group_files import groups_in, with_groups, without_lower_points
 from palpate.meshes.memory_limit import limited_memory
 from palpate.meshes.near_duplicates import find_near_duplicates
 from palpate.meshes.surface_checks import merge_equal_points
@@ -89,7 +90,7 @@ def _tell_about_points(
 
 
 def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
-    """Read a tetrahedral mesh; named physical groups of triangles become facet groups.
+    """Read a tetrahedral mesh with its named groups of facets, points and cells.
 
     Args:
         path: MSH, VTK or VTU with four-node tetrahedra.
@@ -111,17 +112,8 @@ def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
         )
     _refuse_other_cells(path, data, set())
     with _named(path):
-        facet_groups = {}
-        for name, blocks in data.cell_sets.items():
-            rows = [
-                block.data[np.asarray(chosen, dtype=np.int64)]
-                for block, chosen in zip(data.cells, blocks, strict=True)
-                if block.type == "triangle" and chosen is not None and len(chosen)
-            ]
-            if rows:
-                facet_groups[name] = np.vstack(rows)
-        points, cells, facet_groups = _without_lower_points(data, cells, facet_groups)
-        return TetMesh(_scaled(points, scale), cells, facet_groups)
+        points, cells, groups = without_lower_points(data, cells, groups_in(data))
+        return TetMesh(_scaled(points, scale), cells, groups.facets, groups.points, groups.cells)
 
 
 def write_surface(path: str | Path, surface: TriSurface) -> None:
@@ -141,6 +133,7 @@ def write_mesh(
     *,
     point_data: Mapping[str, NDArray[Any]] | None = None,
     cell_data: Mapping[str, NDArray[Any]] | None = None,
+    groups: bool = False,
 ) -> None:
     """Write a tetrahedral mesh with fields, whole or not at all.
 
@@ -148,9 +141,14 @@ def write_mesh(
 
     Args:
         path: MSH, VTK or VTU.
-        mesh: The mesh; its groups are not written.
+        mesh: The mesh.
         point_data: Fields by name, first dimension num_points.
         cell_data: Fields by name, first dimension num_cells.
+        groups: Whether its groups are written too, without fields then; `read_mesh` brings them
+            back.
+
+    Raises:
+        InputError: A name of two groups, or, in MSH, a cell in two.
     """
     suffix = _known_suffix(path, MESH_SUFFIXES)
     out = meshio.Mesh(
@@ -159,6 +157,8 @@ def write_mesh(
         point_data={name: np.array(field) for name, field in (point_data or {}).items()},
         cell_data={name: [np.array(field)] for name, field in (cell_data or {}).items()},
     )
+    if groups and (mesh.facet_groups or mesh.point_groups or mesh.cell_groups):
+        out = with_groups(out, mesh, suffix=suffix)
     _write(path, suffix, out)
 
 
@@ -255,25 +255,6 @@ def _refuse_other_cells(path: str | Path, data: Any, allowed: set[str]) -> None:
         )
 
 
-def _without_lower_points(
-    data: Any, cells: NDArray[Any], groups: dict[str, NDArray[Any]]
-) -> tuple[Points, NDArray[Any], dict[str, NDArray[Any]]]:
-    """Drop points only used by cells of lower dimension (gmsh keeps its geometry's points)."""
-    points = np.asarray(data.points, dtype=np.float64)
-    lower = [np.ravel(block.data) for block in data.cells if block.type in ("vertex", "line")]
-    if not lower:
-        return points, cells, groups
-    if min(int(cells.min()), 0) < 0 or int(cells.max()) >= len(points):
-        return points, cells, groups  # TetMesh refuses it, with the guilty rows
-    loose = np.setdiff1d(np.concatenate(lower), cells)
-    if loose.size == 0:
-        return points, cells, groups
-    keep = np.setdiff1d(np.arange(len(points)), loose)
-    renumber = np.full(len(points), -1)
-    renumber[keep] = np.arange(len(keep))
-    return points[keep], renumber[cells], {k: renumber[v] for k, v in groups.items()}
-
-
 def _scaled(points: NDArray[Any], scale: float) -> Points:
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError(f"scale = {scale:g}: needs a finite value above 0")
@@ -294,7 +275,9 @@ def _named(path: str | Path) -> Any:
 def _write(path: str | Path, suffix: str, mesh: Any) -> None:
     with atomic_path(path) as temporary, contextlib.redirect_stdout(io.StringIO()):
         if suffix == ".msh":
-            meshio.gmsh.write(temporary, mesh, "4.1", binary=True)
+            # Physical groups without geometry's entities are for 2.2 alone.
+            version = "2.2" if mesh.field_data else "4.1"
+            meshio.gmsh.write(temporary, mesh, version, binary=True)
         elif suffix in (".vtu", ".vtk", ".ply", ".stl"):
             meshio.write(temporary, mesh, binary=True)
         else:

@@ -106,6 +106,27 @@ def require_nested(surface: TriSurface) -> list[Shell]:
     return shells
 
 
+def turn_bodies(surface: TriSurface) -> tuple[TriSurface, int]:
+    """Turn round each outer wall whose facets point inwards, with all the shells within it.
+
+    No point moves, and which side is solid is no choice there; whether the shells within then face
+    as they must is for `require_nested` to say.
+
+    Args:
+        surface: Closed and consistently oriented within each shell.
+
+    Returns:
+        The surface, and how many facets were turned.
+    """
+    shells = find_shells(surface)
+    turned = np.zeros(surface.num_facets, dtype=bool)
+    for shell in shells:
+        outermost = next((shells[k] for k in shell.around if not shells[k].around), shell)
+        turned[shell.facets] = outermost.volume < 0.0
+    facets = np.where(turned[:, None], surface.facets[:, ::-1], surface.facets)
+    return TriSurface(surface.points, facets), int(np.count_nonzero(turned))
+
+
 def winding_numbers(surface: TriSurface, places: Points) -> Floats:
     """How often an oriented surface winds around places: its solid angle / 4 pi.
 

@@ -35,6 +35,7 @@ class TetMesh:
         cells: Point indices, shape (num_cells, 4), every signed volume > 0.
         facet_groups: Named sets of boundary facets, each shape (n, 3).
         point_groups: Named sets of points, each shape (n,).
+        cell_groups: Named sets of cells by their indices, each shape (n,).
 
     Raises:
         ShapeError: An array has the wrong shape or type.
@@ -54,6 +55,7 @@ class TetMesh:
     cells: Indices
     facet_groups: Mapping[str, Indices] = field(default_factory=dict)
     point_groups: Mapping[str, Indices] = field(default_factory=dict)
+    cell_groups: Mapping[str, Indices] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         points = checked_points(self.points)
@@ -74,19 +76,20 @@ class TetMesh:
         keep = object.__setattr__
         keep(self, "points", points)
         keep(self, "cells", cells)
-        for kind, given, width in (
-            ("facets", self.facet_groups, 3),
-            ("points", self.point_groups, 1),
+        for kind, given, width, most in (
+            ("facets", self.facet_groups, 3, len(points)),
+            ("points", self.point_groups, 1, len(points)),
+            ("cells", self.cell_groups, 1, len(cells)),
         ):
             groups = {
-                name: checked_indices(rows, width, len(points), f"{kind} of {name!r}")
+                name: checked_indices(rows, width, most, f"{kind} of {name!r}")
                 for name, rows in given.items()
             }
             keep(self, f"{kind[:-1]}_groups", MappingProxyType(groups))
 
     def __reduce__(self) -> tuple[type[TetMesh], tuple[Any, ...]]:
         # A read-only view of a dict does not travel to other processes; the dict does.
-        groups = dict(self.facet_groups), dict(self.point_groups)
+        groups = dict(self.facet_groups), dict(self.point_groups), dict(self.cell_groups)
         return TetMesh, (self.points, self.cells, *groups)
 
     @property

@@ -4,13 +4,14 @@
 
 Not collected by pytest; `tests/fastsim/test_fuzz.py` runs it for some seconds, `make fuzz` for a
 minute under the address and undefined-behaviour sanitizers. A surface that
-takes longer than the limit ends the process, with the seed to repeat it.
+takes more of the processor than the limit ends the process, with the seed to repeat it.
 """
 
 from __future__ import annotations
 
 import argparse
 import faulthandler
+import signal
 import sys
 import time
 from collections import Counter
@@ -18,18 +19,23 @@ from collections.abc import Callable
 
 import numpy as np
 
+from palpate.fastsim.mending.crossings import all_crossings
+from palpate.fastsim.mending.mend import mend_surface
+from palpate.fastsim.mending.wrap import wrap_surface
 from palpate.fastsim.mesher import BoundaryRecoveryError, mesh_surface
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.errors import InputError
+from palpate.meshes.repair.choices import RepairChoices
+from palpate.meshes.repair.surface_repair import repair_surface
 from palpate.meshes.shapes import shape_box, shape_cylinder, shape_sphere
-from palpate.meshes.surface_repair import repair_surface
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 
 Rng = np.random.Generator
 Arrays = tuple[np.ndarray, np.ndarray]  # type: ignore[type-arg]
 
-# A single surface of at most some hundred facets; the slowest seen took a second.
+# [s] of the processor, for on a busy machine the clock says nothing of the surface: a single one of
+# at most some hundred facets; the slowest seen took a second.
 LIMIT = 60.0
 
 
@@ -139,9 +145,15 @@ MUTATIONS: list[Callable[[Rng, np.ndarray, np.ndarray], Arrays]] = [  # type: ig
 ]  # fmt: skip
 
 
-def try_one(seed: int) -> str:
-    """What became of a surface: the kind of refusal, or "meshed"; a wrong mesh is an error."""
-    rng = np.random.default_rng(seed)
+def try_one(seed: int, *, mends: bool = True) -> str:
+    """What became of a surface: the kind of refusal, or "meshed"; a wrong mesh is an error.
+
+    Args:
+        seed: Of everything that is drawn.
+        mends: Whether some surfaces are mended or wrapped first. It has draws of its own: without
+            it a seed is the surface that it was before there was any mending.
+    """
+    rng, ways = np.random.default_rng(seed), np.random.default_rng((seed, 1))
     points, facets = base(rng)
     for k in rng.integers(len(MUTATIONS), size=rng.integers(0, 4)):
         points, facets = MUTATIONS[k](rng, points, facets)
@@ -149,6 +161,8 @@ def try_one(seed: int) -> str:
         surface = TriSurface(points, facets)
         if rng.random() < 0.3:
             surface, _ = repair_surface(surface)
+        if mends and ways.random() < 0.4:
+            surface = _mended(ways, surface)
         if rng.random() < 0.1:
             size = np.ptp(surface.points, axis=0).max()
             surface, _ = remesh_surface(surface, distance=size * 10.0 ** rng.uniform(-4, -1))
@@ -161,6 +175,26 @@ def try_one(seed: int) -> str:
         return type(error).__name__
     require_right(surface, mesh)
     return "meshed"
+
+
+def _mended(rng: Rng, surface: TriSurface) -> TriSurface:
+    """All that can be mended, or made anew; checked by the exact test."""
+    size = float(np.ptp(surface.points, axis=0).max())
+    wraps = rng.random() < 0.5
+    if not wraps:
+        hole = int(10.0 ** rng.uniform(0, 3))
+        mended = mend_surface(surface, RepairChoices(largest_hole=hole)).surface
+    else:
+        distance = size * 10.0 ** rng.uniform(-1.2, 0.0)
+        if not 0.0 < distance < np.inf:
+            return surface
+        mended = wrap_surface(surface, distance=distance)[0]
+    crossings = all_crossings(mended.points, mended.facets)
+    if len(crossings):
+        raise AssertionError(
+            f"{len(crossings)} pair(s) cross after {'wrapping' if wraps else 'mending'}"
+        )
+    return mended
 
 
 def require_right(surface: TriSurface, mesh: TetMesh) -> None:
@@ -186,17 +220,19 @@ def main() -> int:
         while time.monotonic() < finish or seed == chosen.seed:
             # A crash or a hang ends the process: the last line names the seed.
             print(f"\rseed {seed} ", end="", file=sys.stderr, flush=True)
-            faulthandler.dump_traceback_later(LIMIT, exit=True)
+            signal.setitimer(signal.ITIMER_PROF, LIMIT)
             ends[try_one(seed)] += 1
             if chosen.once:
                 break
             seed += 1
     finally:
-        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         print(f"\n{sum(ends.values())} surfaces: ", dict(ends.most_common()), file=sys.stderr)
     return 0
 
 
 if __name__ == "__main__":
     faulthandler.enable()
+    # Within the core as well: the traceback, then the end of the process.
+    faulthandler.register(signal.SIGPROF, chain=True)
     sys.exit(main())

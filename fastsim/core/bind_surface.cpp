@@ -2,6 +2,7 @@
 #include "bind_arrays.hpp"
 #include "surface/closest_point.hpp"
 #include "surface/remesh.hpp"
+#include "surface/wrap.hpp"
 
 #include <nanobind/stl/array.h>
 
@@ -84,4 +85,24 @@ void bind_surface(nb::module_ &module) {
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("sizes"),
         nb::arg("distance"), nb::arg("passes"));
+
+    nb::class_<WrappedSurface>(module, "WrappedSurface")
+        .def_prop_ro(
+            "points", [](const WrappedSurface &made) { return as_table(made.points); },
+            nb::rv_policy::move)
+        .def_prop_ro(
+            "facets", [](const WrappedSurface &made) { return as_table(made.facets); },
+            nb::rv_policy::move)
+        .def_ro("is_too_fine", &WrappedSurface::is_too_fine);
+
+    module.def(
+        "wrap_surface",
+        [](Points points, Facets facets, double spacing, std::size_t most_cubes) {
+            const auto point_rows = as_rows<Point>(points);
+            const auto facet_rows = as_rows<EditableSurface::Facet>(facets);
+            nb::gil_scoped_release release;
+            return wrap_surface(point_rows, facet_rows, spacing, most_cubes);
+        },
+        nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("spacing"),
+        nb::arg("most_cubes"));
 }

@@ -52,6 +52,22 @@ def test_surfaces_come_back(tmp_path: Path, suffix: str) -> None:
     )
 
 
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+def test_groups_of_facets_come_back_with_their_names(tmp_path: Path, suffix: str) -> None:
+    boundary = ONE_CELL.boundary_facets
+    groups = {"cap 1": boundary[:2], "cap 2": boundary[1:3], "50 % of it": boundary[:2]}
+    mesh = TetMesh(ONE_CELL.points, ONE_CELL.cells, groups)
+    path = tmp_path / f"mesh{suffix}"
+    write_mesh(path, mesh, groups=True)
+    back = read_mesh(path)
+    assert np.array_equal(back.cells, mesh.cells)
+    assert set(back.facet_groups) == set(groups)
+    for name, rows in groups.items():
+        assert np.array_equal(back.facet_groups[name], rows)
+    write_mesh(path, mesh)
+    assert not read_mesh(path).facet_groups
+
+
 def test_fields_come_back(tmp_path: Path) -> None:
     field = np.arange(12.0).reshape(4, 3)
     write_mesh(tmp_path / "m.vtu", ONE_CELL, point_data={"displacement": field})

@@ -8,7 +8,13 @@ import pytest
 from palpate.meshes.errors import OrientationError, SelfIntersectionError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.shell_crossings import require_apart
-from palpate.meshes.shells import ShellKind, find_shells, require_nested, winding_numbers
+from palpate.meshes.shells import (
+    ShellKind,
+    find_shells,
+    require_nested,
+    turn_bodies,
+    winding_numbers,
+)
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
 
@@ -63,6 +69,23 @@ def test_shells_are_found_whatever_the_order_of_facets() -> None:
         ShellKind.OUTSIDE,
         ShellKind.OUTSIDE,
     ]
+
+
+def test_bodies_that_face_inwards_are_turned_with_what_lies_in_them() -> None:
+    right = together(ball(4.0), ball(2.0, inward=True), ball(1.0, at=(6, 0, 0)))
+    same, count = turn_bodies(right)
+    assert count == 0
+    assert np.array_equal(same.facets, right.facets)
+    beside = ball(1.0, at=(6, 0, 0))
+    turned, count = turn_bodies(together(ball(4.0, inward=True), ball(2.0), beside))
+    assert count == 2 * len(BALL.facets)
+    assert len(require_nested(turned)) == 3
+    assert turned.volume == pytest.approx(right.volume, rel=1e-12)
+    # A ball within that faces outwards may be meant as a cavity or as a body: that is not guessed.
+    unclear, count = turn_bodies(together(ball(4.0), ball(2.0)))
+    assert count == 0
+    with pytest.raises(OrientationError, match="cavity"):
+        require_nested(unclear)
 
 
 def test_winding_numbers_are_whole_inside_and_out_also_close_to_the_surface() -> None:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.meshes.errors import FileFormatError, InputError, SurfaceError
+from palpate.fastsim.mending.mend import mend_surface
+from palpate.fastsim.mending.wrap import WrapError, wrap_surface
+from palpate.meshes.errors import FileFormatError, InputError, OrientationError, SurfaceError
 from palpate.meshes.files import read_mesh, read_surface
 from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
+from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.surface_repair import repair_surface
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.filling import BuiltMesh, fill, require_countable
 from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec
@@ -38,35 +42,79 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
         return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
     if geometry.surface is not None:
         path = inside_folder(folder, geometry.surface)
-        surface, notes = load_surface(path, scale=scale, repair=geometry.repair)
+        wrap = None if geometry.wrap is None else units.metres(geometry.wrap)
+        choices = _choices(geometry, units)
+        loaded = load_surface(path, scale=scale, repair=choices, wrap=wrap)
     else:
-        surface, notes = build_shape(geometry, units), []
-    built = fill(surface, spec.mesh, units)
-    return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
+        loaded = LoadedSurface(build_shape(geometry, units), [], {})
+    built = fill(loaded.surface, spec.mesh, units, loaded.groups)
+    return BuiltMesh(built.mesh, "; ".join([built.origin, *loaded.notes]))
 
 
-def load_surface(path: Path, *, scale: float, repair: bool = False) -> tuple[TriSurface, list[str]]:
+def _choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:
+    if not geometry.repair:
+        return None
+    given = geometry.repair_distance
+    return RepairChoices(
+        distance=None if given is None else units.metres(given),
+        largest_hole=geometry.largest_hole,
+        smallest_shell=units.metres(geometry.smallest_shell),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedSurface:
+    """A surface that bounds a solid, lines on what was found or done, and groups of its facets.
+
+    The groups hold facets by their number: what closes holes is "cap 1", "cap 2", ...
+    """
+
+    surface: TriSurface
+    notes: list[str]
+    groups: dict[str, list[int]]
+
+
+def load_surface(
+    path: Path,
+    *,
+    scale: float,
+    repair: RepairChoices | None = None,
+    wrap: float | None = None,
+) -> LoadedSurface:
     """Read a surface that bounds a solid, mended first where that is asked for.
+
+    Bodies that face inwards are turned round, and that is said, without being asked: nothing moves.
 
     Args:
         path: The surface file; named in every message.
         scale: Metres per unit of the file.
-        repair: Merge near points, turn facets round, close small holes.
-
-    Returns:
-        The surface, and lines on what was found or done.
+        repair: What may be done to it; None nothing.
+        wrap: How far a new surface around it may lie [m], in the place of repair; None makes none.
 
     Raises:
         InputError: It cannot be read, or bounds no solid.
     """
     notes: list[str] = []
+    groups: dict[str, list[int]] = {}
     surface = read_surface(path, scale=scale, tell=notes.append)
     try:
-        if repair:
-            surface, report = repair_surface(surface)
-            notes = [*(n for n in notes if "without a facet" in n), *report.lines()]
-        shells = require_closed(surface)
-    except SurfaceError as error:
+        if wrap is not None:
+            surface, wrapped = wrap_surface(surface, distance=wrap)
+            notes = [wrapped.line()]
+        elif repair is not None:
+            notes = [n for n in notes if "without a facet" in n]
+            mended = mend_surface(surface, repair)
+            surface, groups = mended.surface, mended.caps
+            notes += mended.lines
+        try:
+            shells = require_closed(surface)
+        except OrientationError:
+            surface, count = turn_bodies(surface)
+            if not count:
+                raise
+            shells = require_closed(surface)
+            notes.append(f"{count} facet(s) of bodies that faced inwards turned round")
+    except (SurfaceError, WrapError) as error:
         error.args = (f"{path.name}: {'; '.join([*notes, str(error)])}",)
         raise
     if len(shells) > 1:
@@ -74,7 +122,7 @@ def load_surface(path: Path, *, scale: float, repair: bool = False) -> tuple[Tri
         notes.append(
             f"{len(shells)} shells: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
         )
-    return surface, notes
+    return LoadedSurface(surface, notes, groups)
 
 
 def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:

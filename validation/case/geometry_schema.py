@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
-from palpate.validation.case.numbers import Flag, Positive, Vector
+from palpate.meshes.repair.choices import LARGEST_HOLE
+from palpate.validation.case.numbers import Count, Flag, NotNegative, Positive, Vector
 from palpate.validation.case.region_schema import BallRegion, Table
 
 # Of each built-in shape its sizes, in the order in which its maker takes them.
@@ -20,6 +21,9 @@ SHAPES: dict[str, tuple[str, ...]] = {
     "hollow_octant": ("radius", "inner_radius"),
     "tube": ("radius", "inner_radius", "height"),
 }
+
+
+_REPAIR_KEYS = ("repair_distance", "largest_hole", "smallest_shell")
 
 
 class GeometrySpec(Table):
@@ -44,7 +48,15 @@ class GeometrySpec(Table):
     mesh: str | None = None
     """A mesh of tetrahedra beside this file, in place of a surface: .msh, .vtk, .vtu."""
     repair: Flag = False
-    """Mend the surface where that is safe; what was done stands in the report."""
+    """Mend the surface; what was done stands in the report."""
+    repair_distance: Positive | None = None
+    """How far it may move where it cuts itself [units.length]; two mean edges where not said."""
+    largest_hole: Annotated[Count, Field(ge=0)] = LARGEST_HOLE
+    """Most edges of a hole that is closed; facet groups "cap 1", ... are what closes them."""
+    smallest_shell: NotNegative = 0.0
+    """Loose parts whose box is shorter are dropped [units.length]."""
+    wrap: Positive | None = None
+    """A new closed surface around it, at most this far away, in place of repair [units.length]."""
     size: Vector | None = None
     """Of a box along x, y, z [units.length]."""
     length: Positive | None = None
@@ -68,7 +80,8 @@ class GeometrySpec(Table):
         parameters = {*SHAPES[self.shape], "edge_length"} if self.shape else set()
         extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
         if self.surface is not None:
-            extra.discard("repair")
+            extra -= {"wrap"} if self.wrap is not None else {"repair"}
+            extra -= set(_REPAIR_KEYS if self.repair else ())
         missing = parameters - self.model_fields_set
         what = f"shape {self.shape!r}" if self.shape else given[0]
         wrongs = [f"takes no {', '.join(sorted(extra))}"] if extra else []

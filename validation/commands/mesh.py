@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.words import progress_lines
 from palpate.validation.quoting import for_terminal
+
+if TYPE_CHECKING:
+    from palpate.meshes.repair.choices import RepairChoices
 
 
 class Mesher(StrEnum):
@@ -27,7 +30,21 @@ def mesh(
     size: Annotated[float | None, typer.Option(help="edge length, in the file's unit")] = None,
     mesher: Annotated[Mesher, typer.Option()] = Mesher.FASTSIM,
     unit: Annotated[str, typer.Option(help="unit of file and size: m, cm or mm")] = "mm",
-    repair: Annotated[bool, typer.Option(help="merge near points, turn, close holes")] = False,
+    repair: Annotated[
+        bool, typer.Option(help="close holes, mend what cuts itself, turn, merge; each is told")
+    ] = False,
+    repair_distance: Annotated[
+        float | None, typer.Option(help="how far that may move it; two mean edges if not given")
+    ] = None,
+    largest_hole: Annotated[
+        int | None, typer.Option(help="most edges of a hole that is closed; 100 if not given")
+    ] = None,
+    smallest_shell: Annotated[
+        float | None, typer.Option(help="loose parts shorter than this are dropped")
+    ] = None,
+    wrap: Annotated[
+        float | None, typer.Option(help="a new closed surface around anything, this far at most")
+    ] = None,
     free: Annotated[
         float | None, typer.Option(help="how far the boundary may move, in the file's unit")
     ] = None,
@@ -55,16 +72,28 @@ def mesh(
     require_outputs({"--output": output}, inputs=[] if surface == "kidney" else [surface])
     if (grade_to is None) != (smallest is None):
         raise InputError("--grade-to and --smallest go together")
-    lengths = (("--size", size), ("--free", free), ("--smallest", smallest), ("--growth", growth))
+    lengths = (
+        ("--wrap", wrap),
+        ("--size", size),
+        ("--free", free),
+        ("--smallest", smallest),
+        ("--growth", growth),
+    )
     for option, value in lengths:
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option} {value:g}: needs a finite value above 0")
     scale = LENGTH[unit]
+    groups: dict[str, list[int]] = {}
     if surface == "kidney":
         body = shape_kidney(edge_length=size * scale if size else 0.008)
     else:
-        body, notes = load_surface(Path(surface), scale=scale, repair=repair)
-        for note in notes:
+        choices = _choices(repair, repair_distance, largest_hole, smallest_shell, scale)
+        if wrap is not None and choices is not None:
+            raise InputError("--wrap takes the place of --repair: give one of the two")
+        away = None if wrap is None else wrap * scale
+        loaded = load_surface(Path(surface), scale=scale, repair=choices, wrap=away)
+        body, groups = loaded.surface, loaded.groups
+        for note in loaded.notes:
             progress_lines()(note)
     units = Units.model_validate({"length": unit})
     if grade_to is not None and not all(map(math.isfinite, grade_to)):
@@ -80,11 +109,39 @@ def mesh(
             else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
-    built = fill(body, spec, units)
+    built = fill(body, spec, units, groups)
     quality = measure_quality(built.mesh)
-    write_mesh(output, TetMesh(built.mesh.points / scale, built.mesh.cells))
+    scaled = TetMesh(built.mesh.points / scale, built.mesh.cells, built.mesh.facet_groups)
+    write_mesh(output, scaled, groups=True)
     line = (
         f"{output}: {built.origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
         f" degrees, volume {built.mesh.volume:.6g} m3"
     )
     print(for_terminal(line))
+
+
+def _choices(
+    repair: bool,
+    distance: float | None,
+    largest_hole: int | None,
+    smallest_shell: float | None,
+    scale: float,
+) -> RepairChoices | None:
+    """What may be done, in metres; refuses choices without --repair."""
+    from palpate.meshes.repair.choices import LARGEST_HOLE, RepairChoices
+
+    given = {
+        "--repair-distance": distance,
+        "--largest-hole": largest_hole,
+        "--smallest-shell": smallest_shell,
+    }
+    alone = [option for option, value in given.items() if value is not None]
+    if not repair:
+        if alone:
+            raise InputError(f"{alone[0]} says what --repair may do; give --repair as well")
+        return None
+    return RepairChoices(
+        distance=None if distance is None else distance * scale,
+        largest_hole=LARGEST_HOLE if largest_hole is None else largest_hole,
+        smallest_shell=(smallest_shell or 0.0) * scale,
+    )

@@ -72,8 +72,36 @@ def test_a_surface_with_a_hole_is_mended_on_request_and_the_origin_says_so(
     case = load_case(write_case((shape, surface), ("0.001", "0.5"), ("1.999", "1.5")))
     assert "1 hole(s) closed by 1 facet(s)" in case.mesh.origin
     assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
+    small = surface + "\nlargest_hole = 2"
+    with pytest.raises(InputError, match="allow holes of 3 edges"):
+        load_case(write_case((shape, small), ("0.001", "0.5"), ("1.999", "1.5"))).mesh  # noqa: B018
+    alone = 'surface = "torn.off"\nlargest_hole = 20'
+    with pytest.raises(InputError, match="takes no largest_hole"):
+        load_case(write_case((shape, alone)))
+    wrap = 'surface = "torn.off"\nwrap = 0.3'
+    case = load_case(write_case((shape, wrap), ("0.001", "0.5"), ("1.999", "1.5")))
+    assert "wrapped by" in case.mesh.origin
+    with pytest.raises(InputError, match="takes no repair"):
+        load_case(write_case((shape, wrap + "\nrepair = true")))
     with pytest.raises(InputError, match="takes no repair"):
         load_case(write_case((shape, shape + "\nrepair = true")))
+
+
+def test_a_surface_that_faces_inwards_is_turned_and_the_origin_says_so(
+    write_case: Write, tmp_path: Path
+) -> None:
+    sphere = shape_sphere(1.0, edge_length=0.5)
+    given = TriSurface(sphere.points + np.array([1.0, 0.5, 0.5]), sphere.facets[:, ::-1])
+    write_surface(tmp_path / "turned.off", given)
+    shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
+    places = ("0.001", "0.5"), ("1.999", "1.5")
+    case = load_case(write_case((shape, 'surface = "turned.off"'), *places))
+    said = f"{len(given.facets)} facet(s) of bodies that faced inwards turned round"
+    assert said in case.mesh.origin
+    assert case.problem.mesh.volume == pytest.approx(sphere.volume, rel=1e-12)
+    too_fine = 'surface = "turned.off"\nwrap = 1e-9'
+    with pytest.raises(InputError, match=r"turned\.off: .* would do"):
+        load_case(write_case((shape, too_fine), *places)).mesh  # noqa: B018
 
 
 def test_a_graded_mesh_says_so(write_case: Write) -> None:

@@ -14,11 +14,13 @@ from palpate.meshes.errors import (
     OrientationError,
 )
 from palpate.meshes.near_duplicates import find_near_duplicates
+from palpate.meshes.repair.surface_repair import RepairReport, repair_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.surface_repair import RepairReport, repair_surface
 from palpate.meshes.tri_surface import TriSurface
 
+# Around the box in the plane x = 0.5, in (y, z).
+_AROUND = ((0, 0), (0.5, 0), (1, 0), (1, 0.5), (1, 1), (0.5, 1), (0, 1), (0, 0.5))
 BALL = shape_sphere(1.0, edge_length=0.3)
 
 
@@ -85,12 +87,16 @@ def test_shells_are_turned_by_their_nesting() -> None:
 
 
 def test_what_cannot_be_mended_safely_is_refused() -> None:
-    fin = TriSurface(
-        np.vstack([BALL.points, [[2.0, 2.0, 2.0]]]),
-        np.vstack([BALL.facets, [*BALL.facets[0, :2], len(BALL.points)]]),
+    # A wall across the box, given once: three facets at its edges, and no side is the outside.
+    box = shape_box((1.0, 1.0, 1.0), edge_length=0.5)
+    at = [int(np.argmin(np.abs(box.points - [0.5, y, z]).sum(axis=1))) for y, z in _AROUND]
+    centre = len(box.points)
+    walled = TriSurface(
+        np.vstack([box.points, [[0.5, 0.5, 0.5]]]),
+        np.vstack([box.facets, [[at[k], at[(k + 1) % 8], centre] for k in range(8)]]),
     )
     with pytest.raises(NonManifoldError):
-        repair_surface(fin)
+        repair_surface(walled)
     with pytest.raises(DegenerateFacetError):
         repair_surface(BALL, near=10.0)
     k = np.arange(6)

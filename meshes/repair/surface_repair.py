@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import DegenerateFacetError, NonManifoldError, OrientationError
 from palpate.meshes.facet_topology import connected_parts, edge_uses
-from palpate.meshes.hole_filling import fill_loop, find_hole_loops
 from palpate.meshes.near_duplicates import find_near_duplicates
+from palpate.meshes.repair.choices import LARGEST_HOLE
+from palpate.meshes.repair.flat_facets import flip_flat_facets
+from palpate.meshes.repair.hole_closing import close_holes
+from palpate.meshes.repair.loose_parts import SMALL, loose_facets, part_sizes
+from palpate.meshes.repair.sheets import Fits, fins_of, split_touching
 from palpate.meshes.shells import ShellKind, find_shells
-from palpate.meshes.surface_checks import merge_equal_points
 from palpate.meshes.tri_surface import TriSurface
-
-# A hole with more edges is more likely a missing part than a missing facet.
-SMALL_HOLE = 12
 
 
 @dataclass
@@ -28,50 +28,99 @@ class RepairReport:
     Attributes:
         merged_points: Points merged into a near one.
         dropped_facets: Facets, by their number before, that the merging made flat, or copies.
+        fin_facets: Facets, by their number before, of fins, of walls between bodies that
+            touch, and of parts too small to close.
+        loose_facets: Facets, by their number before, of parts dropped by choice.
+        flipped_edges: Edges across facets without area, flipped.
+        split_points: Points at which sheets touched, each now a point of its own for each sheet.
+        gap: How far those were moved at most [m].
         turned_facets: Facets, by their number before, whose orientation was changed.
         filled_holes: Points of the loops that were closed, numbered as after.
+        caps: Facets of what closes them, numbered as after, in the same order.
         open_holes: Points of the loops that were left open, numbered as after.
+        small_parts: Longest sides of the boxes of parts that are small and were kept [m].
         unused_points: Points, by their number before, that no facet used.
     """
 
     merged_points: int = 0
     dropped_facets: list[int] = field(default_factory=list)
+    fin_facets: list[int] = field(default_factory=list)
+    loose_facets: list[int] = field(default_factory=list)
+    flipped_edges: int = 0
+    split_points: int = 0
+    gap: float = 0.0
     turned_facets: list[int] = field(default_factory=list)
     filled_holes: list[list[int]] = field(default_factory=list)
+    caps: list[list[int]] = field(default_factory=list)
     open_holes: list[list[int]] = field(default_factory=list)
+    small_parts: list[float] = field(default_factory=list)
     unused_points: list[int] = field(default_factory=list)
 
     def lines(self) -> list[str]:
         """One line for each kind of change, for people."""
-        holes = sum(len(loop) - 2 for loop in self.filled_holes)
+        holes = sum(map(len, self.caps))
+        edges = [len(loop) for loop in self.filled_holes]
         said = (
             (self.unused_points, f"{len(self.unused_points)} point(s) without a facet left out"),
             (self.merged_points, f"{self.merged_points} point(s) merged into a near one"),
             (self.dropped_facets, f"{len(self.dropped_facets)} flat or repeated facet(s) dropped"),
+            (
+                self.fin_facets,
+                f"{len(self.fin_facets)} facet(s) of fins, inner walls and scraps removed",
+            ),
+            (self.loose_facets, f"{len(self.loose_facets)} facet(s) of small loose parts dropped"),
+            (self.flipped_edges, f"{self.flipped_edges} edge(s) across flat facets flipped"),
+            (
+                self.split_points,
+                f"{self.split_points} point(s) where sheets touched split, moved by at most "
+                f"{self.gap:.3g} m",
+            ),
             (self.turned_facets, f"{len(self.turned_facets)} facet(s) turned round"),
-            (self.filled_holes, f"{len(self.filled_holes)} hole(s) closed by {holes} facet(s)"),
+            (
+                self.filled_holes,
+                f"{len(edges)} hole(s) closed by {holes} facet(s), of {_few(edges)} edges",
+            ),
             (
                 self.open_holes,
-                f"{len(self.open_holes)} hole(s) left open: {[len(h) for h in self.open_holes]} "
-                f"edges, or loops that touch (holes of up to {SMALL_HOLE} edges are closed)",
+                f"{len(self.open_holes)} hole(s) left open, of "
+                f"{_few([len(h) for h in self.open_holes])} edges: longer than the largest hole "
+                "to close, or no cap fits",
+            ),
+            (
+                self.small_parts,
+                f"{len(self.small_parts)} small loose part(s) kept, the largest "
+                f"{max(self.small_parts, default=0.0):.3g} m long",
             ),
         )
         return [line for what, line in said if what]
 
 
-def repair_surface(
-    surface: TriSurface, *, near: float | None = None, largest_hole: int = SMALL_HOLE
-) -> tuple[TriSurface, RepairReport]:
-    """Merge near points, orient facets and shells, close small holes; say what was done.
+def _few(numbers: list[int]) -> str:
+    shown = ", ".join(map(str, sorted(numbers, reverse=True)[:5]))
+    return shown if len(numbers) <= 5 else f"{shown}, ..."
 
-    Whether the result bounds a solid is for `require_closed` to say. Parts are never dropped;
-    self-intersections are not mended.
+
+def repair_surface(
+    surface: TriSurface,
+    *,
+    near: float | None = None,
+    largest_hole: int = LARGEST_HOLE,
+    smallest_shell: float = 0.0,
+    fits: Fits | None = None,
+) -> tuple[TriSurface, RepairReport]:
+    """Merge points, cut fins, part sheets, turn facets, close holes; say what was done.
+
+    Whether the result bounds a solid is for `require_closed` to say. Parts are dropped by choice
+    alone; self-intersections are mended by `palpate.fastsim.mending`.
 
     Args:
         surface: Any surface.
         near: Points within this distance are merged [m]; None takes 1e-6 of the longest side of
             the bounding box.
         largest_hole: Most edges of a hole that is closed.
+        smallest_shell: Loose parts whose box is shorter than this are dropped [m].
+        fits: Says whether points and facets cross nothing at the facets marked; caps and gaps
+            are chosen by it. None asks nobody.
 
     Raises:
         DegenerateFacetError: Merging within `near` would make a whole part flat.
@@ -81,29 +130,52 @@ def repair_surface(
     report = RepairReport()
     used = np.unique(surface.facets)
     report.unused_points = np.setdiff1d(np.arange(len(surface.points)), used).tolist()
-    facets, kept = _merge_points(surface, near, report)
+    points = surface.points
+    facets, kept, is_wall = _merge_points(surface, near, report)
+    is_fin = fins_of(points, facets, is_wall)
+    report.fin_facets = kept[is_fin].tolist()
+    facets, kept = facets[~is_fin], kept[~is_fin]
+    is_loose = loose_facets(points, facets, smallest_shell)
+    report.loose_facets = kept[is_loose].tolist()
+    facets, kept = facets[~is_loose], kept[~is_loose]
     facets, turned = _orient_parts(facets)
-    facets = _close_holes(surface, facets, largest_hole, report)
-    facets, shells_turned = _orient_shells(TriSurface(surface.points, facets))
+    points, facets, report.split_points, report.gap = split_touching(points, facets, fits)
+    _refuse_crowded_edges(facets)
+    facets, report.flipped_edges = flip_flat_facets(points, facets)
+    closed = close_holes(points, facets, largest_hole=largest_hole, fits=fits)
+    sizes = part_sizes(closed.points, closed.facets)[1]
+    report.small_parts = sizes[sizes < SMALL * sizes.max(initial=0.0)].tolist()
+    facets, shells_turned = _orient_shells(TriSurface(closed.points, closed.facets))
     flips = shells_turned.copy()
     flips[: len(kept)] ^= turned
     report.turned_facets = kept[flips[: len(kept)]].tolist()
-    compact = merge_equal_points(TriSurface(surface.points, facets))
-    # merge_equal_points numbers points by first appearance: say the loops in those numbers.
-    number = {}
-    for old, new in zip(
-        facets.reshape(-1).tolist(), compact.facets.reshape(-1).tolist(), strict=True
-    ):
-        number[old] = new
-    for loops in (report.filled_holes, report.open_holes):
-        loops[:] = [[number[v] for v in loop] for loop in loops]
-    return compact, report
+    report.caps = closed.caps
+    # Points in the order of their first appearance; the loops in those numbers.
+    corners = facets.reshape(-1)
+    found, first = np.unique(corners, return_index=True)
+    order = found[np.argsort(first)]
+    number = np.full(len(closed.points), -1)
+    number[order] = np.arange(len(order))
+    report.filled_holes = [number[loop].tolist() for loop in closed.filled]
+    report.open_holes = [number[loop].tolist() for loop in closed.left_open]
+    return TriSurface(closed.points[order], number[facets].astype(np.int32)), report
+
+
+def _refuse_crowded_edges(facets: Indices) -> None:
+    uses = edge_uses(facets)
+    if np.any(uses.counts > 2):
+        guilty = np.unique(uses.owner[uses.counts[uses.edge] > 2])
+        edges = uses.edges[uses.counts > 2]
+        raise NonManifoldError(guilty.tolist(), edges=[(int(a), int(b)) for a, b in edges])
 
 
 def _merge_points(
     surface: TriSurface, near: float | None, report: RepairReport
-) -> tuple[Indices, NDArray[np.int64]]:
-    """Facets on merged points without flat ones and copies, and their numbers before."""
+) -> tuple[Indices, NDArray[np.int64], NDArray[np.bool_]]:
+    """Facets on merged points without flat ones and copies, their numbers before, and walls.
+
+    A wall is a facet that was given facing both ways.
+    """
     pairs = find_near_duplicates(surface.points, near)
     target = connected_parts(len(surface.points), pairs)
     first = np.unique(target, return_index=True)[1]
@@ -117,22 +189,22 @@ def _merge_points(
     key = np.sort(facets, axis=1)
     # The first of equal facets stays.
     stays = np.zeros(len(facets), dtype=bool)
-    stays[np.unique(key, axis=0, return_index=True)[1]] = True
+    _, first_of, same = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    stays[first_of] = True
     stays &= ~is_flat
     report.dropped_facets = np.flatnonzero(~stays).tolist()
-    return facets[stays], np.flatnonzero(stays)
+    rank = np.argsort(facets, axis=1)
+    is_even = (rank[:, 1] - rank[:, 0]) % 3 == 1
+    both = np.bincount(same.reshape(-1), is_even) * np.bincount(same.reshape(-1), ~is_even) > 0
+    return facets[stays], np.flatnonzero(stays), both[same.reshape(-1)][stays]
 
 
 def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
     """Turn facets so that neighbours agree; the first facet of each part stays as it is."""
     uses = edge_uses(facets)
-    if np.any(uses.counts > 2):
-        guilty = np.unique(uses.owner[uses.counts[uses.edge] > 2])
-        edges = uses.edges[uses.counts > 2]
-        raise NonManifoldError(guilty.tolist(), edges=[(int(a), int(b)) for a, b in edges])
     order = np.argsort(uses.edge, kind="stable")
-    same = uses.edge[order][1:] == uses.edge[order][:-1]
-    first, second = order[:-1][same], order[1:][same]
+    # Across an edge with more than two, which belong together is not known yet.
+    first, second = order[uses.counts[uses.edge[order]] == 2].reshape(-1, 2).T
     disagree = uses.directed[first, 0] == uses.directed[second, 0]
     beside: list[list[tuple[int, bool]]] = [[] for _ in facets]
     for f, g, d in zip(
@@ -163,25 +235,6 @@ def _orient_parts(facets: Indices) -> tuple[Indices, NDArray[np.bool_]]:
     out = facets.copy()
     out[is_turned] = out[is_turned][:, ::-1]
     return out, is_turned
-
-
-def _close_holes(
-    surface: TriSurface, facets: Indices, largest_hole: int, report: RepairReport
-) -> Indices:
-    loops, tangled = find_hole_loops(facets)
-    if tangled:
-        report.open_holes.append(tangled)
-    taken = set(map(tuple, edge_uses(facets).edges.tolist()))
-    new = []
-    for loop in loops:
-        filling = fill_loop(surface.points, loop, taken) if len(loop) <= largest_hole else None
-        if filling is None:
-            report.open_holes.append(loop)
-            continue
-        taken.update(map(tuple, edge_uses(filling).edges.tolist()))
-        report.filled_holes.append(loop)
-        new.append(filling)
-    return np.vstack([facets, *new]).astype(np.int32)
 
 
 def _orient_shells(surface: TriSurface) -> tuple[Indices, NDArray[np.bool_]]:

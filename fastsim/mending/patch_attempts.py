@@ -1,0 +1,201 @@
+"""Three ways to rid a patch of a surface of crossings; each gives up with None."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim.mending.crossings import crossings_of
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.facet_topology import edge_uses
+from palpate.meshes.repair.caps import cap_loop
+from palpate.meshes.repair.fairing import fair_points
+from palpate.meshes.repair.patches import edges_of, grow, inner_points, with_enclosed
+
+Mask = NDArray[np.bool_]
+# Rings around the facets that cross: a fold is a few facets wide.
+_MOST_RINGS = 6
+# Pulling apart: steps of this part of the mean edge, and as many at most.
+_STEP, _MOST_STEPS = 0.1, 40
+# Steps without fewer crossings before it gives up.
+_PATIENCE = 6
+# How much of a point's pull each ring around it takes over.
+_SPREAD, _SPREAD_RINGS = 0.6, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """A surface, or the part of one in which a patch lies.
+
+    Attributes:
+        points: [m].
+        facets: Of the part.
+        is_held: Points where the surface goes on: they stay, shape (num_points,).
+        most_facets: That a patch may have.
+    """
+
+    points: Points
+    facets: Indices
+    is_held: Mask
+    most_facets: float
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A surface whose patch crosses nothing.
+
+    `kept` are the rows of the facets before that come first, in order; new facets follow.
+    """
+
+    points: Points
+    facets: Indices
+    kept: NDArray[np.int64]
+
+
+def smoothed(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
+    """The patch as a thin plate on the surface around it."""
+    points, facets = part.points, part.facets
+    for rings in range(1, _MOST_RINGS + 1):
+        patch = _patch(part, rows, rings)
+        if patch is None:
+            return None
+        free = inner_points(facets, patch, len(points))
+        free = free[~part.is_held[free]]
+        moved = fair_points(points, facets[grow(facets, patch, 2)], free)
+        if is_clean(moved, facets, patch):
+            return Attempt(moved, facets, np.arange(len(facets)))
+    return None
+
+
+def pulled_apart(
+    part: Surroundings, rows: NDArray[np.int64], *, outwards: bool, most: float
+) -> Attempt | None:
+    """Facets that cross moved along their normals step by step: walls outwards, lobes inwards.
+
+    Args:
+        part: In which they lie.
+        rows: Facets that cross.
+        outwards: Along the normals, or against them.
+        most: Largest movement of a point [m].
+    """
+    points, facets = part.points, part.facets
+    corners = points[facets[rows]]
+    step = _STEP * float(np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).mean())
+    normals = _point_normals(points, facets)
+    edges = edges_of(facets)
+    moved, bad, counts = points.copy(), rows, list[int]()
+    for _ in range(_MOST_STEPS):
+        is_bad = np.zeros(len(facets), dtype=bool)
+        is_bad[bad] = True
+        pull = np.zeros(len(points))
+        pull[facets[with_enclosed(facets, is_bad)]] = 1.0
+        for _ring in range(_SPREAD_RINGS):
+            spread = pull.copy()
+            for a, b in ((0, 1), (1, 0)):
+                np.maximum.at(spread, edges[:, a], _SPREAD * pull[edges[:, b]])
+            pull = spread
+        moved = moved + (step if outwards else -step) * pull[:, None] * normals
+        shift = np.linalg.norm(moved - points, axis=1)
+        if shift.max() > most or shift[part.is_held].any():
+            return None
+        changed = (shift > 0.0)[facets].any(axis=1)
+        changed[rows] = True
+        if np.count_nonzero(changed) > part.most_facets:
+            return None
+        pairs = crossings_of(moved, facets, changed)
+        if not len(pairs):
+            is_good = is_clean(moved, facets, changed)
+            return Attempt(moved, facets, np.arange(len(facets))) if is_good else None
+        bad = np.unique(pairs)
+        counts.append(len(pairs))
+        if len(counts) > _PATIENCE and min(counts[-_PATIENCE:]) >= min(counts[:-_PATIENCE]):
+            return None
+    return None
+
+
+def filled_anew(part: Surroundings, rows: NDArray[np.int64]) -> Attempt | None:
+    """The patch removed, and what is open filled with smooth caps."""
+    points, facets = part.points, part.facets
+    for rings in range(_MOST_RINGS + 1):
+        patch = _patch(part, rows, rings)
+        if patch is None:
+            return None
+        loops = _rim_loops(facets[patch])
+        if loops is None:
+            continue
+        kept = np.flatnonzero(~patch)
+        near = facets[grow(facets, patch, 2) & ~patch]
+        taken = set(map(tuple, edges_of(near).tolist()))
+        caps, place, is_whole = [], points, True
+        for loop in loops:
+            cap = next(cap_loop(place, loop, taken), None)
+            is_whole = is_whole and cap is not None
+            if cap is not None:
+                place = np.vstack([place, cap[0]])
+                caps.append(cap[1])
+                taken.update(map(tuple, edges_of(cap[1]).tolist()))
+        if not is_whole:
+            continue
+        made = np.vstack([facets[kept], *caps]).astype(np.int32)
+        is_new = np.arange(len(made)) >= len(kept)
+        free = np.arange(len(points), len(place))
+        around = np.vstack([near, *caps]).astype(np.int32)
+        for candidate in (fair_points(place, around, free), place):
+            if is_clean(candidate, made, is_new):
+                return Attempt(candidate, made, kept)
+    return None
+
+
+def is_clean(points: Points, facets: Indices, changed: Mask) -> bool:
+    """Whether changed facets have an area and cross nothing."""
+    corners = points[facets[changed]]
+    sides = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Far above roundings: a mesher has to make cells on them.
+    if np.any(np.linalg.norm(normals, axis=1) <= 1e-6 * sides**2):
+        return False
+    return len(crossings_of(points, facets, changed)) == 0
+
+
+def _patch(part: Surroundings, rows: NDArray[np.int64], rings: int) -> Mask | None:
+    chosen = np.zeros(len(part.facets), dtype=bool)
+    chosen[rows] = True
+    patch = with_enclosed(part.facets, grow(part.facets, chosen, rings))
+    return patch if np.count_nonzero(patch) <= part.most_facets else None
+
+
+def _rim_loops(patch: Indices) -> list[list[int]] | None:
+    """Loops around a patch, as its facets run along them; None where loops touch."""
+    uses = edge_uses(patch)
+    rim = uses.directed[uses.counts[uses.edge] == 1].tolist()
+    follows = dict(rim)
+    if len(follows) < len(rim):
+        return None
+    loops = []
+    while follows:
+        start, at = next(iter(follows.items()))
+        loop = [start]
+        del follows[start]
+        while at != start:
+            loop.append(at)
+            at = follows.pop(at)
+        loops.append(loop)
+    return loops
+
+
+def _point_normals(points: Points, facets: Indices) -> Points:
+    corners = points[facets]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.column_stack(
+        [
+            sum(
+                np.bincount(facets[:, k], vectors[:, axis], minlength=len(points)) for k in range(3)
+            )
+            for axis in range(3)
+        ]
+    )
+    lengths: Floats = np.linalg.norm(total, axis=1, keepdims=True)
+    normals: Points = total / np.where(lengths > 0.0, lengths, 1.0)
+    return normals

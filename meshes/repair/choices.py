@@ -1,0 +1,43 @@
+"""What a repair may do to a surface."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from palpate.meshes.errors import InputError
+
+# A hole with more edges is more likely a missing half than a cut vessel.
+LARGEST_HOLE = 100
+
+
+@dataclass(frozen=True)
+class RepairChoices:
+    """What a repair may do.
+
+    Args:
+        distance: How far the surface may move where it cuts itself, > 0 [m]; None takes two mean
+            edges. Caps and removed parts do not count.
+        largest_hole: Most edges of a hole that is closed, >= 0.
+        smallest_shell: Loose parts whose box is shorter than this are dropped, >= 0 [m].
+
+    Raises:
+        InputError: A value out of range.
+
+    >>> import palpate
+    >>> vessels_open = palpate.RepairChoices(largest_hole=12)  # for palpate.mesh(repair=...)
+    >>> vessels_open.largest_hole
+    12
+    """
+
+    distance: float | None = None
+    largest_hole: int = LARGEST_HOLE
+    smallest_shell: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.distance is not None and not 0.0 < self.distance < math.inf:
+            raise InputError(f"repair distance {self.distance:g} m: needs a finite value above 0")
+        if self.largest_hole < 0:
+            raise InputError(f"largest hole {self.largest_hole}: needs at least 0 edges")
+        if not 0.0 <= self.smallest_shell < math.inf:
+            raise InputError(f"smallest shell {self.smallest_shell:g} m: needs a finite value")

@@ -1,0 +1,193 @@
+"""Sheets that meet where a surface must not: fins cut off, bodies that touch taken apart."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.facet_topology import connected_parts, edge_uses
+
+# A fin has at most this part of the area: a larger sheet may be what was meant.
+_LARGEST_FIN = 0.1
+# How far copies of a point are moved from where sheets touched, of the shortest edge there.
+_GAP = 0.05
+# A closed shell has four facets at least.
+_FEWEST_FACETS = 4
+Fits = Callable[[Points, Indices, NDArray[np.bool_]], bool]
+
+
+def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Facets of sheets that bound no solid: free at one edge, held at another, or walls within.
+
+    Args:
+        points: [m].
+        facets: Each once, shape (num_facets, 3).
+        is_wall: Facets that were given twice, facing both ways: a solid on either side.
+
+    Returns:
+        Whether each facet is part of a fin or wall, or of a loose part too small to close.
+    """
+    corners = points[facets]
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    is_fin = np.zeros(len(facets), dtype=bool)
+    while True:
+        rows = np.flatnonzero(~is_fin)
+        uses = edge_uses(facets[rows])
+        crowd = uses.counts[uses.edge]
+        patch = _patches(uses.edge, uses.owner, crowd, len(rows))
+        touches = np.bincount(patch[uses.owner], crowd > 2) > 0
+        is_free = np.bincount(patch[uses.owner], crowd == 1) > 0
+        weight = np.bincount(patch, areas[rows])
+        small = weight <= _LARGEST_FIN * areas.sum()
+        within = np.bincount(patch, ~is_wall[rows]) == 0
+        candidates = np.flatnonzero(touches & (within | (is_free & small)))
+        if not len(candidates):
+            break
+        is_fin[rows[patch == candidates[np.argmin(weight[candidates])]]] = True
+    rows = np.flatnonzero(~is_fin)
+    uses = edge_uses(facets[rows])
+    order = np.argsort(uses.edge, kind="stable")
+    same = uses.edge[order][1:] == uses.edge[order][:-1]
+    links = np.column_stack([uses.owner[order][:-1], uses.owner[order][1:]])[same]
+    part = connected_parts(len(rows), links)
+    sizes = np.bincount(part)
+    if (sizes >= _FEWEST_FACETS).any():
+        is_fin[rows[sizes[part] < _FEWEST_FACETS]] = True
+    return is_fin
+
+
+def _patches(
+    edge: NDArray[np.int64], owner: NDArray[np.int64], crowd: NDArray[np.int64], num_facets: int
+) -> NDArray[np.int64]:
+    """Parts of facets that hang together by edges with two facets."""
+    order = np.argsort(edge, kind="stable")
+    order = order[crowd[order] == 2]
+    return connected_parts(num_facets, owner[order].reshape(-1, 2))
+
+
+def split_touching(
+    points: Points, facets: Indices, fits: Fits | None = None
+) -> tuple[Points, Indices, int, float]:
+    """Give each of the bodies that touch along an edge or at a point its own points, and a gap.
+
+    Around an edge facets belong together that bound the same wedge of the solid; around a point,
+    those that are joined by such edges.
+
+    Args:
+        points: [m].
+        facets: Oriented alike within what hangs together by edges with two facets.
+        fits: Says whether points and facets cross nothing at the facets marked; None asks nobody.
+
+    Returns:
+        Points, of which copies are appended; facets; how many points were split; and the largest
+        movement [m]. Where wedges cannot be told, all stays as it is.
+    """
+    joined = _joined_corners(points, facets)
+    if joined is None:
+        return points, facets, 0, 0.0
+    fan = connected_parts(3 * len(facets), joined)
+    corner = facets.reshape(-1).astype(np.int64)
+    pair = np.unique(np.column_stack([corner, fan]), axis=0)
+    # A fan that ends at a rim stays: its hole is closed later.
+    uses = edge_uses(facets)
+    rim = uses.directed[uses.counts[uses.edge] == 1]
+    several = np.flatnonzero(np.bincount(pair[:, 0], minlength=len(points)) > 1)
+    several = np.setdiff1d(several, rim)
+    if not len(several):
+        return points, facets, 0, 0.0
+    named = corner.copy()
+    place = list(points)
+    for v in several:
+        for number in pair[pair[:, 0] == v, 1][1:]:
+            named[fan == number] = len(place)
+            place.append(points[v])
+    new = named.reshape(-1, 3).astype(np.int32)
+    copies = np.concatenate([several, np.arange(len(points), len(place))])
+    apart = np.array(place)
+    normals, edge = _normals_and_edges(apart, new, copies)
+    touched = np.isin(new, copies).any(axis=1)
+    best = None
+    for sign in (-1.0, 1.0):
+        moved = apart.copy()
+        moved[copies] += sign * _GAP * edge[:, None] * normals
+        best = moved if best is None else best
+        if fits is None or fits(moved, new, touched):
+            best = moved
+            break
+    assert best is not None
+    return best, new, len(several), float(_GAP * edge.max())
+
+
+def _joined_corners(points: Points, facets: Indices) -> NDArray[np.int64] | None:
+    """Pairs of corners (3 facet + k) of one point whose facets belong together across an edge."""
+    uses = edge_uses(facets)
+    order = np.argsort(uses.edge, kind="stable")
+    order_two = order[uses.counts[uses.edge[order]] == 2].reshape(-1, 2)
+    sides = [order_two]
+    patch = _patches(uses.edge, uses.owner, uses.counts[uses.edge], len(facets))
+    by_edge = defaultdict(list)
+    for side in order[uses.counts[uses.edge[order]] > 2].tolist():
+        by_edge[int(uses.edge[side])].append(side)
+    for around in by_edge.values():
+        pairs = _wedges(points, facets, uses.directed, np.array(around), patch[uses.owner[around]])
+        if pairs is None:
+            return None
+        sides.append(pairs)
+    first, second = np.vstack(sides).T
+    out = []
+    for end in range(2):
+        # The corner at the start or the end of one side, and at the same point of the other.
+        here = 3 * (first // 3) + (first % 3 + end) % 3
+        is_start = uses.directed[second, 0] == uses.directed[first, end]
+        there = 3 * (second // 3) + np.where(is_start, second % 3, (second % 3 + 1) % 3)
+        out.append(np.column_stack([here, there]))
+    return np.vstack(out)
+
+
+def _wedges(
+    points: Points,
+    facets: Indices,
+    directed: NDArray[np.int64],
+    sides: NDArray[np.int64],
+    patch: NDArray[np.int64],
+) -> NDArray[np.int64] | None:
+    """The facets around one edge, paired: those of one body, or of one wedge of the solid."""
+    _, number = np.unique(patch, return_inverse=True)
+    if np.all(np.bincount(number.reshape(-1)) == 2):
+        return sides[np.argsort(patch, kind="stable")].reshape(-1, 2)
+    a, b = np.sort(directed[sides[0]])
+    axis = points[b] - points[a]
+    axis = axis / np.linalg.norm(axis)
+    across = points[facets[sides // 3, (sides % 3 + 2) % 3]] - points[a]
+    across = across - np.outer(across @ axis, axis)
+    x = across[0] / np.linalg.norm(across[0])
+    angle = np.arctan2(across @ np.cross(axis, x), across @ x)
+    order = np.argsort(angle, kind="stable")
+    # A facet that runs from a to b has the solid before it, one from b to a behind it.
+    is_forward = (directed[sides, 0] == a)[order]
+    if len(sides) % 2 or np.any(is_forward == np.roll(is_forward, 1)):
+        return None
+    ring = sides[order]
+    return (ring if not is_forward[0] else np.roll(ring, -1)).reshape(-1, 2)
+
+
+def _normals_and_edges(
+    points: Points, facets: Indices, chosen: NDArray[np.int64]
+) -> tuple[Points, NDArray[np.float64]]:
+    """Mean normals of points, and the shortest edge at each [m]."""
+    corners = points[facets]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(points)
+    np.add.at(total, facets.reshape(-1), np.repeat(vectors, 3, axis=0))
+    shortest = np.full(len(points), np.inf)
+    lengths = np.linalg.norm(corners - corners[:, [1, 2, 0]], axis=2)
+    np.minimum.at(shortest, facets, lengths)
+    np.minimum.at(shortest, facets[:, [1, 2, 0]], lengths)
+    size = np.linalg.norm(total[chosen], axis=1, keepdims=True)
+    return total[chosen] / np.where(size > 0.0, size, 1.0), shortest[chosen]

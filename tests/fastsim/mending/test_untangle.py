@@ -1,0 +1,130 @@
+"""Surfaces that cut themselves, spoiled by seeded recipes, come back without a crossing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.mending.crossings import all_crossings, distance_apart
+from palpate.fastsim.mending.mend import mend_surface
+from palpate.fastsim.mending.untangle import EntangledError, untangle
+from palpate.fastsim.mesher import mesh_surface
+from palpate.fastsim.surface_arrays import mean_edge_length
+from palpate.meshes.errors import SelfIntersectionError
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.repair.choices import RepairChoices
+from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.surface_checks import require_closed
+from palpate.meshes.tri_surface import TriSurface
+
+KIDNEY = shape_kidney(edge_length=8e-3)
+PLATE = shape_box((1.0, 1.0, 0.1), edge_length=0.05)
+
+
+def spoil(body: TriSurface, kind: str, seed: int) -> TriSurface:
+    """Push the points within some edges of one at random: crumpled, slid along, or pressed in."""
+    rng = np.random.default_rng(seed)
+    edge = mean_edge_length(body.points, body.facets)
+    centre = body.points[rng.integers(len(body.points))]
+    near = np.linalg.norm(body.points - centre, axis=1) < rng.uniform(1.5, 4.0) * edge
+    points = body.points.copy()
+    if kind == "crumpled":
+        points[near] += rng.uniform(0.3, 0.7) * edge * rng.standard_normal((near.sum(), 3))
+    else:
+        away = centre - body.points.mean(axis=0)
+        away /= np.linalg.norm(away)
+        along = np.cross(away, rng.standard_normal(3))
+        along /= np.linalg.norm(along)
+        push = rng.uniform(1.5, 3.0) * edge * (along if kind == "slid" else -away)
+        points[near] += push
+    return TriSurface(points, body.facets)
+
+
+def require_mended(given: TriSurface, distance: float) -> tuple[TriSurface, int]:
+    """Mended within the distance, checked by the exact test and by a distance of its own."""
+    pairs = len(all_crossings(given.points, given.facets))
+    mended, report, number = untangle(given, distance=distance)
+    require_closed(mended)
+    assert len(all_crossings(mended.points, mended.facets)) == 0
+    assert report.num_pairs == pairs
+    assert report.distance <= distance
+    apart = distance_apart(given.points, given.facets, mended.points, mended.facets)
+    assert apart == report.distance
+    stays = number >= 0
+    untouched = np.setdiff1d(number[stays], report.replaced_facets)
+    same = np.isin(number, untouched)
+    assert np.array_equal(
+        mended.points[mended.facets[same]], given.points[given.facets[number[same]]]
+    )
+    return mended, pairs
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("crumpled", 4), ("crumpled", 7), ("slid", 0), ("slid", 7), ("pressed", 1), ("pressed", 4)],
+)
+def test_a_spoiled_organ_is_mended_and_meshed(kind: str, seed: int) -> None:
+    given = spoil(KIDNEY, kind, seed)
+    distance = 3.0 * mean_edge_length(KIDNEY.points, KIDNEY.facets)
+    mended, pairs = require_mended(given, distance)
+    assert pairs > 0
+    with pytest.raises(SelfIntersectionError):
+        mesh_surface(given)
+    assert mesh_surface(mended).volume == pytest.approx(mended.volume, rel=1e-12)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kind", ["crumpled", "slid", "pressed"])
+@pytest.mark.parametrize("body", [KIDNEY, PLATE, shape_sphere(1.0, edge_length=0.1)])
+def test_many_spoiled_surfaces_are_mended_or_refused_with_the_distance_that_would_do(
+    body: TriSurface, kind: str
+) -> None:
+    distance = 3.0 * mean_edge_length(body.points, body.facets)
+    refused = []
+    for seed in range(40):
+        given = spoil(body, kind, seed)
+        try:
+            require_mended(given, distance)
+        except EntangledError as error:
+            refused.append(error)
+    assert all(error.facets and error.needed > distance for error in refused)
+    # A pit deeper than the plate is thick is what it is.
+    assert len(refused) <= (20 if body is PLATE else 2)
+
+
+def test_lobes_that_run_into_each_other_are_pulled_apart_inwards() -> None:
+    ball = shape_sphere(1.0, edge_length=0.2)
+    both = TriSurface(
+        np.vstack([ball.points, ball.points + np.array([1.97, 0.0, 0.0])]),
+        np.vstack([ball.facets, ball.facets + len(ball.points)]),
+    )
+    mended, pairs = require_mended(both, 0.1)
+    assert pairs > 0
+    assert mended.volume < both.volume
+
+
+def test_walls_that_run_through_each_other_are_pulled_apart_outwards() -> None:
+    given = PLATE.points.copy()
+    deep = np.linalg.norm(given - [0.5, 0.5, 0.1], axis=1) < 0.08
+    given[deep, 2] -= 0.11
+    mended, pairs = require_mended(TriSurface(given, PLATE.facets), 0.1)
+    assert pairs > 0
+    assert mended.volume > TriSurface(given, PLATE.facets).volume
+
+
+def test_beyond_the_distance_it_is_refused_with_facets_place_and_what_would_do() -> None:
+    given = spoil(KIDNEY, "crumpled", 4)
+    with pytest.raises(EntangledError, match="allow a larger distance") as caught:
+        untangle(given, distance=1e-5)
+    guilty = set(np.unique(all_crossings(given.points, given.facets)).tolist())
+    assert set(caught.value.facets) <= guilty
+    require_mended(given, 1.001 * caught.value.needed)
+
+
+def test_what_was_done_is_said() -> None:
+    given = spoil(KIDNEY, "crumpled", 4)
+    done = mend_surface(given, RepairChoices(distance=0.03))
+    (line,) = done.lines
+    assert "cut each other at" in line
+    assert "by at most" in line
+    assert mend_surface(KIDNEY).lines == []
