@@ -22,6 +22,8 @@ class Law(Enum):
     neo_hookean_stable = 1
     neo_hookean = 2
     mooney_rivlin = 3
+    ogden = 4
+    corotational = 5
 
 class SolveStatus(Enum):
     converged = 0
@@ -37,6 +39,7 @@ class ElasticBody:
         self, points: Floats, cells: Ints, materials: Floats, material_of: Ints,
         strain: StrainMeasure, law: Law, element: Element
     ) -> None: ...
+    def set_ogden_terms(self, terms: Floats) -> None: ...
     def shape_gradients(self) -> Floats: ...
     def displacement_gradients(self, displacement: Floats) -> Floats: ...
     def smoothed_bound(self, lumped_mass: Floats, rounds: int) -> float: ...
@@ -143,6 +146,17 @@ class RemeshedSurface:
 def remesh_surface(
     points: Floats, facets: Ints, sizes: SizeGrid, distance: float, passes: int
 ) -> RemeshedSurface: ...
+
+class WrappedSurface:
+    @property
+    def points(self) -> Floats: ...
+    @property
+    def facets(self) -> Ints: ...
+    is_too_fine: bool
+
+def wrap_surface(
+    points: Floats, facets: Ints, spacing: float, most_cubes: int
+) -> WrappedSurface: ...
 
 class SurfaceMesh:
     @property

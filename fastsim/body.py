@@ -4,7 +4,8 @@ f_a = sum over cells of V P grad N_a (eq. 1), P from S = lmbda tr(E) I + 2 mu E 
 engineering strain (eq. 3-4) gives R(a) = K a (eq. 5), Green strain (eq. 6-7) gives
 R(a) = (K + P(a)) a (eq. 8), the Saint-Venant-Kirchhoff solid, or the material's other law:
 core/mechanics/hyperelastic.hpp. The smoothed element averages the
-cells' strains before it takes their stress: core/mechanics/smoothed_tet4.hpp.
+cells' strains before it takes their stress: core/mechanics/smoothed_tet4.hpp, and by other laws
+smoothed_law.hpp, where it is said what of their energy goes over edges and what over nodes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,6 @@ from palpate.meshes.problem import (
     Material,
     Problem,
     Strain,
-    require_linear_in_strain,
 )
 from palpate.meshes.tet_mesh import TetMesh
 
@@ -46,6 +46,8 @@ _LAW = {
     # Mooney and Rivlin's without its second term.
     Law.NEO_HOOKEAN_ISOCHORIC: _core.Law.mooney_rivlin,
     Law.MOONEY_RIVLIN: _core.Law.mooney_rivlin,
+    Law.OGDEN: _core.Law.ogden,
+    Law.COROTATIONAL: _core.Law.corotational,
 }
 
 # Of dividing the mass among the patches of the smoothed element; more gain a hundredth.
@@ -89,8 +91,7 @@ class Body:
         density: Of each cell [kg/m3], shape (num_cells,).
 
     Raises:
-        InputError: Smoothed tetrahedra of another law than Saint-Venant-Kirchhoff's; and by every
-            method that is given a displacement: wrong shape, or a value that is
+        InputError: By every method that is given a displacement: wrong shape, or a value that is
             not finite.
 
     Note:
@@ -108,8 +109,6 @@ class Body:
         inclusions: Sequence[Inclusion] = (),
     ) -> None:
         self.mesh = mesh
-        if element is Element.SMOOTHED:
-            require_linear_in_strain(material, strain, "fastsim's smoothed tetrahedra")
         self.strain = strain
         self.element = element
         self.law = material.law
@@ -125,6 +124,8 @@ class Body:
             _LAW[material.law],
             _ELEMENT[element],
         )
+        if material.ogden_terms:
+            self.core.set_ogden_terms(np.array(material.ogden_terms))
 
     @classmethod
     def of(

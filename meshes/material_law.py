@@ -32,6 +32,18 @@ class Law(StrEnum):
     MOONEY_RIVLIN: W = c10 (J^(-2/3) I - 3) + c01 (J^(-4/3) II - 3) + kappa/2 (J - 1)^2, with
         mu = 2 (c10 + c01). The same volumetric part. With c10 or c01 below 0, which some fits
         have, it is positive definite at rest but not at all stretches: stay where it was fitted.
+    OGDEN: W = sum over p of mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3)
+        + kappa/2 (J - 1)^2, with l_i the principal stretches times J^(-1/3), one to three terms and
+        mu = sum of mu_p alpha_p / 2 (R. W. Ogden, Proc. R. Soc. London A 328, 1972; Abaqus' mu_p is
+        this mu_p alpha_p / 2). The same volumetric part; terms with mu_p alpha_p < 0 are stable
+        only near where they were fitted. The reference does not know it yet.
+    COROTATIONAL: W = mu |F - R|^2 + lmbda/2 (tr(R^T F) - 3)^2, F = R U, which is
+        mu (U - I) : (U - I) + lmbda/2 tr(U - I)^2 (A. McAdams and others, Efficient Elasticity for
+        Character Skinning, ACM Trans. Graph. 30(4), 2011, section 3; with the turn's derivative,
+        which some codes leave out). Finite at J = 0, and R is that of U = root of C, which turns
+        cells inside out for nothing: for large turns, stretches near 1. Under strong compression it
+        loses its stability: dP/dF has a negative eigenvalue where l_i + l_j is below
+        2 - lmbda/mu (l1 + l2 + l3 - 3) for two of the stretches.
 
     >>> import palpate
     >>> palpate.Law("neo-hookean")
@@ -43,6 +55,13 @@ class Law(StrEnum):
     NEO_HOOKEAN = "neo-hookean"
     NEO_HOOKEAN_ISOCHORIC = "neo-hookean-isochoric"
     MOONEY_RIVLIN = "mooney-rivlin"
+    OGDEN = "ogden"
+    COROTATIONAL = "corotational"
+
+    @property
+    def is_of_stretches(self) -> bool:
+        """Whether it is written in principal stretches."""
+        return self in (Law.OGDEN, Law.COROTATIONAL)
 
     @property
     def is_linear_in_strain(self) -> bool:

@@ -14,17 +14,18 @@ from palpate.meshes.problem import (
     Material,
     Problem,
     Strain,
-    require_linear_in_strain,
 )
 from palpate.reference import fenicsx, hyperelastic
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.follower_load import FollowerLoad
+from palpate.reference.invariant_laws import LawOfInvariants
 from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
 from palpate.reference.materials import by_cell, lame_by_cell
 from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
 from palpate.reference.result import Formulation
+from palpate.reference.smoothed_law import SmoothedLaw
 from palpate.reference.smoothed_stress import SmoothedStress
 from palpate.reference.st_venant_kirchhoff import (
     second_piola_kirchhoff_stress,
@@ -52,11 +53,12 @@ class ElasticBody:
         virtual_work: Integral of F S : grad v, F = I under linear strain.
 
     Raises:
-        InputError: Smoothed tetrahedra of another degree, on several ranks, or of another law than
-            Saint-Venant-Kirchhoff's.
+        InputError: Smoothed tetrahedra of another degree, on several ranks, or of a law that is
+            written in stretches; Ogden's law.
     """
 
-    _smoothed: SmoothedStress | None = None
+    _smoothed: SmoothedStress | SmoothedLaw | None = None
+    _law_of_invariants: LawOfInvariants | None = None
     # Of nodes on slanted planes, whose degrees of freedom are along axes of their own: all flat
     # vectors of this class are, in and out.
     frames: NodeFrames | None = None
@@ -78,12 +80,17 @@ class ElasticBody:
         self.u = fem.Function(space.space)
         self.v = ufl.TestFunction(space.space)
         self.law = material.law
+        is_linear_in_strain = strain is Strain.LINEAR or material.law.is_linear_in_strain
+        c01 = by_cell(space.transferred, material, inclusions, lambda m: m.c01)
         if element is Element.SMOOTHED:
-            require_linear_in_strain(material, strain, "the reference's smoothed tetrahedra")
-            self._smoothed = SmoothedStress(space, self.u, strain, self.lame)
+            self._smoothed = (
+                SmoothedStress(space, self.u, strain, self.lame)
+                if is_linear_in_strain
+                else SmoothedLaw(space, self.u, material, (lmbda, mu, c01))
+            )
             self.stress = self._smoothed.stress
             self.virtual_work = self._smoothed.virtual_work(self.v)
-        elif strain is Strain.LINEAR or material.law.is_linear_in_strain:
+        elif is_linear_in_strain:
             # S is of degree 2 (p - 1) or p - 1, F and grad v are of degree p - 1: exact.
             degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
             dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
@@ -95,15 +102,28 @@ class ElasticBody:
         else:
             order = hyperelastic.quadrature_degree(space.degree)
             dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-            c01 = by_cell(space.transferred, material, inclusions, lambda m: m.c01)
-            F, constants = deformation_gradient(self.u), (material.law, lmbda, mu, c01)
-            P = hyperelastic.first_piola_kirchhoff_stress(F, *constants)
+            F = deformation_gradient(self.u)
+            if material.law.is_of_stretches:
+                density = hyperelastic.density_of_invariants(material.law, lmbda, mu)
+                self._law_of_invariants = LawOfInvariants(F, density)
+                P, W = self._law_of_invariants.stress, self._law_of_invariants.energy_density
+            else:
+                constants = (material.law, lmbda, mu, c01)
+                P = hyperelastic.first_piola_kirchhoff_stress(F, *constants)
+                W = hyperelastic.energy_density(F, *constants)
             self.stress = ufl.inv(F) * P
-            self.energy = hyperelastic.energy_density(F, *constants) * dx
+            self.energy = W * dx
+            self._dx = dx
             self.virtual_work = ufl.inner(P, ufl.grad(self.v)) * dx
         self.num_dofs = 3 * space.num_blocks  # that this rank owns
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
+
+    def work_change(self, trial: Any) -> Any:
+        """Derivative of the virtual work by the unknown along a trial function."""
+        if self._law_of_invariants is not None:
+            return self._law_of_invariants.work_change(self.u, self.v, trial) * self._dx
+        return ufl.derivative(self.virtual_work, self._unknown, trial)
 
     @property
     def unknown(self) -> Any:
@@ -126,6 +146,10 @@ class ElasticBody:
         """Displacements of a flat vector at the TetMesh's points, shape (num_points, 3)."""
         return self.space.at_points(self.of_displacement(values))
 
+    def from_nodal(self, forces: Floats) -> Floats:
+        """A flat vector of forces along x, y, z at the nodes of `space`."""
+        return self.to_local(forces)
+
     def set_displacement(self, displacement: Floats) -> None:
         """Make `u` the given flat vector, and the stress that of `u`."""
         self._unknown.x.array[: self.num_dofs] = self.to_global(displacement)
@@ -137,6 +161,19 @@ class ElasticBody:
         """Nodal internal forces [N], flat, shape (num_dofs,)."""
         self.set_displacement(displacement)
         return self.to_local(fenicsx.assemble_vector(self._force))
+
+    def with_smoothing(self, matrix: Any) -> Any:
+        """The derivative of `virtual_work` where `u` is, along x, y, z, with what smoothing adds.
+
+        Args:
+            matrix: That derivative with the stress held; the same object where nothing is smoothed.
+        """
+        if self._smoothed is None:
+            return matrix
+        # Between the points of a patch, of which those of a cell are a part.
+        whole = self._smoothed.stiffness()
+        whole.axpy(1.0, matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        return whole
 
     def strain_energy(self, displacement: Floats) -> float:
         """Stored energy [J]."""
@@ -175,13 +212,14 @@ class DiscreteProblem(ElasticBody):
         loads = apply_loads(space, problem.loads, self.u, self.v, strain)
         self.dead_force = self.to_local(loads.dead)
         self.contacts = create_contacts(problem, space, self.held.dofs)
-        self._linearise(self.virtual_work, loads.followers, ufl.TrialFunction(space.space))
+        trial = ufl.TrialFunction(space.space)
+        self._linearise(self.work_change(trial), loads.followers, trial)
 
-    def _linearise(self, virtual_work: Any, follower_works: Sequence[Any], trial: Any) -> None:
+    def _linearise(self, work_change: Any, follower_works: Sequence[Any], trial: Any) -> None:
         mesh = self.space.transferred.mesh
         self.has_followers = bool(follower_works)
         self._followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in follower_works]
-        self._tangent = fenicsx.form(ufl.derivative(virtual_work, self._unknown, trial))
+        self._tangent = fenicsx.form(work_change)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
@@ -229,9 +267,4 @@ class DiscreteProblem(ElasticBody):
             follower.add_tangent(self._matrix, load_factor)
         for contact in self.contacts:
             contact.add_tangent(self._matrix, displacement)
-        if self._smoothed is None:
-            return self._matrix
-        # Between the points of a patch, of which those of a cell are a part.
-        whole = self._smoothed.stiffness()
-        whole.axpy(1.0, self._matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        return whole
+        return self.with_smoothing(self._matrix)

@@ -9,11 +9,14 @@ Note:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.reference.fenicsx import ufl
 from palpate.reference.kinematics import right_cauchy_green
+from palpate.reference.stretch_powers import root_invariants
 
 
 def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
@@ -26,8 +29,24 @@ def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
         mu: Shear modulus at rest [Pa].
         c01: Of Mooney and Rivlin's law [Pa]; read by no other.
     """
-    C = right_cauchy_green(F)
-    J, first = ufl.det(F), ufl.tr(C)
+    return _density(right_cauchy_green(F), ufl.det(F), law, lmbda, mu, c01)
+
+
+def shape_energy_density(E: Any, law: Law, mu: Any, c01: Any) -> Any:
+    """W of a Green strain [J/m3] with lmbda = 0, J the root of det C.
+
+    Args:
+        E: Symmetric, of any definite C = I + 2 E; need not be the strain of a displacement.
+        law: See `energy_density`.
+        mu: See there.
+        c01: See there.
+    """
+    C = ufl.Identity(3) + 2 * E
+    return _density(C, ufl.sqrt(ufl.det(C)), law, 0, mu, c01)
+
+
+def _density(C: Any, J: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
+    first = ufl.tr(C)
     match law:
         case Law.NEO_HOOKEAN_STABLE:
             # mu/2 (I - 3) + L/2 (J - 1 - mu/L)^2 - mu^2 / (2 L), L = lmbda + mu.
@@ -58,6 +77,26 @@ def volume_change(F: Any, law: Law) -> Any:
     """g(J) of the law's lmbda/2 g(J)^2, all that lmbda has a part in: J - 1, or ln J."""
     J = ufl.det(F)
     return ufl.ln(J) if law is Law.NEO_HOOKEAN else J - 1
+
+
+def density_of_invariants(law: Law, lmbda: Any, mu: Any) -> Callable[[Any, Any, Any], Any]:
+    """W of I, II and J by a law that is written in principal stretches [J/m3].
+
+    Raises:
+        InputError: Ogden's law, whose forms compile for minutes.
+    """
+    if law is not Law.COROTATIONAL:
+        raise InputError(
+            f"law = {law}: the reference does not know it yet, so that there is no truth by it; "
+            "fastsim solves with it, and `palpate law` checks it"
+        )
+
+    def density(first: Any, second: Any, J: Any) -> Any:
+        one, two = J ** (-2 / 3) * first, J ** (-4 / 3) * second
+        stretches = J ** (1 / 3) * root_invariants(one, two)[0]
+        return mu * (first - 2 * stretches + 3) + lmbda / 2 * (stretches - 3) ** 2
+
+    return density
 
 
 def quadrature_degree(degree: int) -> int:

@@ -49,8 +49,8 @@ class MixedProblem(DiscreteProblem):
         element: LINEAR, which is any that is not smoothed.
 
     Raises:
-        InputError: Degree 1, smoothed tetrahedra, a tool, Poisson's ratio not above 0, or more than
-            one rank.
+        InputError: Degree 1, smoothed tetrahedra, a tool, a law that is written in stretches,
+            Poisson's ratio not above 0, or more than one rank.
     """
 
     formulation = Formulation.MIXED
@@ -72,6 +72,11 @@ class MixedProblem(DiscreteProblem):
         if fenicsx.COMM.size > 1:
             raise InputError("the mixed form runs on one rank; leave mpirun out")
         require_no_tools(problem, "the mixed form")
+        if strain is Strain.GREEN and problem.material.law.is_of_stretches:
+            raise InputError(
+                f"law = {problem.material.law}: the mixed form does not know it yet; use the plain "
+                "form"
+            )
         materials = (problem.material, *(i.material for i in problem.inclusions))
         if not all(m.poissons_ratio > 0.0 for m in materials):
             raise InputError("the mixed form needs Poisson's ratios above 0; use the plain form")
@@ -124,17 +129,23 @@ class MixedProblem(DiscreteProblem):
         followers = [x for x in problem.loads if isinstance(x, Pressure) and strain is Strain.GREEN]
         dead = [x for x in problem.loads if x not in followers]
         plain = apply_loads(self.space, dead, None, ufl.TestFunction(displacements), strain)
-        self.dead_force = np.zeros(self.num_dofs)
-        self.dead_force[self._dofs] = plain.dead
-        self.dead_force = self.to_local(self.dead_force)
+        self.dead_force = self.from_nodal(plain.dead)
         works = apply_loads(self.space, followers, self.u, v, strain).followers
         self.contacts = ()
-        self._linearise(virtual_work, works, ufl.TrialFunction(self._mixed))
+        trial = ufl.TrialFunction(self._mixed)
+        change = ufl.derivative(virtual_work, self._unknown, trial)
+        self._linearise(change, works, trial)
 
     def of_displacement(self, values: Floats) -> Floats:
         """The part of a flat vector that belongs to displacements, in the order of `space`."""
         part: Floats = self.to_global(values)[self._dofs]
         return part
+
+    def from_nodal(self, forces: Floats) -> Floats:
+        """See `DiscreteProblem`; nothing acts on pressures."""
+        both = np.zeros(self.num_dofs)
+        both[self._dofs] = forces
+        return self.to_local(both)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
         """See `DiscreteProblem`; both the displacement and the pressure."""

@@ -113,7 +113,7 @@ class Smoothing:
         )
         rows, columns, values = (np.concatenate(x) for x in zip(of_edges, of_nodes, strict=True))
         shape = (_SIZE * num_edges + num_nodes, _SIZE * len(volumes))
-        self._averages = _sparse_matrix(rows, columns, values, shape)
+        self._averages = sparse_matrix(rows, columns, values, shape)
 
         shear, bulk = np.empty(num_edges), np.empty(num_nodes)
         shear[edges.of_cell] = 2.0 * mu[:, None]
@@ -124,12 +124,12 @@ class Smoothing:
 
     def energy(self, strains: Floats) -> float:
         """W of the cells' integrals of strain [m3], flat [J]."""
-        means = _times(self._averages, strains)
+        means = times(self._averages, strains)
         return 0.5 * float(means @ (self._moduli * means))
 
     def stress(self, strains: Floats) -> Floats:
         """Second Piola-Kirchhoff stress S of each cell [Pa], flat, of the integrals of strain."""
-        forces = self._moduli * _times(self._averages, strains)
+        forces = self._moduli * times(self._averages, strains)
         x, y = self._averages.createVecs()
         y.array[:] = forces
         self._averages.multTranspose(y, x)
@@ -145,14 +145,16 @@ class Smoothing:
         return means.transposeMatMult(forces)
 
 
-def _times(matrix: Any, values: Floats) -> Floats:
+def times(matrix: Any, values: Floats) -> Floats:
+    """A PETSc matrix times a flat vector."""
     x, y = matrix.createVecs()
     x.array[:] = values
     matrix.mult(x, y)
     return np.array(y.array)
 
 
-def _sparse_matrix(rows: Indices, columns: Indices, values: Floats, shape: tuple[int, int]) -> Any:
+def sparse_matrix(rows: Indices, columns: Indices, values: Floats, shape: tuple[int, int]) -> Any:
+    """The PETSc matrix of these entries, each named once."""
     order = np.lexsort((columns, rows))
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
     csr = (starts.astype(PETSc.IntType), columns[order].astype(PETSc.IntType), values[order])

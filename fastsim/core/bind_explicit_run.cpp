@@ -106,7 +106,7 @@ void bind_explicit_run(nb::module_ &module) {
             nb::arg("body"), nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(),
             nb::kw_only(), nb::arg("time_step"), nb::arg("mass_damping"),
             nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"),
-            nb::arg("is_single"), nb::arg("tracks_energy"))
+            nb::arg("is_single"), nb::arg("tracks_energy"), nb::keep_alive<0, 1>())
         .def(
             "set_state",
             [](Run &run, Vectors displacement, Vectors increment, double energy) {

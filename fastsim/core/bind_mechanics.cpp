@@ -35,7 +35,9 @@ void bind_mechanics(nb::module_ &module) {
         .value("saint_venant_kirchhoff", Law::saint_venant_kirchhoff)
         .value("neo_hookean_stable", Law::neo_hookean_stable)
         .value("neo_hookean", Law::neo_hookean)
-        .value("mooney_rivlin", Law::mooney_rivlin);
+        .value("mooney_rivlin", Law::mooney_rivlin)
+        .value("ogden", Law::ogden)
+        .value("corotational", Law::corotational);
     nb::enum_<SolveStatus>(module, "SolveStatus")
         .value("converged", SolveStatus::converged)
         .value("negative_curvature", SolveStatus::negative_curvature)
@@ -61,6 +63,13 @@ void bind_mechanics(nb::module_ &module) {
             nb::arg("points").noconvert(), nb::arg("cells").noconvert(),
             nb::arg("materials").noconvert(), nb::arg("material_of").noconvert(), nb::arg("strain"),
             nb::arg("law"), nb::arg("element"))
+        .def(
+            "set_ogden_terms",
+            [](ElasticBody &body, GivenTable<double, 2> terms) {
+                const auto rows = as_rows<OgdenTerm>(terms);
+                body.elastic.ogden_terms.assign(rows.begin(), rows.end());
+            },
+            nb::arg("terms").noconvert())
         .def("shape_gradients",
              [](const ElasticBody &body) { return as_table(body.elastic.rest.gradients); })
         .def(

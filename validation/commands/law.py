@@ -29,6 +29,13 @@ def law(
     c01: Annotated[
         float | None, typer.Option(help="of mooney-rivlin [Pa]; default: a fifth of mu")
     ] = None,
+    ogden: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="of ogden, once a term: its part of mu, its exponent; default: 0.7,1.3 "
+            "0.2,5 0.1,-2"
+        ),
+    ] = None,
     who: Annotated[
         str, typer.Option("--with", help="whose law: fastsim, or reference (needs FEniCSx)")
     ] = "fastsim",
@@ -62,7 +69,10 @@ def law(
     part = c01
     if part is None and name is Law.MOONEY_RIVLIN:
         part = 0.1 * youngs_modulus / (1.0 + poissons_ratio)
-    material = Material(youngs_modulus, poissons_ratio, law=name, c01=part or 0.0)
+    terms = _ogden_terms(name, ogden)
+    material = Material(
+        youngs_modulus, poissons_ratio, law=name, c01=part or 0.0, ogden_terms=terms
+    )
     if simulator is not None:
         program = OutsideSimulator(simulator, time_limit)
         found = outside.check_simulator(program, material, limit, progress_lines())
@@ -81,6 +91,17 @@ def law(
         write_text_atomically(json, text + "\n")
     if not all(caught.values()):
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _ogden_terms(name: Law, given: list[str] | None) -> tuple[tuple[float, float], ...]:
+    """By what was given on the command line; parts like those of Ogden's rubber, 1972."""
+    if given is None:
+        return ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0)) if name is Law.OGDEN else ()
+    try:
+        terms = [tuple(float(number) for number in of.split(",")) for of in given]
+        return tuple((share, alpha) for share, alpha in terms)
+    except ValueError:
+        raise InputError(f"--ogden {' '.join(given)}: each is two numbers, like 0.7,1.3") from None
 
 
 def _end(material: Material, who: str, found: list[Finding], json: Path | None) -> None:

@@ -17,7 +17,7 @@ from palpate.validation.constitutive.deformations import deformations, rotations
 from palpate.validation.constitutive.laws_of import LawOf
 from palpate.validation.constitutive.naming import name_of_stress
 from palpate.validation.diagnosis.law_slips import lame_of
-from palpate.validation.mechanics.finite_laws import finite_stress
+from palpate.validation.mechanics.finite_laws import OgdenTerms, finite_stress
 from palpate.validation.mechanics.laws import Array
 
 # Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
@@ -76,10 +76,10 @@ def check_law(law: LawOf, material: Material) -> list[Finding]:
     return found
 
 
-def moduli_of(material: Material, count: int) -> tuple[Array, Array, Array]:
-    """Lamé's parameters and c01 [Pa] of so many cells, (count,) each."""
+def moduli_of(material: Material, count: int) -> tuple[Array, Array, Array, OgdenTerms]:
+    """Lamé's parameters and c01 [Pa] of so many cells, (count,) each, and Ogden's terms."""
     lmbda, mu = (np.full(count, of) for of in lame_of(material))
-    return lmbda, mu, np.full(count, material.c01)
+    return lmbda, mu, np.full(count, material.c01), material.ogden_terms
 
 
 def stated_stress(material: Material, F: Array) -> Array:

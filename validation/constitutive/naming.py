@@ -36,11 +36,13 @@ def name_of_stress(
     candidates = {
         f"the stress is that of {law}": finite_stress(law, H, lmbda, mu, c01)
         for law in Law
-        if law is not material.law
+        # Ogden's has constants of its own.
+        if law not in (material.law, Law.OGDEN)
     }
     candidates["the stress is that of linear elasticity"] = linear(H, lmbda, mu)
-    right = finite_stress(material.law, H, lmbda, mu, c01)
-    transposed = finite_stress(material.law, H.transpose(0, 2, 1), lmbda, mu, c01)
+    terms = material.ogden_terms
+    right = finite_stress(material.law, H, lmbda, mu, c01, terms)
+    transposed = finite_stress(material.law, H.transpose(0, 2, 1), lmbda, mu, c01, terms)
     candidates["the stress is that of the transposed gradient"] = transposed
     for words, found in candidates.items():
         if _misses(P, weights * found) < _FITS:
@@ -48,8 +50,8 @@ def name_of_stress(
     # Linear in the moduli, all of them: parts of lmbda and of mu by least squares.
     parts = np.stack(
         [
-            (weights * finite_stress(material.law, H, lmbda, none, none)).ravel(),
-            (weights * finite_stress(material.law, H, none, mu, c01)).ravel(),
+            (weights * finite_stress(material.law, H, lmbda, none, none, terms)).ravel(),
+            (weights * finite_stress(material.law, H, none, mu, c01, terms)).ravel(),
         ],
         axis=1,
     )

@@ -50,8 +50,8 @@ def seeded_mistakes(law: LawOf, material: Material) -> list[Seeded]:
         return traces[:, None, None]
 
     def stiffer(F: Array, P: Array) -> Array:
-        lmbda, mu, c01 = moduli_of(material, len(F))
-        return P + 0.01 * finite_stress(material.law, F - np.eye(3), 0.0 * lmbda, mu, c01)
+        lmbda, mu, c01, terms = moduli_of(material, len(F))
+        return P + 0.01 * finite_stress(material.law, F - np.eye(3), 0.0 * lmbda, mu, c01, terms)
 
     return [
         Seeded(law, "energy a thousandth too large", "P = dW/dF", of_energy=lambda _, W: 1.001 * W),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
-from palpate.meshes.problem import Element, Problem, Strain, require_linear_in_strain
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_loads import (
     cell_materials,
@@ -76,7 +76,7 @@ def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) 
 class Body:
     """Energy, internal force, loads and supports of a problem.
 
-    Smoothed tetrahedra differ by their internal force alone, which other laws do not have.
+    Smoothed tetrahedra differ by their energy and internal force alone.
 
     Attributes:
         lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
@@ -99,12 +99,12 @@ class Body:
         E, nu = cell_materials(problem)[:, :2].T
         self.lmbda: Array = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
         self.mu: Array = E / (2.0 * (1.0 + nu))
-        self.law = problem.material.law
+        self.law, self._terms = problem.material.law, problem.material.ogden_terms
         self.c01: Array = cell_values(problem, lambda material: material.c01)
-        is_smoothed = element is Element.SMOOTHED
-        if is_smoothed:
-            require_linear_in_strain(problem.material, strain, "the judge's smoothed tetrahedra")
-        self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu) if is_smoothed else None
+        self._smoothing: Smoothing | None = None
+        if element is Element.SMOOTHED:
+            c01 = None if self.is_linear_in_strain else self.c01
+            self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu, c01)
         fixed, self.prescribed = held_components(problem)
         self.held: Mask = fixed.astype(bool)
         self.slopes = held_slopes(problem)
@@ -140,7 +140,10 @@ class Body:
         """Integral of psi = lmbda/2 tr(E)^2 + mu tr(E^2), or of the law's W, over the rest [J]."""
         if not self.is_linear_in_strain:
             H = self.gradient(displacement)
-            return float(self.volumes @ energy_density(self.law, H, self.lmbda, self.mu, self.c01))
+            if self._smoothing is not None:
+                return self._smoothing.law_energy(self.law, H, self._terms)
+            moduli = (self.lmbda, self.mu, self.c01, self._terms)
+            return float(self.volumes @ energy_density(self.law, H, *moduli))
         E = strain_of(self.gradient(displacement), self.strain)
         return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
 
@@ -173,15 +176,21 @@ class Body:
         """
         H = self.gradient(displacement)
         measure = self.strain if law is None else MEASURES.get(law)
-        if self._smoothing is not None and measure is not None:
+        by_own_law = law is None and not self.is_linear_in_strain
+        if self._smoothing is not None and measure is not None and not by_own_law:
             smoothing = self._smoothing if lame is None else Smoothing(self.mesh, *lame)
             stress = smoothing.stress(strain_of(H, measure))
             return self.force_of(push_forward(H, stress, measure))
         lmbda, mu = lame or (self.lmbda, self.mu)
         try:
-            if law is None and not self.is_linear_in_strain:
+            if by_own_law:
                 c01 = self.c01 * (mu / self.mu)
-                stress = finite_stress(self.law, H, lmbda, mu, c01)
+                if self._smoothing is None:
+                    stress = finite_stress(self.law, H, lmbda, mu, c01, self._terms)
+                else:
+                    stress = Smoothing(self.mesh, lmbda, mu, c01).law_stress(
+                        self.law, H, self._terms
+                    )
             else:
                 stress = (law or law_of(self.strain))(H, lmbda, mu)
         except np.linalg.LinAlgError:
@@ -209,9 +218,15 @@ class Body:
             sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
         return sigma, P
 
+    def first_stress(self, H: Array) -> Array:
+        """P by a law that is not linear in strain, as the element takes it; H may be complex."""
+        if self._smoothing is not None:
+            return self._smoothing.law_stress(self.law, H, self._terms)
+        return finite_stress(self.law, H, self.lmbda, self.mu, self.c01, self._terms)
+
     def _finite_stresses(self, H: Array) -> tuple[Array, Array]:
         try:
-            P = finite_stress(self.law, H, self.lmbda, self.mu, self.c01)
+            P = self.first_stress(H)
         except np.linalg.LinAlgError:
             P = np.full_like(H, np.nan)
         F = np.eye(3) + H

@@ -8,6 +8,7 @@ Review 40, 1998).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,12 +25,17 @@ from palpate.validation.mechanics.laws import (
     transposed,
 )
 from palpate.validation.mechanics.laws import Law as LawOfCells
+from palpate.validation.mechanics.matrix_powers import power, root
+
+OgdenTerms = Sequence[tuple[float, float]]
 
 _STEP = 1e-100
 _ONE = np.eye(3)
 
 
-def energy_density(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> Array:
+def energy_density(
+    law: Law, H: Array, lmbda: Array, mu: Array, c01: Array, terms: OgdenTerms = ()
+) -> Array:
     """W of displacement gradients [J/m3], (num_cells,); NaN where the law has none.
 
     Args:
@@ -38,6 +44,7 @@ def energy_density(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> A
         lmbda: Lamé's first parameter at rest [Pa], (num_cells,).
         mu: The second.
         c01: Of Mooney and Rivlin's law [Pa]; read by no other.
+        terms: Of Ogden's law (see `Material`); read by no other.
     """
     if law is Law.SAINT_VENANT_KIRCHHOFF:
         E = strain_of(H, Strain.GREEN)
@@ -54,6 +61,9 @@ def energy_density(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> A
                 found = mu / 2 * (first - 3) + own / 2 * ((J - alpha) ** 2 - (1 - alpha) ** 2)
             case Law.NEO_HOOKEAN:
                 found = mu / 2 * (first - 3) - mu * np.log(J) + lmbda / 2 * np.log(J) ** 2
+            case Law.COROTATIONAL | Law.OGDEN:
+                stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(C), 0.0))
+                return _energy_of_stretches(law, stretches, lmbda, mu, terms)
             case _:
                 c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
                 second = (first**2 - np.einsum("cij,cij->c", C, C)) / 2
@@ -64,7 +74,25 @@ def energy_density(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> A
     return density
 
 
-def finite_stress(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> Array:
+def _energy_of_stretches(
+    law: Law, stretches: Array, lmbda: Array, mu: Array, terms: OgdenTerms
+) -> Array:
+    found: Array
+    if law is Law.COROTATIONAL:
+        less = stretches - 1.0
+        found = mu * (less**2).sum(axis=1) + lmbda / 2 * less.sum(axis=1) ** 2
+        return found
+    J = stretches.prod(axis=1)
+    found = (lmbda + 2 * mu / 3) / 2 * (J - 1) ** 2
+    for share, alpha in terms:
+        isochoric = stretches * J[:, None] ** (-1 / 3)
+        found = found + 2 * mu * share / alpha**2 * ((isochoric**alpha).sum(axis=1) - 3)
+    return found
+
+
+def finite_stress(
+    law: Law, H: Array, lmbda: Array, mu: Array, c01: Array, terms: OgdenTerms = ()
+) -> Array:
     """P = dW/dF of displacement gradients [Pa], (num_cells, 3, 3); for arguments see above.
 
     Raises:
@@ -75,6 +103,11 @@ def finite_stress(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> Ar
         E = 0.5 * (H + transposed(H) + transposed(H) @ H)
         trace = _by_cell(np.trace(E, axis1=1, axis2=2))
         return np.asarray(F @ (_by_cell(lmbda) * trace * _ONE + 2.0 * _by_cell(mu) * E))
+    if law is Law.COROTATIONAL:
+        U = root(transposed(F) @ F)
+        R = F @ np.linalg.inv(U)
+        stretch = _by_cell(np.trace(U, axis1=1, axis2=2) - 3.0)
+        return np.asarray(2.0 * _by_cell(mu) * (F - R) + _by_cell(lmbda) * stretch * R)
     J = _by_cell(np.linalg.det(F))
     # J F^-T = cof F = dJ/dF.
     cofactor = J * transposed(np.linalg.inv(F))
@@ -85,21 +118,46 @@ def finite_stress(law: Law, H: Array, lmbda: Array, mu: Array, c01: Array) -> Ar
                 return np.asarray(mu * F + ((lmbda + mu) * (J - 1.0) - mu) * cofactor)
             case Law.NEO_HOOKEAN:
                 return np.asarray(mu * F + (lmbda * np.log(J) - mu) / J * cofactor)
-        c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
         C = transposed(F) @ F
+        if law is Law.OGDEN:
+            return np.asarray(cofactor @ _kirchhoff_of_ogden(C, J, lmbda, mu, terms) / J)
+        c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
         first = _by_cell(np.trace(C, axis1=1, axis2=2))
         second = (first**2 - _by_cell(np.einsum("cij,cji->c", C, C))) / 2
-        root = J ** (-1 / 3)
-        of_first = 2.0 * root**2 * (F - first / (3.0 * J) * cofactor)
-        of_second = 2.0 * root**4 * (first * F - F @ C - 2.0 * second / (3.0 * J) * cofactor)
+        shrunk = J ** (-1 / 3)
+        of_first = 2.0 * shrunk**2 * (F - first / (3.0 * J) * cofactor)
+        of_second = 2.0 * shrunk**4 * (first * F - F @ C - 2.0 * second / (3.0 * J) * cofactor)
     pressure = (lmbda + 2.0 * mu / 3.0) * (J - 1.0)
     return np.asarray((mu / 2.0 - c01) * of_first + c01 * of_second + pressure * cofactor)
 
 
-def stress_change(law: Law, H: Array, dH: Array, lmbda: Array, mu: Array, c01: Array) -> Array:
+def _kirchhoff_of_ogden(C: Any, J: Any, lmbda: Any, mu: Any, terms: OgdenTerms) -> Array:
+    """F^T P = sum of mu_p dev (C / J^(2/3))^(alpha_p / 2) + kappa J (J - 1) I."""
+    found = (lmbda + 2.0 * mu / 3.0) * J * (J - 1.0) * _ONE
+    for share, alpha in terms:
+        X = power(C * J ** (-2 / 3), 0.5 * alpha)
+        X = X - _by_cell(np.trace(X, axis1=1, axis2=2)) / 3.0 * _ONE
+        found = found + 2.0 * mu * share / alpha * X
+    return np.asarray(found)
+
+
+def stress_change(
+    law: Law,
+    H: Array,
+    dH: Array,
+    lmbda: Array,
+    mu: Array,
+    c01: Array,
+    terms: OgdenTerms = (),
+) -> Array:
     """Derivative of P along dH [Pa], (num_cells, 3, 3), exact to rounding."""
+    return along(lambda at: finite_stress(law, at, lmbda, mu, c01, terms), H, dH)
+
+
+def along(stress: Callable[[Array], Array], H: Array, dH: Array) -> Array:
+    """Derivative of a stress that takes complex H along dH, both (num_cells, 3, 3)."""
     stepped: Any = H + 1j * _STEP * dH
-    change: Array = np.imag(finite_stress(law, stepped, lmbda, mu, c01)) / _STEP
+    change: Array = np.imag(stress(stepped)) / _STEP
     return change
 
 
@@ -109,12 +167,32 @@ def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
     if strain is Strain.LINEAR or asked.is_linear_in_strain:
         return others
     # Slips in Saint-Venant-Kirchhoff's own formula are none of another law's.
-    kept = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1", "corotated linear law")
+    kept = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
     found = {name: others[name] for name in kept}
     for law in Law:
-        if law not in (asked, Law.MOONEY_RIVLIN):
+        if law not in (asked, Law.MOONEY_RIVLIN, Law.OGDEN):
             found[f"{law} law"] = partial(_without_c01, law)
+    found[WITH_LOGARITHM] = _stable_with_logarithm
     return found
+
+
+# Smith, De Goes and Kim's last form, which Newton's semi-implicit solver has.
+WITH_LOGARITHM = "neo-hookean-stable law, with its logarithm"
+
+
+def _stable_with_logarithm(H: Array, lmbda: Array, mu: Array) -> Array:
+    """P of m/2 (I - 3) + l/2 (J - a)^2 - m/2 ln(I + 1), a = 1 + 3/4 m/l, m = 4/3 mu.
+
+    l = lmbda + 5/6 mu (B. Smith, F. De Goes, T. Kim 2018, section 3.4: the same moduli at rest).
+    """
+    F = _ONE + H
+    J = _by_cell(np.linalg.det(F))
+    own_mu, own_lmbda = _by_cell(4.0 / 3.0 * mu), _by_cell(lmbda + 5.0 / 6.0 * mu)
+    first = _by_cell(np.trace(transposed(F) @ F, axis1=1, axis2=2))
+    shape = own_mu * (1.0 - 1.0 / (first + 1.0)) * F
+    return np.asarray(
+        shape + (own_lmbda * (J - 1.0) - 0.75 * own_mu) * J * transposed(np.linalg.inv(F))
+    )
 
 
 def _without_c01(law: Law, H: Array, lmbda: Array, mu: Array) -> Array:

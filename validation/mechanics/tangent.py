@@ -7,7 +7,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
 from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.finite_laws import stress_change
+from palpate.validation.mechanics.finite_laws import along
 from palpate.validation.mechanics.laws import strain_of, transposed
 
 
@@ -39,7 +39,7 @@ class Tangent:
         body = self.body
         dH = body.gradient(change)
         if not body.is_linear_in_strain:
-            stress = stress_change(body.law, self._H, dH, body.lmbda, body.mu, body.c01)
+            stress = along(body.first_stress, self._H, dH)
         elif body.strain is Strain.GREEN:
             dE = transposed(self._F) @ dH
             stress = self._F @ body.stress(0.5 * (dE + transposed(dE))) + dH @ self._S

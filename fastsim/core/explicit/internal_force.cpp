@@ -61,6 +61,37 @@ template <typename Real> class SmoothedForce final : public InternalForce<Real> 
     std::vector<SweepPlan<Real>> _plans; // by thread
 };
 
+/// Cell by cell in double precision on one thread, of laws that have no kernel.
+template <typename Real> class ScalarForce final : public InternalForce<Real> {
+  public:
+    ScalarForce(const ElasticBody &body, const PointRecords &records)
+        : _body(body), _records(records), _u(3 * records.size()), _f(3 * records.size()),
+          _det_f(body.elastic.size()) {
+        this->portions = {{0, 1, 0, records.size(), 0, records.size()}};
+    }
+
+    Real add(std::size_t, const Real *displacement, Real *force) override {
+        _records.unpack(displacement, _u);
+        std::ranges::fill(_f, 0.0);
+        cell_det_f(_body.elastic, _u, _det_f);
+        double least = 1.0;
+        for (const double of : _det_f) // NaN counts as inverted: the comparison is false for it
+            least = of > least ? least : of;
+        // No law here has a stress where volume is lost.
+        if (least > 0.0)
+            _body.add_internal_force(_u, _f);
+        for (std::size_t i = 0; i < _records.size(); ++i)
+            for (std::size_t j = 0; j < 3; ++j)
+                force[4 * _records.record_of[i] + j] += static_cast<Real>(_f[3 * i + j]);
+        return static_cast<Real>(least);
+    }
+
+  private:
+    const ElasticBody &_body;
+    const PointRecords &_records;
+    std::vector<double> _u, _f, _det_f;
+};
+
 } // namespace
 
 template <typename Real>
@@ -68,6 +99,9 @@ std::unique_ptr<InternalForce<Real>>
 InternalForce<Real>::make(const ElasticBody &body, StrainMeasure strain,
                           const PointRecords &records, const KernelChoice<Real> &kernel,
                           std::size_t num_threads) {
+    const bool is_finite = strain == StrainMeasure::green && !body.elastic.is_linear_in_strain();
+    if (is_finite && (body.patches || is_of_stretches(body.elastic.law)))
+        return std::make_unique<ScalarForce<Real>>(body, records);
     if (body.patches)
         return std::make_unique<SmoothedForce<Real>>(body, strain, records, kernel, num_threads);
     return std::make_unique<PlainForce<Real>>(body.elastic, strain, records, kernel, num_threads);

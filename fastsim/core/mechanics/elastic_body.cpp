@@ -31,11 +31,7 @@ void ElasticBody::piola_stresses(std::span<const double> displacement,
             out[c] = cell_stress(elastic, c, displacement);
         return;
     }
-    for (std::size_t c = 0; c < elastic.size(); ++c)
-        out[c] = strain_tensor(elastic.gradient(c, displacement), elastic.strain);
-    smoothed_stresses(elastic, *patches, out, out);
-    for (std::size_t c = 0; c < elastic.size(); ++c)
-        out[c] = push_forward(elastic.gradient(c, displacement), out[c], elastic.strain);
+    smoothed_first_stresses(elastic, *patches, displacement, out);
 }
 
 void ElasticBody::assemble_tangent(std::span<const double> displacement) {

@@ -13,9 +13,26 @@
 //   mooney_rivlin           W = c10 (I_C J^(-2/3) - 3) + c01 (II_C J^(-4/3) - 3)
 //                               + kappa/2 (J - 1)^2,  c10 = mu/2 - c01, kappa = lmbda + 2/3 mu;
 //                           for c01 = 0 neo-Hookean with shape and volume apart              (L3)
+//   ogden                   W = sum over p of mu_p/a_p (sum over i of (l_i J^(-1/3))^a_p - 3)
+//                               + kappa/2 (J - 1)^2,  mu_p = 2 mu share_p / a_p, the shares' sum 1
+//                           (Ogden, Proc. R. Soc. A 328, 1972, with shape and volume apart)  (L5)
+//   corotational            W = mu |F - R|^2 + lmbda/2 (tr(R^T F) - 3)^2,  F = R U
+//                             = mu sum of (l_i - 1)^2 + lmbda/2 (l_1 + l_2 + l_3 - 3)^2
+//                           (McAdams et al., ACM Trans. Graph. 30, 2011, section 3)          (L6)
+// with l_i the principal stretches, the eigenvalues of U.
 
 namespace fastsim {
 
-enum class Law { saint_venant_kirchhoff, neo_hookean_stable, neo_hookean, mooney_rivlin };
+enum class Law {
+    saint_venant_kirchhoff,
+    neo_hookean_stable,
+    neo_hookean,
+    mooney_rivlin,
+    ogden,
+    corotational
+};
+
+/// Whether a law is written in principal stretches (mechanics/principal.hpp).
+constexpr bool is_of_stretches(Law law) { return law == Law::ogden || law == Law::corotational; }
 
 } // namespace fastsim

@@ -3,11 +3,16 @@
 //
 //   K_ab = sum over e of 2 mu V_e D_e,a^T D_e,b + sum over n of lmbda V_n t_n,a t_n,b^T
 //          + sum over c of V_c (g_a . S_c g_b) I
+//
+// By another law, with the moduli dS_0/dE of each edge, t_a = (dm/dF) g_a and the node's
+// lmbda (g'^2 + g g''), and p_c d2m/dF2 beside the last term.
 
+#include "mechanics/smoothed_law.hpp"
 #include "mechanics/smoothed_tet4.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace fastsim {
 
@@ -34,6 +39,36 @@ StrainRate strain_rate(const Matrix3 &f, const Vector3 &g) {
         d[5][k] = half_root * (f[3 * k] * g[1] + f[3 * k + 1] * g[0]);
     }
     return d;
+}
+
+StrainRate times(const Mandel6 &moduli, const StrainRate &rate) {
+    StrainRate found{};
+    for (std::size_t i = 0; i < 6; ++i)
+        for (std::size_t j = 0; j < 6; ++j)
+            for (std::size_t k = 0; k < 3; ++k)
+                found[i][k] += moduli[6 * i + j] * rate[j][k];
+    return found;
+}
+
+/// V p d2m/dF2 of a cell, block ab for changes e_k g_b^T.
+std::array<Matrix3, 16> volume_bends(const ElasticCells &body, std::size_t c,
+                                     std::span<const double> displacement, double pressure) {
+    const VolumeMeasure measure(body.law, body.gradient(c, displacement));
+    const auto g = all_gradients(body.rest.gradients[c]);
+    std::array<Matrix3, 16> blocks{};
+    for (std::size_t b = 0; b < 4; ++b)
+        for (std::size_t k = 0; k < 3; ++k) {
+            Matrix3 dh{};
+            for (std::size_t j = 0; j < 3; ++j)
+                dh[3 * k + j] = g[b][j];
+            const Matrix3 change = measure.rate_change(dh);
+            for (std::size_t a = 0; a < 4; ++a) {
+                const Vector3 force = times(change, g[a]);
+                for (std::size_t i = 0; i < 3; ++i)
+                    blocks[4 * a + b][3 * i + k] = body.rest.volumes[c] * pressure * force[i];
+            }
+        }
+    return blocks;
 }
 
 /// The points of a patch, numbered in the order in which they are met, each with a sum.
@@ -130,12 +165,19 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
                           std::span<const double> displacement, double weight,
                           BlockMatrix &matrix) {
     const bool is_green = body.strain == StrainMeasure::green;
-    std::vector<Matrix3> deformations(body.size()), stresses(body.size());
+    std::optional<SmoothedLaw> law;
+    if (!body.is_linear_in_strain())
+        law.emplace(body, patches, displacement, true);
+    std::vector<Matrix3> deformations(body.size()), volume_rates, stresses;
     for (std::size_t c = 0; c < body.size(); ++c) {
         const Matrix3 h = body.gradient(c, displacement);
-        stresses[c] = strain_tensor(h, body.strain);
+        if (law)
+            volume_rates.push_back(VolumeMeasure(body.law, h).rate);
+        else
+            stresses.push_back(strain_tensor(h, body.strain));
         deformations[c] = deformation_gradient(is_green ? h : Matrix3{});
     }
+    const std::vector<Matrix3> &rates = law ? volume_rates : deformations;
     const auto visit_corners = [&](std::size_t c, const auto &visit) {
         const auto g = all_gradients(body.rest.gradients[c]);
         for (std::size_t a = 0; a < 4; ++a)
@@ -143,6 +185,7 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
     };
     const Groups of_edges = rows_naming(patches.cell_edges, 6, patches.num_edges());
     PatchSums<StrainRate> edge(matrix.num_points);
+    std::vector<StrainRate> moduli_times;
     for (std::size_t e = 0; e < patches.num_edges(); ++e, edge.clear()) {
         for (const Index cell : of_edges.of(e)) {
             const std::size_t c = at(cell);
@@ -155,10 +198,16 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
                         sum[m][k] += part * d[m][k];
             });
         }
-        const double factor =
-            weight * 2.0 * patches.edge_volume[e] * body.materials[at(patches.edge_material[e])].mu;
+        double factor = weight * patches.edge_volume[e];
+        if (law) {
+            moduli_times.clear();
+            for (const StrainRate &rate : edge.sums)
+                moduli_times.push_back(times(law->edge_moduli[e], rate));
+        } else
+            factor *= 2.0 * body.materials[at(patches.edge_material[e])].mu;
+        const std::vector<StrainRate> &rights = law ? moduli_times : edge.sums;
         visit_blocks(matrix, edge.points, [&](Matrix3 &block, std::size_t a, std::size_t b) {
-            const StrainRate &left = edge.sums[a], &right = edge.sums[b];
+            const StrainRate &left = edge.sums[a], &right = rights[b];
             Matrix3 product{};
             for (std::size_t m = 0; m < 6; ++m)
                 for (std::size_t i = 0; i < 3; ++i)
@@ -175,14 +224,15 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
             const std::size_t c = at(cell);
             const double part = body.rest.volumes[c] / 4.0 / patches.node_volume[n];
             visit_corners(c, [&](Index point, const Vector3 &g) {
-                const Vector3 t = times(deformations[c], g);
+                const Vector3 t = times(rates[c], g);
                 Vector3 &sum = node.of(point);
                 for (std::size_t k = 0; k < 3; ++k)
                     sum[k] += part * t[k];
             });
         }
         const double factor =
-            weight * patches.node_volume[n] * body.materials[at(patches.node_material[n])].lmbda;
+            weight * patches.node_volume[n] *
+            (law ? law->node_moduli[n] : body.materials[at(patches.node_material[n])].lmbda);
         visit_blocks(matrix, node.points, [&](Matrix3 &block, std::size_t a, std::size_t b) {
             for (std::size_t i = 0; i < 3; ++i)
                 for (std::size_t j = 0; j < 3; ++j)
@@ -191,17 +241,24 @@ void add_smoothed_tangent(const ElasticCells &body, const SmoothingPatches &patc
     }
     if (!is_green)
         return;
-    smoothed_stresses(body, patches, stresses, stresses);
+    std::array<Matrix3, 16> bends{};
+    if (!law)
+        smoothed_stresses(body, patches, stresses, stresses);
     for (std::size_t c = 0; c < body.size(); ++c) {
         const auto g = all_gradients(body.rest.gradients[c]);
+        if (law)
+            bends = volume_bends(body, c, displacement, weight * law->pressures[c]);
         visit_blocks(matrix, std::span(body.cells).subspan(4 * c, 4),
                      [&](Matrix3 &block, std::size_t a, std::size_t b) {
-                         const Vector3 sg = times(stresses[c], g[b]);
+                         const Vector3 sg = times(law ? law->stresses[c] : stresses[c], g[b]);
                          const double geometric =
                              weight * body.rest.volumes[c] *
                              (g[a][0] * sg[0] + g[a][1] * sg[1] + g[a][2] * sg[2]);
                          for (std::size_t i = 0; i < 9; i += 4)
                              block[i] += geometric;
+                         if (law)
+                             for (std::size_t i = 0; i < 9; ++i)
+                                 block[i] += bends[4 * a + b][i];
                      });
     }
 }

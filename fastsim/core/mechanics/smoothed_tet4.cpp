@@ -1,5 +1,7 @@
 #include "mechanics/smoothed_tet4.hpp"
 
+#include "mechanics/smoothed_law.hpp"
+
 namespace fastsim {
 
 namespace {
@@ -32,14 +34,6 @@ struct SmoothedStrains {
     }
 };
 
-std::vector<Matrix3> strains_at(const ElasticCells &body, std::span<const double> displacement,
-                                StrainMeasure strain) {
-    std::vector<Matrix3> strains(body.size());
-    for (std::size_t c = 0; c < body.size(); ++c)
-        strains[c] = strain_tensor(body.gradient(c, displacement), strain);
-    return strains;
-}
-
 } // namespace
 
 void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches,
@@ -64,7 +58,12 @@ void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches
 
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement) {
-    const SmoothedStrains smoothed(body, patches, strains_at(body, displacement, body.strain));
+    if (!body.is_linear_in_strain())
+        return SmoothedLaw(body, patches, displacement, false).energy;
+    std::vector<Matrix3> strains(body.size());
+    for (std::size_t c = 0; c < body.size(); ++c)
+        strains[c] = strain_tensor(body.gradient(c, displacement), body.strain);
+    const SmoothedStrains smoothed(body, patches, strains);
     double energy = 0.0;
     for (std::size_t e = 0; e < patches.num_edges(); ++e) {
         double squared = 0.0;
@@ -81,14 +80,23 @@ double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches
     return energy;
 }
 
+void smoothed_first_stresses(const ElasticCells &body, const SmoothingPatches &patches,
+                             std::span<const double> displacement, std::span<Matrix3> out) {
+    if (!body.is_linear_in_strain())
+        return smoothed_piola_stresses(body, patches, displacement, out);
+    for (std::size_t c = 0; c < body.size(); ++c)
+        out[c] = strain_tensor(body.gradient(c, displacement), body.strain);
+    smoothed_stresses(body, patches, out, out);
+    for (std::size_t c = 0; c < body.size(); ++c)
+        out[c] = push_forward(body.gradient(c, displacement), out[c], body.strain);
+}
+
 void add_smoothed_force(const ElasticCells &body, const SmoothingPatches &patches,
                         std::span<const double> displacement, std::span<double> force) {
-    std::vector<Matrix3> stresses = strains_at(body, displacement, body.strain);
-    smoothed_stresses(body, patches, stresses, stresses);
-    for (std::size_t c = 0; c < body.size(); ++c) {
-        const Matrix3 h = body.gradient(c, displacement);
-        add_cell_force(body, c, push_forward(h, stresses[c], body.strain), force);
-    }
+    std::vector<Matrix3> stresses(body.size());
+    smoothed_first_stresses(body, patches, displacement, stresses);
+    for (std::size_t c = 0; c < body.size(); ++c)
+        add_cell_force(body, c, stresses[c], force);
 }
 
 } // namespace fastsim

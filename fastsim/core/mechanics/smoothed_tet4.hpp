@@ -9,9 +9,9 @@
 //   S_c     = (1 / 6) sum over e of c of 2 mu E_e + (lmbda / 4) sum over n of c of theta_n I  (S4)
 //   f_a     = V_c F_c S_c g_a, as of any tetrahedron                                       (S5)
 //
-// E_c is the strain of the plain cell (tet4.hpp). It is E that is averaged, not F: finite rotations
-// stay exact. A constant strain is reproduced; f = dW/du holds exactly; W is never above that of
-// the plain cells, since (S3) is convex in E.
+// Other laws: smoothed_law.hpp, (S6) to (S8). E_c is the strain of the plain cell (tet4.hpp). It is
+// E that is averaged, not F: finite rotations stay exact. A constant strain is reproduced; f =
+// dW/du holds exactly; W is never above that of the plain cells, since (S3) is convex in E.
 
 #include "mechanics/block_matrix.hpp"
 #include "mechanics/smoothing_patches.hpp"
@@ -24,9 +24,13 @@ namespace fastsim {
 void smoothed_stresses(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const Matrix3> strains, std::span<Matrix3> stresses);
 
-/// (S3).
+/// (S3), or (S7) by the law.
 double smoothed_energy(const ElasticCells &body, const SmoothingPatches &patches,
                        std::span<const double> displacement);
+
+/// P of each cell: F_c S_c of (S4), or (S8) by the law.
+void smoothed_first_stresses(const ElasticCells &body, const SmoothingPatches &patches,
+                             std::span<const double> displacement, std::span<Matrix3> out);
 
 /// Adds (S5) of all cells to `force`.
 void add_smoothed_force(const ElasticCells &body, const SmoothingPatches &patches,

@@ -1,4 +1,5 @@
 #include "mechanics/hyperelastic.hpp"
+#include "mechanics/principal.hpp"
 
 #include <cstddef>
 
@@ -17,6 +18,14 @@ Matrix3 multiply(const Matrix3 &a, const Matrix3 &b) {
 }
 
 std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+/// What `visit` makes of a law other than Saint-Venant-Kirchhoff's at H.
+template <typename Visit>
+auto visit_law(const ElasticCells &body, const Moduli &moduli, const Matrix3 &h,
+               const Visit &visit) {
+    return is_of_stretches(body.law) ? visit(StressByStretches(body, moduli, h))
+                                     : visit(FiniteStress(body.law, moduli, h));
+}
 
 } // namespace
 
@@ -194,7 +203,7 @@ Matrix3 cell_stress(const ElasticCells &body, std::size_t c, std::span<const dou
     const Matrix3 h = body.gradient(c, displacement);
     if (body.is_linear_in_strain())
         return first_piola_kirchhoff_stress(h, body.moduli_of(c), body.strain);
-    return FiniteStress(body.law, body.moduli_of(c), h).stress();
+    return visit_law(body, body.moduli_of(c), h, [](const auto &law) { return law.stress(); });
 }
 
 std::array<Matrix3, 16> cell_tangent(const ElasticCells &body, std::size_t c,
@@ -204,22 +213,23 @@ std::array<Matrix3, 16> cell_tangent(const ElasticCells &body, std::size_t c,
     if (body.is_linear_in_strain())
         return tangent_blocks(h, body.rest.gradients[c], volume, body.moduli_of(c), body.strain);
     // Column k of block ab: V dP g_a for dH = e_k (x) g_b.
-    const FiniteStress law(body.law, body.moduli_of(c), h);
     const auto g = all_gradients(body.rest.gradients[c]);
-    std::array<Matrix3, 16> blocks{};
-    for (std::size_t b = 0; b < 4; ++b)
-        for (std::size_t k = 0; k < 3; ++k) {
-            Matrix3 dh{};
-            for (std::size_t j = 0; j < 3; ++j)
-                dh[3 * k + j] = g[b][j];
-            const Matrix3 dp = law.change(dh);
-            for (std::size_t a = 0; a < 4; ++a)
-                for (std::size_t i = 0; i < 3; ++i)
-                    blocks[4 * a + b][3 * i + k] =
-                        volume *
-                        (dp[3 * i] * g[a][0] + dp[3 * i + 1] * g[a][1] + dp[3 * i + 2] * g[a][2]);
-        }
-    return blocks;
+    return visit_law(body, body.moduli_of(c), h, [&](const auto &law) {
+        std::array<Matrix3, 16> blocks{};
+        for (std::size_t b = 0; b < 4; ++b)
+            for (std::size_t k = 0; k < 3; ++k) {
+                Matrix3 dh{};
+                for (std::size_t j = 0; j < 3; ++j)
+                    dh[3 * k + j] = g[b][j];
+                const Matrix3 dp = law.change(dh);
+                for (std::size_t a = 0; a < 4; ++a)
+                    for (std::size_t i = 0; i < 3; ++i)
+                        blocks[4 * a + b][3 * i + k] =
+                            volume * (dp[3 * i] * g[a][0] + dp[3 * i + 1] * g[a][1] +
+                                      dp[3 * i + 2] * g[a][2]);
+            }
+        return blocks;
+    });
 }
 
 void add_internal_force(const ElasticCells &body, std::span<const double> displacement,
@@ -234,7 +244,8 @@ double strain_energy(const ElasticCells &body, std::span<const double> displacem
         const Matrix3 h = body.gradient(c, displacement);
         const double density = body.is_linear_in_strain()
                                    ? strain_energy_density(h, body.moduli_of(c), body.strain)
-                                   : FiniteStress(body.law, body.moduli_of(c), h).energy();
+                                   : visit_law(body, body.moduli_of(c), h,
+                                               [](const auto &law) { return law.energy(); });
         energy += body.rest.volumes[c] * density;
     }
     return energy;

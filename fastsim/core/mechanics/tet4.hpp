@@ -29,6 +29,12 @@ struct Moduli {
     double c01;
 };
 
+/// Of Ogden's law: its part of the shear modulus at rest, and its exponent.
+struct OgdenTerm {
+    double share;
+    double alpha;
+};
+
 /// Rest data of the cells: gradients of shape functions 1, 2, 3 (rows) and volumes.
 struct RestCells {
     std::vector<Matrix3> gradients;
@@ -46,6 +52,7 @@ struct ElasticCells {
     std::vector<Index> material_of; // each cell
     StrainMeasure strain;
     Law law; // under Green strain; with the linear strain all are Hooke's
+    std::vector<OgdenTerm> ogden_terms{}; // of that law alone
 
     /// Whether stress is S = lmbda tr(E) I + 2 mu E of the strain: Hooke's law, or
     /// Saint-Venant-Kirchhoff's.

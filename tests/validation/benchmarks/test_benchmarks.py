@@ -47,9 +47,11 @@ def test_step_rows_are_whole_and_the_rival_has_the_same_force(small_steps):
             for precision in ("float32", "float64")
             for threads in (1, 2)
         ),
+        ("palpate", "linear", "float32", 1),
+        ("palpate", "linear", "float64", 1),
         ("numpy", None, "float64", 1),
     ]
-    assert len(lines) == 9
+    assert len(lines) == 11
     assert all(row["size"] == 648 and np.isfinite(row["rate"]) for row in rows)
     assert all(row["rate"] == 648 / 1e6 / row["seconds"] for row in rows)
     assert rows[-1]["relative_force_error"] < 1e-12
@@ -62,6 +64,10 @@ def test_step_rows_are_whole_and_the_rival_has_the_same_force(small_steps):
         assert smoothed["times_linear"] == pytest.approx(
             plain["real_time_factor"] / smoothed["real_time_factor"]
         )
+    for plain, other in zip((rows[0], rows[2]), rows[8:10], strict=True):
+        assert (plain["law"], other["law"]) == ("saint-venant-kirchhoff", "neo-hookean-stable")
+        assert other["rate_of_stvk"] == plain["wall_seconds"] / other["wall_seconds"]
+        assert "times_linear" not in other
     assert all(row["peak_memory_mb"] > 1.0 for row in rows)
 
 

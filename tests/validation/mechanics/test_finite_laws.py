@@ -10,20 +10,31 @@ import pytest
 from palpate.fastsim.body import Body as FastBody
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Inclusion, Strain
+from palpate.meshes.problem import Element, Inclusion, Strain
 from palpate.validation.case import load_case
 from palpate.validation.mechanics.audit import audit_on_own_mesh
 from palpate.validation.mechanics.body import Body
 from palpate.validation.mechanics.finite_laws import energy_density, finite_stress, stress_change
+from palpate.validation.mechanics.tangent import Tangent
 
 LAWS = pytest.mark.parametrize("law", list(Law))
+ELEMENTS = pytest.mark.parametrize("element", list(Element))
+
+# Three terms, one of them of a negative exponent.
+OGDEN = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
+
+
+def terms_of(law):
+    return OGDEN if law is Law.OGDEN else ()
 
 
 def problem_of(law, name="stretch"):
     problem = load_case(name).problem
     mu = problem.material.youngs_modulus / (2.0 * (1.0 + problem.material.poissons_ratio))
     share = 0.2 if law is Law.MOONEY_RIVLIN else 0.0
-    material = dataclasses.replace(problem.material, law=law, c01=share * mu)
+    material = dataclasses.replace(
+        problem.material, law=law, c01=share * mu, ogden_terms=terms_of(law)
+    )
     return dataclasses.replace(problem, material=material)
 
 
@@ -33,6 +44,7 @@ def test_stress_is_the_derivative_of_energy(law):
     H, dH = 0.2 * rng.standard_normal((2, 40, 3, 3))
     assert (np.linalg.det(np.eye(3) + H) > 0).all()
     constants = [np.full(40, value) for value in (2e3, 1e3, 200.0)]
+    constants.append(terms_of(law))
     P, h = finite_stress(law, H, *constants), 1e-6
     ends = [energy_density(law, H + s * h * dH, *constants) for s in (1.0, -1.0)]
     work = np.einsum("cij,cij->c", P, dH)
@@ -43,13 +55,15 @@ def test_stress_is_the_derivative_of_energy(law):
 
 
 @LAWS
-def test_forces_and_energy_are_fastsims(law):
+@ELEMENTS
+def test_forces_and_energy_are_fastsims(law, element):
     problem = problem_of(law)
     some = Inclusion(np.arange(7), dataclasses.replace(problem.material, poissons_ratio=0.1))
     problem = dataclasses.replace(problem, inclusions=(some,))
     size = 0.05 * np.cbrt(problem.mesh.volume / problem.mesh.num_cells)
     u = size * np.random.default_rng(2).standard_normal(problem.mesh.points.shape)
-    ours, theirs = Body(problem, Strain.GREEN), FastBody.of(problem)
+    ours = Body(problem, Strain.GREEN, element)
+    theirs = FastBody.of(problem, element=element)
     force = theirs.internal_force(u)
     assert np.abs(ours.internal(u) - force).max() < 1e-12 * np.abs(force).max()
     assert ours.energy(u) == pytest.approx(theirs.strain_energy(u), rel=1e-10)
@@ -69,3 +83,17 @@ def test_the_audit_tells_an_equilibrium_of_the_law_from_that_of_another(law):
     apart = np.linalg.norm(u - right) / np.linalg.norm(right)
     assert apart > 1e-3
     assert wrong.displacement_error == pytest.approx(apart, rel=0.3)
+
+
+@LAWS
+def test_tangent_of_smoothed_tetrahedra_is_the_derivative_of_their_force(law):
+    problem = problem_of(law)
+    body, shape = Body(problem, Strain.GREEN, Element.SMOOTHED), problem.mesh.points.shape
+    size = 0.05 * np.cbrt(problem.mesh.volume / problem.mesh.num_cells)
+    u, way = size * np.random.default_rng(2).standard_normal((2, *shape))
+    way = body.freed(way)
+    product, h = Tangent(body, u).times(way), 1e-4
+    places = [u + s * h * way for s in (1.0, -1.0)]
+    ends = [body.freed(body.internal(at) - body.external(at)) for at in places]
+    change = (ends[0] - ends[1]) / (2 * h)
+    assert np.abs(change - product).max() < 1e-6 * np.abs(product).max()

@@ -1,0 +1,236 @@
+"""Smoothed tetrahedra of laws other than Saint-Venant-Kirchhoff's, by their energy in UFL.
+
+Every law is W = W_0 + lmbda/2 g^2, with W_0 what is left where lmbda = 0 and g a function of a
+measure m of a cell's volume (J - 1). W_0 goes over edges with all that it has of C = I + 2 E and of
+J, there the root of det C; g goes over nodes:
+
+    E_e = 1 / V_e  sum of (V_c / 6) E_c,    m_n = 1 / V_n  sum of (V_c / 4) m_c
+    W   = sum of V_e W_0(E_e)  +  sum of V_n lmbda/2 g(m_n)^2
+    S_c = 1/6 sum of dW_0/dE (E_e),   p_c = 1/4 sum of lmbda g dg/dm (m_n)
+    R(u; v) = integral of S : dE(v) + p dm(v)
+
+so that for small strains all laws have the smoothed element of Hooke's (`smoothing`), no stress at
+rest, and a constant F is reproduced. dW_0/dE and its derivative are UFL's: the edges' strains are
+given to it as a function on a mesh of as many cells that have nothing to do with each other.
+
+Note:
+    C of an edge is definite whatever its cells do: a cell turned inside out is felt by the m_n of
+    its nodes alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Indices
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Strain
+from palpate.meshes.tet_mesh import signed_volumes
+from palpate.reference import fenicsx, hyperelastic
+from palpate.reference.fenicsx import fem, ufl
+from palpate.reference.kinematics import deformation_gradient, strain_tensor
+from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.smoothing import Patches, find_patches, sparse_matrix, times
+
+_CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+_VOLUME = 1.0 / 6.0
+
+
+class SmoothedLaw:
+    """The stress of a displacement by averaged strains and volumes.
+
+    Args:
+        space: Displacement space of degree 1, on one rank.
+        u: Displacement; its values may change.
+        material: Of which the law is read, not Saint-Venant-Kirchhoff's.
+        moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell.
+
+    Attributes:
+        stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa].
+
+    Raises:
+        InputError: Another degree, more than one rank, or a law that is written in stretches.
+    """
+
+    def __init__(
+        self,
+        space: TransferredSpace,
+        u: Any,
+        material: Material,
+        moduli: tuple[Any, Any, Any],
+    ) -> None:
+        law = material.law
+        if space.degree != 1:
+            raise InputError(f"degree = {space.degree}: smoothed tetrahedra are of degree 1")
+        if law.is_of_stretches:
+            raise InputError(
+                f"law = {law}: the reference's smoothed tetrahedra do not know it yet; use linear "
+                "ones, or degree 2"
+            )
+        if fenicsx.COMM.size > 1:
+            raise InputError("smoothed tetrahedra run on one rank; leave mpirun out")
+        self._u, self._law = u, law
+        transferred = space.transferred
+        mesh, source = transferred.mesh, transferred.source
+        self._dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 0})
+        tensors, scalars = fenicsx.cell_tensor_space(mesh), fenicsx.cell_space(mesh)
+        F = ufl.variable(deformation_gradient(u))
+        measure = ufl.det(F) - 1
+        du = ufl.TrialFunction(space.space)
+        # Each test function is 1 in one component in one cell: the integrals V_c E_c and V_c m_c.
+        strains = ufl.inner(strain_tensor(u, Strain.GREEN), ufl.TestFunction(tensors)) * self._dx
+        measures = (ufl.det(deformation_gradient(u)) - 1) * ufl.TestFunction(scalars) * self._dx
+        self._integrals = [fenicsx.form(of) for of in (strains, measures)]
+        self._rates = [fenicsx.form(ufl.derivative(of, u, du)) for of in (strains, measures)]
+        self._matrices = [fenicsx.create_matrix(of) for of in self._rates]
+        self._shape_stress, self._pressure = fem.Function(tensors), fem.Function(scalars)
+        P = F * self._shape_stress + self._pressure * ufl.diff(measure, F)
+        self._piola, self.stress = P, ufl.inv(F) * P
+
+        constants = np.column_stack([fenicsx.cell_values(of) for of in moduli])
+        volumes = signed_volumes(source.points, source.cells)[transferred.cell_of_cell]
+        edges, nodes = (find_patches(mesh, k, constants, volumes) for k in (1, 0))
+        self._edge_volumes, self._node_volumes = edges.volumes, nodes.volumes
+        self._of_edges = _averages(edges, fenicsx.cell_dofs(tensors)[:, 0], 9)
+        self._of_nodes = _averages(nodes, fenicsx.cell_dofs(scalars)[:, 0], 1)
+        of_edge = np.empty((len(edges.volumes), 3))
+        of_edge[edges.of_cell] = constants[:, None]
+        self._edge_law = _EdgeLaw(material, *of_edge[:, 1:].T)
+        self._lmbda = np.empty(len(nodes.volumes))
+        self._lmbda[nodes.of_cell] = constants[:, :1]
+
+    def virtual_work(self, v: Any) -> Any:
+        """Integral of S : dE(v) + p dm(v)."""
+        return ufl.inner(self._piola, ufl.grad(v)) * self._dx
+
+    def update(self) -> None:
+        """Make the stress that of u."""
+        strains, measures = self._averaged()
+        forces = np.repeat(self._edge_volumes, 9) * self._edge_law.stress(strains)
+        self._shape_stress.x.array[:] = _transposed_times(self._of_edges, forces)
+        pressures = self._node_volumes * self._lmbda * _slope(self._law, measures)
+        self._pressure.x.array[:] = _transposed_times(self._of_nodes, pressures)
+
+    def energy(self) -> float:
+        """Stored energy of u [J]."""
+        strains, measures = self._averaged()
+        of_edges = self._edge_volumes @ self._edge_law.energies(strains)
+        g = np.log1p(measures) if self._law is Law.NEO_HOOKEAN else measures
+        return float(of_edges + self._node_volumes @ (0.5 * self._lmbda * g**2))
+
+    def stiffness(self) -> Any:
+        """All of the tangent at u but its geometric part, a new PETSc matrix."""
+        strains, measures = self._averaged()
+        for matrix, form in zip(self._matrices, self._rates, strict=True):
+            matrix.zeroEntries()
+            fenicsx.assemble_into_matrix(matrix, form)
+        moduli = self._edge_law.moduli(strains)
+        moduli.diagonalScale(L=_vector(moduli, np.repeat(self._edge_volumes, 9)))
+        means = self._of_edges.matMult(self._matrices[0])
+        stiffness = means.transposeMatMult(moduli.matMult(means))
+        bends = self._node_volumes * self._lmbda * _bend(self._law, measures)
+        means = self._of_nodes.matMult(self._matrices[1])
+        forces = means.copy()
+        forces.diagonalScale(L=_vector(forces, bends))
+        stiffness.axpy(1.0, means.transposeMatMult(forces))
+        return stiffness
+
+    def _averaged(self) -> tuple[Floats, Floats]:
+        """E of the edges, flat, and m of the nodes."""
+        strains, measures = (fenicsx.assemble_vector(of) for of in self._integrals)
+        return times(self._of_edges, strains), times(self._of_nodes, measures)
+
+
+class _EdgeLaw:
+    """W_0 and its derivatives by UFL, of many strains at once: one to a cell of its own."""
+
+    def __init__(self, material: Material, mu: Floats, c01: Floats) -> None:
+        self._count = count = len(mu)
+        mesh = fenicsx.create_mesh(
+            np.tile(_CORNERS, (count, 1)), np.arange(4 * count).reshape(count, 4)
+        )
+        # Which cell a patch has does not matter: that of its number in dolfinx.
+        tensors, scalars = fenicsx.cell_tensor_space(mesh), fenicsx.cell_space(mesh)
+        self._rows = fenicsx.cell_dofs(tensors)[:, 0]
+        self._strain = fem.Function(tensors)
+        constants = [fenicsx.cell_function(mesh, of) for of in (mu, c01)]
+        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 0})
+        E = ufl.variable(self._strain)
+        W = hyperelastic.shape_energy_density(E, material.law, *constants)
+        stress = ufl.inner(ufl.diff(W, E), ufl.TestFunction(tensors)) * dx
+        self._of_scalar = fenicsx.cell_dofs(scalars)[:, 0]
+        self._energies = fenicsx.form(W * ufl.TestFunction(scalars) * dx)
+        self._stress = fenicsx.form(stress)
+        trial = ufl.TrialFunction(tensors)
+        self._tangent = fenicsx.form(ufl.derivative(stress, self._strain, trial))
+
+    def _set(self, strains: Floats) -> None:
+        self._strain.x.array.reshape(-1, 9)[self._rows] = strains.reshape(-1, 9)
+
+    def energies(self, strains: Floats) -> Floats:
+        """[J/m3], (num_edges,)."""
+        self._set(strains)
+        found: Floats = fenicsx.assemble_vector(self._energies)[self._of_scalar] / _VOLUME
+        return found
+
+    def stress(self, strains: Floats) -> Floats:
+        """[Pa], flat like the strains."""
+        self._set(strains)
+        rows = fenicsx.assemble_vector(self._stress).reshape(-1, 9)[self._rows]
+        found: Floats = rows.ravel() / _VOLUME
+        return found
+
+    def moduli(self, strains: Floats) -> Any:
+        """The derivative of the flat stress by the flat strains, a PETSc matrix."""
+        self._set(strains)
+        matrix = fenicsx.create_matrix(self._tangent)
+        fenicsx.assemble_into_matrix(matrix, self._tangent)
+        starts, _, values = matrix.getValuesCSR()
+        if not (np.diff(starts) == 9).all():
+            raise ArithmeticError("a cell of the edges' mesh has a neighbour")
+        blocks = values.reshape(-1, 9, 9)[self._rows] / _VOLUME
+        rows = np.arange(9 * self._count)
+        columns = 9 * (rows[:, None] // 9) + np.arange(9)
+        shape = (9 * self._count, 9 * self._count)
+        return sparse_matrix(np.repeat(rows, 9), columns.ravel(), blocks.ravel(), shape)
+
+
+def _averages(patches: Patches, dofs: Indices, size: int) -> Any:
+    """Means over patches of the cells' integrals of so many components."""
+    of_cell, volumes = patches.of_cell, patches.volumes
+    width, component = of_cell.shape[1], np.arange(size)
+    patch, cell = of_cell.ravel(), np.repeat(dofs, width)
+    return sparse_matrix(
+        (size * patch[:, None] + component).ravel(),
+        (size * cell[:, None] + component).ravel(),
+        np.repeat(1.0 / (width * volumes[patch]), size),
+        (size * len(volumes), size * len(of_cell)),
+    )
+
+
+def _slope(law: Law, m: Floats) -> Floats:
+    """Of g^2 / 2 by m."""
+    return np.log1p(m) / (1.0 + m) if law is Law.NEO_HOOKEAN else m
+
+
+def _bend(law: Law, m: Floats) -> Floats:
+    """Its derivative."""
+    if law is Law.NEO_HOOKEAN:
+        return np.asarray((1.0 - np.log1p(m)) / (1.0 + m) ** 2)
+    return np.ones_like(m)
+
+
+def _vector(matrix: Any, values: Floats) -> Any:
+    vector = matrix.createVecLeft()
+    vector.array[:] = values
+    return vector
+
+
+def _transposed_times(matrix: Any, values: Floats) -> Floats:
+    x, y = matrix.createVecs()
+    y.array[:] = values
+    matrix.multTranspose(y, x)
+    return np.array(x.array)
