@@ -1,4 +1,7 @@
-"""`palpate sweep CASE --vary KEY=VALUES -o DIR`: a case with many values, linear beside Green."""
+"""`palpate sweep CASE --vary KEY=VALUES -o DIR`: a case with many values, linear beside Green.
+
+With --simulator it is the simulator that is varied, by its iterations and its time step.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,14 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
-from palpate.validation.commands.words import Folder, OneCase, progress_lines
+from palpate.validation.commands.words import (
+    Folder,
+    OneCase,
+    StatedIntegrator,
+    TimeLimit,
+    progress_lines,
+)
+from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT, OutsideSimulator
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements
 
@@ -17,11 +27,24 @@ def sweep(
     case: OneCase,
     output: Folder,
     vary: Annotated[
-        list[str], typer.Option(help="KEY=FIRST:LAST:COUNT or KEY=VALUE,...; load[0].factor scales")
+        list[str],
+        typer.Option(
+            help="KEY=FIRST:LAST:COUNT or KEY=VALUE,...; load[0].factor scales; with --simulator "
+            "iterations and time_step"
+        ),
     ],
-    simulator: Annotated[
+    with_: Annotated[
         Simulator, typer.Option("--with", help="reference: solved by it as well")
     ] = Simulator.FASTSIM,
+    simulator: Annotated[
+        str | None,
+        typer.Option(help='instead: its error over "mysim {case} {result} {iterations}"'),
+    ] = None,
+    integrator: StatedIntegrator = None,
+    limit: Annotated[
+        float, typer.Option(help="of --simulator's error over its displacement: has it converged?")
+    ] = 0.01,
+    time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     element: Annotated[
         Elements, typer.Option(help="of the tetrahedra; both: beside one another")
     ] = Elements.LINEAR,
@@ -41,10 +64,34 @@ def sweep(
     if scheduler is not None and jobs > 1:
         raise InputError("--jobs is for this machine: give it or --scheduler, not both")
     loaded = load_case(case)
-    inputs = input_files([loaded])
+    inputs = input_files([loaded], command=simulator)
     require_run_folder(output, inputs=inputs)
+    if simulator is not None:
+        from palpate.validation.sweeps.iterations import read_moves, sweep_iterations
+
+        if element is not Elements.LINEAR or with_ is not Simulator.FASTSIM or scheduler:
+            raise InputError("--simulator takes no --element, --with or --scheduler")
+        iterations, steps = read_moves(vary)
+        program = OutsideSimulator(simulator, time_limit, iterations[0])
+        require_available()
+        with run_folder(output, inputs=inputs) as fresh:
+            code = sweep_iterations(
+                loaded,
+                program,
+                iterations,
+                steps,
+                fresh,
+                Console(highlight=False),
+                integrator=integrator,
+                limit=limit,
+                progress=progress_lines(),
+            )
+        print(f"{output / 'report.html'}")
+        raise typer.Exit(code)
+    if integrator is not None:
+        raise InputError("--integrator is of another simulator: give --simulator")
     axes = [read_axis(words, loaded) for words in vary]
-    if simulator is Simulator.REFERENCE and scheduler is None:
+    if with_ is Simulator.REFERENCE and scheduler is None:
         require_available()
     with run_folder(output, inputs=inputs) as fresh:
         code = run_sweep(
@@ -52,7 +99,7 @@ def sweep(
             axes,
             fresh,
             Console(highlight=False),
-            simulators=list(dict.fromkeys((Simulator.FASTSIM, simulator))),
+            simulators=list(dict.fromkeys((Simulator.FASTSIM, with_))),
             elements=element.each,
             jobs=jobs,
             scheduler=scheduler,

@@ -2,11 +2,13 @@
 
 Each term is what the candidate would gain by mending one thing and leaving all else as it is:
 
-    model           Green strain in the place of linear strain, on the same mesh
-    discretisation  the truth's mesh and element, with the candidate's own strain
-    time            a quarter of the time step
-    solver          the same mesh, strain and step, solved by the reference; called by another
-                    name where it is not the solver's (see `remainder`)
+    model           the case's law in the place of the candidate's own, or Green strain in the
+                    place of linear strain, on the same mesh
+    discretisation  the truth's mesh and element, with the candidate's own law and strain
+    time            a quarter of the time step; for a candidate that states scheme and step of
+                    its own (`State.steps`) that quarter in the place of both
+    solver          the same mesh, law, strain, scheme and step, each step solved by the reference;
+                    called by another name where it is not the solver's (see `remainder`)
 
 Of an answer on a mesh of its own, which the reference does not solve on, discretisation and solver
 are one term. Norms do not add; signed numbers do, but for the interaction: what is left of the
@@ -25,7 +27,7 @@ import numpy as np
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.diagnosis import Diagnosis
@@ -76,6 +78,24 @@ class Budget:
 
 
 @dataclass(frozen=True, eq=False)
+class OwnLaw:
+    """The law that a candidate states as its own, in motion.
+
+    Attributes:
+        material: In the place of the case's.
+        mended: The reference on the same mesh by the candidate's scheme and step, but with the
+            case's law and strain; where None, what the law changes is told by central differences.
+    """
+
+    material: Material
+    mended: State | None = None
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem of this material."""
+        return dataclasses.replace(problem, material=self.material)
+
+
+@dataclass(frozen=True, eq=False)
 class Probe:
     """Signed numbers of a state: the displacement of a point along a direction, the volume.
 
@@ -108,26 +128,31 @@ def static_budgets(
     candidate: State,
     states: Mapping[tuple[str, Strain], State],
     *,
+    own_law: Mapping[tuple[str, Strain], State] | None = None,
     diagnoses: Sequence[Diagnosis] = (),
 ) -> list[Budget]:
     """Budgets of a static answer from the reference's states.
 
     Args:
-        problem: The case's problem.
+        problem: The case's problem; with `own_law` under the candidate's, whose equations are then
+            asked whether it keeps them.
         candidate: Its displacement at the case's points; its `strain` is what it was solved with.
         states: The reference's, by label and strain: on the same mesh with the candidate's
             element, and the truth.
+        own_law: The same under the law that the candidate states as its own, where that is not the
+            case's: what lies between the two is the model's term.
         diagnoses: Of the case, where it was red.
 
     Returns:
         One for the farthest point's displacement, one for the change of volume; none where
         the truth is missing.
     """
+    mine = states if own_law is None else own_law
 
-    def truth_of(strain: Strain) -> State | None:
-        return states.get((TRUTH, strain)) or states.get((QUADRATIC, strain))
+    def truth_of(strain: Strain, of: Mapping[tuple[str, Strain], State]) -> State | None:
+        return of.get((TRUTH, strain)) or of.get((QUADRATIC, strain))
 
-    truth = truth_of(Strain.GREEN)
+    truth = truth_of(Strain.GREEN, states)
     if truth is None:
         return []
     probe = farthest_probe(truth.displacement)
@@ -139,9 +164,9 @@ def static_budgets(
 
     strain = candidate.strain
     on_mesh = OF_ELEMENT[candidate.element]
-    same, fine, own = states.get((on_mesh, strain)), truth_of(strain), read(candidate)
+    same, fine, own = mine.get((on_mesh, strain)), truth_of(strain, mine), read(candidate)
     terms: dict[str, Points | None] = {MODEL: None, TIME: None}
-    if strain is Strain.LINEAR:
+    if strain is Strain.LINEAR or own_law is not None:
         terms[MODEL] = read(same) - read(states.get((on_mesh, Strain.GREEN)))
     if candidate.own is not None:
         # Nothing was solved on that mesh but the candidate: its solver's error is in here.
@@ -158,6 +183,7 @@ def motion_budgets(
     *,
     candidate: State | None = None,
     same_mesh: State | None = None,
+    own_law: OwnLaw | None = None,
     diagnoses: Sequence[Diagnosis] = (),
     progress: Progress = in_silence,
 ) -> list[Budget]:
@@ -167,23 +193,31 @@ def motion_budgets(
     say what that gains, not what is left beyond it.
 
     Args:
-        problem: With a time span and a time step.
+        problem: With a time span and a time step, at which central differences are stable.
         strain: What the candidate was solved with.
-        candidate: Its state at the end; fastsim's own where None.
-        same_mesh: The reference's state with the same mesh, strain and step, for the solver's term.
+        candidate: Its state at the end; fastsim's own where None. Where it states `steps`, those
+            are what its time term is about.
+        same_mesh: The reference's state with the same mesh, law, strain, scheme and step, for the
+            solver's term; see `references.motion_runs.solve_by_steps`.
+        own_law: Of a candidate that follows, as it states, another law than the case's.
         diagnoses: Of the case, where it was red.
         progress: Called with one line for each run.
 
     Raises:
-        InputError: No time step, or nothing moves.
+        InputError: No time step, nothing moves, or steps that are stated without `same_mesh`.
         FastsimError: A run failed.
     """
     span = problem.time
     if span is None or span.time_step is None:
         raise InputError("a budget of a motion needs [time] with a time_step")
+    scheme = None if candidate is None else candidate.steps
+    if scheme is not None and same_mesh is None:
+        raise InputError(f"a budget of {scheme} needs the same mesh by these steps; solve it")
     finer = dataclasses.replace(span, time_step=span.time_step / _FINER_STEP)
-    fine_step = dataclasses.replace(problem, time=finer)
+    mine = problem if own_law is None else own_law.of(problem)
+    fine_step = dataclasses.replace(mine, time=finer)
     fine_mesh = dataclasses.replace(refine_problem(problem), time=finer)
+    mine_on_it = fine_mesh if own_law is None else own_law.of(fine_mesh)
 
     def end(of: Problem, with_strain: Strain) -> Points:
         assert of.time is not None
@@ -193,21 +227,24 @@ def motion_budgets(
 
     truth = end(fine_mesh, Strain.GREEN)
     probe = farthest_probe(truth[: problem.mesh.num_points])
-    plain = probe.read(problem.mesh, end(problem, strain))
+    plain = probe.read(problem.mesh, end(mine, strain))
     own = plain
     if candidate is not None:
         own = probe.read(problem.mesh, candidate.displacement)
     stepped = probe.read(problem.mesh, end(fine_step, strain))
     terms: dict[str, Points | None] = {MODEL: None}
-    if strain is Strain.LINEAR:
+    is_green = strain is Strain.GREEN
+    if not is_green or own_law is not None:
         terms[MODEL] = plain - probe.read(problem.mesh, end(problem, Strain.GREEN))
-    meshed = truth if strain is Strain.GREEN else end(fine_mesh, strain)
+    meshed = truth if is_green and own_law is None else end(mine_on_it, strain)
     terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
-    terms[TIME] = plain - stepped
     judged_by = plain if same_mesh is None else probe.read(problem.mesh, same_mesh.displacement)
+    if own_law is not None and own_law.mended is not None:
+        terms[MODEL] = judged_by - probe.read(problem.mesh, own_law.mended.displacement)
+    terms[TIME] = (plain if scheme is None else judged_by) - stepped
     rest = SOLVER
     if candidate is not None and same_mesh is not None:
-        rest = name_of_rest(problem, candidate, same_mesh, diagnoses)
+        rest = name_of_rest(mine, candidate, same_mesh, diagnoses)
     terms[rest] = own - judged_by
     name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
     return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)

@@ -97,19 +97,24 @@ def _published_rows(kind: str, case: Case, candidate: Candidate, told: set[str])
 def _judge(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[Row]:
     references = find_references(case, live=False, progress=in_silence)
     judge = CaseJudge(case, references.of_element(candidate.element))
-    strain = (specs[0].strain if specs else None) or case.strain
     answers = {
-        fault: _answer(case, candidate, fault, strain) for fault in Fault if fault is not Fault.NAN
+        strain: {
+            fault: _answer(case, candidate, fault, strain)
+            for fault in Fault
+            if fault is not Fault.NAN
+        }
+        for strain in dict.fromkeys(spec.strain or case.strain for spec in specs)
     }
     rows = []
     for spec in specs:
+        of_fault = answers[spec.strain or case.strain]
         try:
-            judge.check(spec, answers[Fault.NONE][0])
+            judge.check(spec, of_fault[Fault.NONE][0])
         except InputError:
             continue  # the reference itself does not swing there
         verdicts = {
             fault: judge.check(spec, answer, failure).verdict
-            for fault, (answer, failure) in answers.items()
+            for fault, (answer, failure) in of_fault.items()
             if answer is not None or failure
         }
         tried = [fault for fault in verdicts if fault not in _NOT_TELLING]

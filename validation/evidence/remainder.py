@@ -1,8 +1,9 @@
 """What an error is called that neither strain, mesh nor time step accounts for.
 
 It is the solver's only where the answer keeps the stated equations, or where the simulator says of
-itself that it stopped this early. A wrong law, load or unit is called by its name where the
-diagnosis found it; else the error is not explained.
+itself that it stopped this early: of a motion, that it takes so many iterations in each step of a
+scheme that it states, which a sweep over both may refute. A wrong law, load or unit is called by
+its name where the diagnosis found it; else the error is not explained.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def name_of_rest(
         motions = [s.trajectory for s in (candidate, same_mesh) if s is not None]
         if len(motions) == 2 and motions[0] is not None and motions[1] is not None:
             apart = distance(motions[0].displacements, motions[1].displacements)
-            return SOLVER if apart <= SINGLE else UNEXPLAINED
+            return SOLVER if apart <= SINGLE or _stops_early(candidate) else UNEXPLAINED
         return UNEXPLAINED
     left = equations_left(problem, candidate)
     said = candidate.details.get("relative_residual")
@@ -56,3 +57,9 @@ def name_of_rest(
     if isinstance(said, float) and 0.0 < said <= _MOST_SAID:
         allowed = max(allowed, _NORMS_DIFFER * said)
     return SOLVER if left <= allowed else UNEXPLAINED
+
+
+def _stops_early(candidate: State) -> bool:
+    """Whether a motion's simulator states its scheme, and iterations that it stops after."""
+    iterations = candidate.says.get("iterations")
+    return candidate.steps is not None and isinstance(iterations, int) and iterations > 0

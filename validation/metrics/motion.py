@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.field_norms import l2_norm
+from palpate.meshes.field_norms import l2_norms
 from palpate.meshes.problem import Problem
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.pairs import Difference, ratio
@@ -40,11 +40,8 @@ _SCALES = {
 def trajectory_l2(problem: Problem, candidate: State, reference: State) -> Difference:
     """Largest L2 error of displacement over time, over the reference's largest L2 norm."""
     ours, theirs = _trajectories(candidate, reference)
-    error = largest(
-        l2_norm(problem.mesh, a - b)
-        for a, b in zip(ours.displacements, theirs.displacements, strict=True)
-    )
-    scale = largest(l2_norm(problem.mesh, u) for u in theirs.displacements)
+    error = largest(l2_norms(problem.mesh, ours.displacements - theirs.displacements))
+    scale = largest(l2_norms(problem.mesh, theirs.displacements))
     return ratio(error, scale, "largest L2 norm of the reference's displacement over time")
 
 

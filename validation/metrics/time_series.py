@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,11 +96,18 @@ def fit_oscillation(times: ArrayLike, values: ArrayLike) -> Oscillation:
     if spread <= 1e-12 * float(np.abs(x).max()):
         raise InputError("the series does not oscillate")
     t = t - t[0]
-    found = _refine(t, x, *_first_guess(t, x), spread)
+    found = _best_fit(t.tobytes(), x.tobytes(), spread)
     periods = found.frequency * float(t[-1])
     if periods < FEWEST_PERIODS:
         raise InputError(f"{periods:.2g} periods in the series; {FEWEST_PERIODS} are needed")
     return found
+
+
+@lru_cache(maxsize=32)
+def _best_fit(times: bytes, values: bytes, spread: float) -> Oscillation:
+    """Of a series that begins at 0 s; every number of one swing asks for the same fit."""
+    t, x = np.frombuffer(times), np.frombuffer(values)
+    return _refine(t, x, *_first_guess(t, x), spread)
 
 
 def fit_uncertainty(

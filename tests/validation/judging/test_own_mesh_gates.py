@@ -14,7 +14,7 @@ from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.references.sets import SAME_MESH, SMOOTHED
 from palpate.validation.simulators.candidate import result_candidate
-from palpate.validation.states import Verdict
+from palpate.validation.states import Verdict, gravest
 
 CASES = sorted(path.stem for path in Path(__file__).parents[3].glob("validation/cases/*.toml"))
 
@@ -57,7 +57,11 @@ def verdict_on_own_mesh(name: str, folder: Path, *, garbage: float) -> Verdict:
     thrown = garbage * np.random.default_rng(0).uniform(-1.0, 1.0, shape)
     arrays["displacement"][:, inner] += thrown * float(np.ptp(mesh.points, axis=0).max())
     np.savez(folder / "r.npz", **arrays)
-    return judge_case(case, candidate=result_candidate(folder / "r.npz")).verdict
+    result = judge_case(case, candidate=result_candidate(folder / "r.npz"))
+    if name != "slide":
+        return result.verdict
+    # Its cells are too coarse for the truth, with garbage or without.
+    return gravest([c.verdict for c in result.checks if c.against == "same_mesh"])
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from palpate.meshes.field_norms import l2_norm
+from palpate.meshes import field_norms
+from palpate.meshes.field_norms import l2_norm, l2_norms
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
@@ -31,6 +32,14 @@ def test_l2_norm_of_a_linear_field_is_exact() -> None:
     # Constant: sqrt of the volume.
     ones = np.tile([0.0, 2.0, 0.0], (MESH.num_points, 1))
     assert l2_norm(MESH, ones) == pytest.approx(2.0 * math.sqrt(1.0 / 6.0), rel=1e-14)
+
+
+def test_the_fields_of_a_motion_have_the_norms_of_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    fields = np.random.default_rng(3).normal(size=(7, MESH.num_points, 3))
+    expected = [l2_norm(MESH, field) for field in fields]
+    for at_once in (1, 3, 100):
+        monkeypatch.setattr(field_norms, "_AT_ONCE", at_once * MESH.num_cells)
+        assert l2_norms(MESH, fields) == pytest.approx(expected, rel=1e-14)
 
 
 def test_a_uniform_stretch_has_its_volume_area_and_det_f() -> None:

@@ -1,0 +1,202 @@
+"""A simulator that states its scheme and step is held on the same mesh against just these."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import palpate.validation
+from palpate.meshes.bricks import brick_box
+from palpate.meshes.errors import InputError
+from palpate.meshes.files import write_mesh
+from palpate.meshes.problem import Strain
+from palpate.reference.integrators.schemes import Integrator
+from palpate.validation.case import load_case
+from palpate.validation.case.load import Case
+from palpate.validation.cli import app
+from palpate.validation.exchange.result_files import ResultFileError
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.simulators.candidate import Stepping, candidates_for, outside_candidate
+from palpate.validation.simulators.outside import CommandError, OutsideSimulator
+from palpate.validation.states import CandidateFailedError, Verdict, in_silence
+
+ADAPTERS = Path(palpate.validation.__file__).parent / "simulators/adapters"
+DESCENT = f"{sys.executable} {ADAPTERS / 'vertex_block_descent.py'} {{case}} {{result}}"
+XPBD = f"{sys.executable} {ADAPTERS / 'xpbd.py'} {{case}} {{result}}"
+STEP = 2e-3
+CASE = """
+schema = 1
+title = "Let go"
+
+[units]
+length = "m"
+stress = "Pa"
+
+[geometry]
+mesh = "bar.vtu"
+
+[material]
+youngs_modulus = 2e4
+poissons_ratio = 0.4
+density = 1000.0
+
+[time]
+end_time = 0.04
+time_step = 5e-4
+mass_damping = 1.0
+num_outputs = 5
+
+[[support]]
+region = { half_space = { point = [1e-6, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
+
+[[load]]
+kind = "gravity"
+acceleration = [0.0, 0.0, -5.0]
+
+[[check]]
+metric = "trajectory_l2"
+limit = 1e-6
+reason = "the same scheme and step on the same mesh: what is left is the solver's"
+"""
+
+
+@pytest.fixture
+def case(tmp_path: Path) -> Case:
+    write_mesh(tmp_path / "bar.vtu", brick_box((3, 1, 1), (0.06, 0.02, 0.02)))
+    (tmp_path / "bar.toml").write_text(CASE, "utf-8")
+    return load_case(tmp_path / "bar.toml")
+
+
+def judged(case: Case, command: str, stepping: Stepping) -> tuple[CaseResult, float]:
+    """The result, and its one check's value."""
+    candidates = candidates_for(command, 300.0, None, stepping)
+    result = judge_case(case, live=True, candidate=candidates)
+    (check,) = result.checks
+    assert check.value is not None, check.message
+    return result, check.value
+
+
+@pytest.mark.dolfinx
+@pytest.mark.parametrize(
+    "law",
+    ["saint-venant-kirchhoff", pytest.param("neo-hookean-stable", marks=pytest.mark.nightly)],
+)
+def test_block_descent_comes_to_the_reference_by_backward_euler(case: Case, law: str) -> None:
+    if law != case.problem.material.law:
+        text = case.text.replace("[material]", f'[material]\nlaw = "{law}"')
+        case.path.write_text(text, "utf-8")
+        case = load_case(case.path)
+    command = DESCENT + " {iterations}"
+    result, value = judged(case, command, Stepping(time_step=STEP, iterations=120))
+    assert result.verdict is Verdict.PASSED, value
+    assert any("backward-euler, steps of 0.002 s" in note for note in result.notes)
+    # Held against central differences, its own scheme would be called wrong.
+    (state,) = (s for s in result.states if not s.is_reference)
+    assert state.steps is not None
+    few, left = judged(case, command, Stepping(time_step=STEP, iterations=3))
+    assert few.verdict is Verdict.FAILED
+    assert left > 1e-3
+
+
+@pytest.mark.dolfinx
+@pytest.mark.nightly
+def test_xpbd_comes_to_it_with_shorter_steps_and_not_with_more_iterations(case: Case) -> None:
+    left = {
+        (step, many): judged(
+            case, XPBD + " {iterations}", Stepping(time_step=step, iterations=many)
+        )[1]
+        for step, many in ((8e-3, 40), (8e-3, 160), (STEP, 160))
+    }
+    assert left[8e-3, 160] > 1e-5
+    assert left[8e-3, 160] > 0.5 * left[8e-3, 40]
+    assert left[STEP, 160] < 0.3 * left[8e-3, 160]
+
+
+@pytest.mark.dolfinx
+def test_what_the_command_line_states_holds_where_the_result_says_nothing(
+    case: Case, tmp_path: Path
+) -> None:
+    # The explicit reference's own answer, called so and called another scheme's.
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import sys, palpate, numpy as np\n"
+        f"p = palpate.load_case({str(case.path)!r}).problem\n"
+        "s = palpate.solve(p).trajectory\n"
+        "np.savez(sys.argv[2], displacement=s.displacements, times=s.times)\n",
+        "utf-8",
+    )
+    command = f"{sys.executable} {own} {{case}} {{result}}"
+    plain, value = judged(case, command, Stepping())
+    assert plain.verdict is Verdict.PASSED
+    assert value < 1e-9
+    other, value = judged(case, command, Stepping(Integrator.BACKWARD_EULER))
+    assert other.verdict is Verdict.FAILED
+    assert value > 1e-3
+
+
+def test_steps_that_cannot_be_meant_are_refused(case: Case, tmp_path: Path) -> None:
+    problem = case.problem
+    for stepping, message in (
+        (Stepping(time_step=3e-3), "not whole steps"),
+        (Stepping(time_step=-1.0), "above 0"),
+    ):
+        with pytest.raises(InputError, match=message):
+            outside_candidate(OutsideSimulator(DESCENT), stepping).solve(
+                problem, Strain.GREEN, in_silence
+            )
+    still = dataclasses.replace(problem, time=None)
+    with pytest.raises(InputError, match="takes no steps"):
+        outside_candidate(OutsideSimulator(DESCENT), Stepping(time_step=1.0)).solve(
+            still, Strain.GREEN, in_silence
+        )
+    for command, iterations in ((DESCENT, 3), (DESCENT + " {iterations}", None)):
+        with pytest.raises(CommandError, match="together"):
+            OutsideSimulator(command, 60.0, iterations)
+    with pytest.raises(CommandError, match="at least 1"):
+        OutsideSimulator(DESCENT + " {iterations}", 60.0, 0)
+    with pytest.raises(InputError, match="give --simulator"):
+        candidates_for(None, 60.0, None, Stepping(iterations=3))
+    for about, message in (
+        ({"integrator": "rk4"}, "known are"),
+        ({"integrator": "bdf2", "time_step": "soon"}, "no time_step"),
+    ):
+        script = tmp_path / "says.py"
+        script.write_text(
+            "import sys, json, numpy as np\n"
+            f"np.savez(sys.argv[2], displacement=np.zeros((6, {problem.mesh.num_points}, 3)),\n"
+            f"    times=np.linspace(0, 0.04, 6), about=json.dumps({about!r}))\n",
+            "utf-8",
+        )
+        simulator = OutsideSimulator(f"{sys.executable} {script} {{case}} {{result}}")
+        with pytest.raises(ResultFileError, match=message):
+            outside_candidate(simulator).solve(problem, Strain.GREEN, in_silence)
+
+
+@pytest.mark.dolfinx
+def test_the_gate_takes_scheme_step_and_iterations(case: Case) -> None:
+    words = ["gate", str(case.path), "--live", "--simulator", DESCENT + " {iterations}"]
+    words += ["--integrator", "backward-euler", "--time-step", "0.008", "--iterations", "200"]
+    found = CliRunner().invoke(app, words)
+    assert found.exit_code == 0, found.output
+    assert "backward-euler, steps of 0.008 s" in " ".join(found.output.split())
+
+
+def test_time_step_is_filled_into_the_command(case: Case, tmp_path: Path) -> None:
+    script = tmp_path / "echo.py"
+    script.write_text("import sys\nprint(sys.argv[3])\nsys.exit(1)\n", "utf-8")
+    simulator = OutsideSimulator(f"{sys.executable} {script} {{case}} {{result}} {{time_step}}")
+    candidate = outside_candidate(simulator, Stepping(time_step=STEP))
+    with pytest.raises(CandidateFailedError, match=f"{STEP:.17g}"):
+        candidate.solve(case.problem, Strain.GREEN, in_silence)
+
+
+def test_of_a_reference_that_has_failed_by_the_steps_nothing_else_is_said() -> None:
+    found = ReferenceSet({}, {}, "nowhere").with_same_mesh(Strain.GREEN, None, "solved", "why not")
+    assert found.remarks == ()
+    assert found.failures == {(SAME_MESH, Strain.GREEN): "why not"}

@@ -1,0 +1,253 @@
+"""Two candidates on one case, held against each other: no reference, and limits by the user.
+
+Two simulators, or one on two machines, devices or precisions. Differences are told by metric,
+relative to the second one's answer; nothing says which of the two is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case import Case
+from palpate.validation.case.parts import part_of_check
+from palpate.validation.judging.checks import decide
+from palpate.validation.judging.record import case_file
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged
+from palpate.validation.metrics import CATALOGUE, Metric, Part, is_still, measure
+from palpate.validation.metrics.pairs import Difference
+from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.quoting import own_words
+from palpate.validation.simulators.candidate import Candidate
+from palpate.validation.states import (
+    CandidateFailedError,
+    Progress,
+    State,
+    Verdict,
+    gravest,
+    in_silence,
+)
+from palpate.validation.versions import version_of
+
+# What such a check goes against, in results.
+VERSUS = "versus"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A metric between the two, and how large it may be; infinite where nobody says."""
+
+    metric: str
+    limit: float
+    reason: str
+    part: Part | None = None
+
+
+def judge_versus(
+    case: Case,
+    candidate: Candidate,
+    other: Candidate,
+    *,
+    limits: Mapping[str, float] | None = None,
+    progress: Progress = in_silence,
+) -> CaseResult:
+    """Let two candidates answer a case, and tell how far apart they are.
+
+    Args:
+        case: Its strain measure is asked for.
+        candidate: The first.
+        other: The second; differences are parts of its answer.
+        limits: By metric, above 0; those of the case's checks on the same mesh where None.
+        progress: Called with one line for each thing done.
+
+    Returns:
+        A check for each metric with a limit; every other metric, if both answered, as a skipped
+        check.
+
+    Raises:
+        InputError: No limit at all, one of a metric that is not between two answers, or a result
+            that cannot be read.
+    """
+    asked = _asked(case, limits)
+    progress(f"case {case.name}: {case.title}")
+    problem, strain = case.problem, case.strain
+    names = _names(candidate, other)
+    answers: list[State] = []
+    failures: list[str] = []
+    notes = [f"Mesh: {case.mesh.origin}.", f"{names[0]} against {names[1]}: no reference."]
+    for who, name in zip((candidate, other), names, strict=True):
+        notes.extend(who.notes)
+        answer, failure = _answer(who, problem, strain, progress)
+        if failure:
+            failures.append(f"{name}: {case.spec.units.in_case_units(failure)}")
+        if answer is not None:
+            answers.append(answer)
+            notes.extend(answer.remarks)
+            said = dict(answer.says)
+            notes.extend([own_words(name, said)] if said else [])
+    more = [] if failures else _others(problem, asked)
+    checks = tuple(
+        _check(one, problem, strain, answers, "; ".join(failures), names) for one in (*asked, *more)
+    )
+    verdict = gravest([check.verdict for check in checks])
+    if not failures and all(is_still(problem.mesh, answer) for answer in answers):
+        verdict = gravest([verdict, Verdict.INCONCLUSIVE])
+        notes.append("Nothing moves in either answer: that they agree says nothing.")
+    return CaseResult(
+        name=case.name,
+        title=case.title,
+        verdict=verdict,
+        checks=checks,
+        problem=problem,
+        candidates=(Judged(f"{names[0]} against {names[1]}", verdict),),
+        states=tuple(answers),
+        metrics={f"versus.{c.metric}": c.value for c in checks},
+        provenance={"palpate": version_of("palpate"), "case_file": case_file(case)},
+        notes=tuple(dict.fromkeys(notes)),
+        case_text=case.text,
+    )
+
+
+def read_limits(words: list[str]) -> dict[str, float]:
+    """Limits as they stand on a command line: METRIC=VALUE.
+
+    Raises:
+        InputError: No such metric between two answers, or no number above 0.
+
+    >>> read_limits(["displacement_l2=1e-6"])
+    {'displacement_l2': 1e-06}
+    """
+    limits: dict[str, float] = {}
+    for word in words:
+        metric, _, text = word.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise InputError(f"--limit {word}: needs METRIC=VALUE with a finite value above 0")
+        if metric in limits:
+            raise InputError(f"--limit {word}: {metric} has a limit already")
+        if metric not in CATALOGUE or CATALOGUE[metric].compare is None:
+            known = ", ".join(m.name for m in CATALOGUE.values() if m.compare)
+            raise InputError(f"--limit {word}: no metric between two answers; there are {known}")
+        limits[metric] = value
+    return limits
+
+
+def _asked(case: Case, limits: Mapping[str, float] | None) -> list[Asked]:
+    problem = case.problem
+    if limits:
+        for name in limits:
+            if not _fits(CATALOGUE[name], problem):
+                needs = "[time]" if CATALOGUE[name].needs_time else "[tool]"
+                raise InputError(f"limit of {name}: it is of a case with {needs}")
+        return [Asked(name, value, "asked for") for name, value in limits.items()]
+    asked = [
+        Asked(
+            spec.metric,
+            spec.limit,
+            spec.reason,
+            part_of_check(spec, problem, case.spec.units, f"check {number}"),
+        )
+        for number, spec in enumerate(case.checks, start=1)
+        if spec.against == "same_mesh" and (spec.strain or case.strain) is case.strain
+    ]
+    if not asked:
+        raise InputError(
+            f"{case.path.name}: no check on the same mesh whose limit could be taken; say how far "
+            "apart the two may be, as in --limit displacement_l2=0.01"
+        )
+    return asked
+
+
+def _fits(metric: Metric, problem: Problem) -> bool:
+    return (problem.time is not None or not metric.needs_time) and (
+        bool(problem.tools) or not metric.needs_tools
+    )
+
+
+def _others(problem: Problem, asked: list[Asked]) -> list[Asked]:
+    """Every other metric of the whole body that such a case has; fits only where asked for."""
+    taken = {one.metric for one in asked}
+    return [
+        Asked(metric.name, math.inf, "no limit asked for")
+        for metric in CATALOGUE.values()
+        if metric.compare and metric.name not in taken and not metric.is_fitted
+        if _fits(metric, problem)
+    ]
+
+
+def _names(candidate: Candidate, other: Candidate) -> tuple[str, str]:
+    """What the two are called; numbered where a name does not tell them apart."""
+    if candidate.name != other.name:
+        return candidate.name, other.name
+    return f"{candidate.name} (first)", f"{other.name} (second)"
+
+
+def _answer(
+    who: Candidate, problem: Problem, strain: Strain, progress: Progress
+) -> tuple[State | None, str]:
+    """Its state, and why it has failed."""
+    try:
+        answer = who.solve(problem, strain, progress)
+    except CandidateFailedError as error:
+        return None, str(error)
+    unmeasurable = unmeasurable_state(answer)
+    if unmeasurable:
+        return None, unmeasurable
+    return answer, state_out_of_reach(problem, answer)
+
+
+def _check(
+    asked: Asked,
+    problem: Problem,
+    strain: Strain,
+    answers: list[State],
+    failure: str,
+    names: tuple[str, str],
+) -> CheckResult:
+    has_limit = asked.limit < math.inf
+    common = {
+        "metric": asked.metric,
+        "against": VERSUS,
+        "strain": strain,
+        "reason": asked.reason,
+        "limit": asked.limit if has_limit else 0.0,
+    }
+    if failure:
+        return CheckResult(verdict=Verdict.FAILED, message=failure, **common)  # type: ignore[arg-type]
+    found = _apart(asked, problem, *answers)
+    if found is None:
+        why = "it needs both answers on the case's mesh"
+        verdict = Verdict.INCONCLUSIVE if has_limit else Verdict.SKIPPED
+        return CheckResult(verdict=verdict, message=why, **common)  # type: ignore[arg-type]
+    bar = found.uncertainty
+    verdict = decide(found.value, bar, asked.limit) if has_limit else Verdict.SKIPPED
+    sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
+    says = f"{found.value:.3g}" + (f" (+- {bar:.2g})" if bar else "")
+    says += f" {sign} {asked.limit:g}" if has_limit else ""
+    return CheckResult(
+        verdict=verdict,
+        message=says + (f"; {found.remark}" if found.remark else ""),
+        value=found.value if math.isfinite(found.value) else None,
+        scale=found.scale_name.replace("the reference", names[1]),
+        unit=CATALOGUE[asked.metric].unit,
+        reference_error=bar,
+        **common,  # type: ignore[arg-type]
+    )
+
+
+def _apart(asked: Asked, problem: Problem, one: State, other: State) -> Difference | None:
+    """The worst of both ways where both have a mesh of their own; None where neither can tell."""
+    about = CATALOGUE[asked.metric]
+    if (one.own or other.own) and (about.needs_same_mesh or about.of_part):
+        return None
+    # Whoever has a mesh of its own is measured there too, and so is the first of the two.
+    pairs = [(one, other)] if one.own or not other.own else []
+    pairs += [(other, one)] if other.own else []
+    found = [measure(asked.metric, problem, *pair, asked.part) for pair in pairs]
+    return max(found, key=lambda difference: difference.value)
