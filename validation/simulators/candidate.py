@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference.integrators.schemes import Integrator, Steps
 from palpate.validation.exchange.result_files import (
     ResultFile,
     ResultFileError,
@@ -39,6 +40,46 @@ Solve = Callable[[Problem, Strain, Progress], State]
 Function: TypeAlias = Callable[[Problem], ArrayLike]
 
 
+@dataclass(frozen=True)
+class Stepping:
+    """What is said of an outside simulator's steps where its result says nothing of them.
+
+    Attributes:
+        integrator: Its scheme; None is the case's central differences.
+        time_step: That it is asked for in the place of the case's [s]; None is the case's.
+        iterations: For {iterations} of its command.
+    """
+
+    integrator: Integrator | None = None
+    time_step: float | None = None
+    iterations: int | None = None
+
+    @property
+    def about(self) -> dict[str, object]:
+        """What a result that says nothing is taken to say of itself."""
+        scheme = self.integrator
+        if self.time_step is not None:
+            scheme = scheme or Integrator.CENTRAL_DIFFERENCES
+        every = {"integrator": scheme, "iterations": self.iterations}
+        return {name: value for name, value in every.items() if value is not None}
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem with the step that is asked for.
+
+        Raises:
+            InputError: A step for a case without [time], or one that the outputs are not whole
+                numbers of apart.
+        """
+        from palpate.reference.stated_steps import stated_steps
+
+        if self.time_step is None:
+            return problem
+        steps = Steps(self.integrator or Integrator.CENTRAL_DIFFERENCES, self.time_step)
+        stepped = steps.of(problem)
+        stated_steps(stepped, f"--time-step {self.time_step:g}")
+        return stepped
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """Who is judged.
@@ -50,6 +91,8 @@ class Candidate:
         notes: What a reader of the verdict must know of it.
         can_be_asked: Whether it solves other problems than the case's, as a file cannot.
         element: What its tetrahedra are, where it does not say another in its answer.
+        steps_without_lock: Whether its motions let go of Python's lock, so that both strain
+            measures may be stepped side by side.
     """
 
     name: str
@@ -58,6 +101,7 @@ class Candidate:
     notes: tuple[str, ...] = field(default=())
     can_be_asked: bool = True
     element: Element = Element.LINEAR
+    steps_without_lock: bool = False
 
 
 def fastsim_candidate(
@@ -70,11 +114,16 @@ def fastsim_candidate(
         element: Linear tetrahedra, plain or smoothed.
     """
     solve = partial(run_fastsim, method=method, element=element)
-    return Candidate(name_of(element), solve, has_both_strains=True, element=element)
+    return Candidate(
+        name_of(element), solve, has_both_strains=True, element=element, steps_without_lock=True
+    )
 
 
 def candidates_for(
-    command: str | None, time_limit: float, elements: Elements | None = None
+    command: str | None,
+    time_limit: float,
+    elements: Elements | None = None,
+    stepping: Stepping | None = None,
 ) -> list[Candidate]:
     """Fastsim by element, or the program of a command line.
 
@@ -82,11 +131,18 @@ def candidates_for(
         command: The program; fastsim where None.
         time_limit: Of the program [s].
         elements: Of fastsim; linear where None.
+        stepping: How the program steps, where its result does not say.
 
     Raises:
         InputError: The command line cannot be used, or an element goes with it.
     """
+    stepping = stepping or Stepping()
     if command is None:
+        if stepping != Stepping():
+            raise InputError(
+                "--integrator, --time-step and --iterations are of another simulator: fastsim "
+                "takes central differences with the case's step; give --simulator"
+            )
         chosen = Elements.LINEAR if elements is None else elements
         return [fastsim_candidate(element=element) for element in chosen.each]
     if elements is not None:
@@ -94,7 +150,8 @@ def candidates_for(
             f"element = {elements}: only fastsim is asked for one; another simulator says in its "
             'result what it has, `about`: {"element": "smoothed"}'
         )
-    return [outside_candidate(OutsideSimulator(command, time_limit))]
+    simulator = OutsideSimulator(command, time_limit, stepping.iterations)
+    return [outside_candidate(simulator, stepping)]
 
 
 def candidate_name(name: str) -> str:
@@ -103,14 +160,21 @@ def candidate_name(name: str) -> str:
     return f"{shown} (candidate)" if shown.casefold().startswith(REFERENCE) else shown
 
 
-def outside_candidate(simulator: OutsideSimulator) -> Candidate:
-    """A program that reads a case folder and writes a result."""
-    name = candidate_name(simulator.name)
+def outside_candidate(simulator: OutsideSimulator, stepping: Stepping | None = None) -> Candidate:
+    """A program that reads a case folder and writes a result.
+
+    Args:
+        simulator: The program.
+        stepping: How it steps, where its result does not say.
+    """
+    name, used = candidate_name(simulator.name), stepping or Stepping()
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        result, seconds = simulator.run(problem, strain, progress)
+        given = used.of(problem)
+        result, seconds = simulator.run(given, strain, progress)
+        result = dataclasses.replace(result, about={**used.about, **result.about})
         details = {"command": simulator.command}
-        return state_of_result(result, problem, name, strain, seconds=seconds, details=details)
+        return state_of_result(result, given, name, strain, seconds=seconds, details=details)
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
     return Candidate(name, solve, False, (note,))
@@ -191,6 +255,8 @@ def _state(
     about: dict[str, object] = {}
     if isinstance(like, State):
         about["element"] = like.element.value
+        if like.steps is not None:
+            about |= {"integrator": like.steps.integrator, "time_step": like.steps.time_step}
         if like.tool_forces is not None:
             about["tool_forces"] = like.tool_forces
     values = values.reshape(-1, num_points, 3)

@@ -7,6 +7,7 @@ read is an input error.
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import re
 import shlex
@@ -32,8 +33,16 @@ from palpate.validation.quoting import in_quotes
 from palpate.validation.states import CandidateFailedError, Progress
 
 DEFAULT_TIME_LIMIT = 600.0
-_PLACE = re.compile(r"\{(case|result)(?::(npz|vtu|csv))?\}")
+_PLACE = re.compile(r"\{(case|result|iterations|time_step)(?::(npz|vtu|csv))?\}")
 _STDERR_CHARACTERS = 2000
+
+
+# Exit code of a program to which the case cannot be posed (automake's for a skipped test).
+NOT_POSED = 77
+
+
+class CannotPoseError(CandidateFailedError):
+    """The program says that the case is not for it: no answer, but no wrong one either."""
 
 
 class CommandError(InputError):
@@ -44,19 +53,22 @@ class CommandError(InputError):
 class OutsideSimulator:
     """A command line with {case} (a folder) and {result} (a file to write).
 
-    {result} ends in .npz; {result:vtu} and {result:csv} ask for the other kinds. No shell reads
-    the line.
+    {result} ends in .npz; {result:vtu} and {result:csv} ask for the other kinds. {time_step} is
+    that of the motion asked for [s], {iterations} what it is told. No shell reads the line.
 
     Args:
         command: For example "mysim {case} {result:vtu}".
         time_limit: [s], > 0.
+        iterations: For the place of that name, > 0; None where there is none.
 
     Raises:
-        CommandError: A place is missing or named twice, or the time limit is not above 0.
+        CommandError: A place is missing or named twice, iterations without a place or a place
+            without them, or the time limit is not above 0.
     """
 
     command: str
     time_limit: float = DEFAULT_TIME_LIMIT
+    iterations: int | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -69,6 +81,13 @@ class OutsideSimulator:
                 f'simulator {self.command!r}: needs {{case}} and {{result}}, as in "mysim {{case}} '
                 '{result}"'
             )
+        if ("iterations" in places) != (self.iterations is not None):
+            raise CommandError(
+                f"simulator {self.command!r}: {{iterations}} in the command and how many there are "
+                "(--iterations) go together: give both or neither"
+            )
+        if self.iterations is not None and self.iterations < 1:
+            raise CommandError(f"iterations = {self.iterations}: needs at least 1")
         if not self.time_limit > 0.0:
             raise CommandError(f"time limit {self.time_limit:g} s: needs a value above 0")
 
@@ -91,11 +110,12 @@ class OutsideSimulator:
             CommandError: There is no such program.
             ResultFileError: Its result cannot be read.
             CandidateFailedError: It crashed, took too long, or left no result.
+            CannotPoseError: It ended with `NOT_POSED`.
         """
         with scratch_folder("simulator") as scratch:
             case = scratch / "case"
             write_case_folder(case, problem, strain, name=case_name)
-            words, file = self._filled(case, scratch)
+            words, file = self._filled(case, scratch, problem)
             progress(f"{self.name}, {strain} strain, {problem.mesh.num_cells} cells")
             start = time.perf_counter()
             _run(words, scratch, self.time_limit)
@@ -104,10 +124,22 @@ class OutsideSimulator:
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
             return read_result(file, most_bytes=room_for_answer(problem)), seconds
 
-    def _filled(self, case: Path, scratch: Path) -> tuple[list[str], Path]:
+    def asked_for(self, iterations: int) -> OutsideSimulator:
+        """The same with so many iterations."""
+        return dataclasses.replace(self, iterations=iterations)
+
+    def _filled(self, case: Path, scratch: Path, problem: Problem) -> tuple[list[str], Path]:
         suffix = next(m[2] or "npz" for m in _PLACE.finditer(self.command) if m[1] == "result")
         result = scratch / f"result.{suffix}"
-        values = {"case": str(case), "result": str(result)}
+        values = {"case": str(case), "result": str(result), "iterations": str(self.iterations)}
+        if "{time_step}" in self.command:
+            step = None if problem.time is None else problem.time.time_step
+            if step is None:
+                raise CommandError(
+                    f"simulator {self.command!r}: this case states no time step for {{time_step}}; "
+                    "give time_step in [time], or --time-step"
+                )
+            values["time_step"] = f"{step:.17g}"
         words = [_PLACE.sub(lambda m: values[m[1]], w) for w in shlex.split(self.command)]
         return words, result
 
@@ -144,14 +176,23 @@ def _run(words: list[str], folder: Path, time_limit: float) -> None:
                 f"simulator: {program} cannot be started ({error.strerror or error})"
             ) from error
         code = process.returncode
+        if code == NOT_POSED:
+            why = _last_words(output) or "it does not say why"
+            raise CannotPoseError(f"the case cannot be posed to it: {why}")
         if code:
             how = f"it ended with {code}" if code > 0 else f"it crashed (signal {-code})"
             raise CandidateFailedError(how + _last_line(output))
 
 
 def _last_line(stream: IO[bytes]) -> str:
-    """The last thing it said, as its words."""
+    """The last thing it said, at the end of a sentence."""
+    said = _last_words(stream)
+    return f", its last line: {said}" if said else ""
+
+
+def _last_words(stream: IO[bytes]) -> str:
+    """The last thing it said, in quotes; nothing where it said nothing."""
     size = stream.seek(0, os.SEEK_END)
     stream.seek(max(0, size - _STDERR_CHARACTERS))
     lines = stream.read().decode("utf-8", errors="replace").strip().splitlines()
-    return f", its last line: {in_quotes(lines[-1])}" if lines else ""
+    return in_quotes(lines[-1]) if lines else ""

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.integrators.schemes import Steps, read_integrator
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.time_reading import TimeReading, read_at
@@ -53,6 +55,7 @@ def state_of_result(
         element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
         says=said,
         sent_stress=placed.cauchy_stress if placed.own_mesh is None else None,
+        steps=_steps(result, problem),
     )
     if problem.time is not None:
         return _with_motion(state, problem.mesh, problem.time, result, placed)
@@ -130,6 +133,27 @@ def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]
     if num_late:
         remarks.append(f"{num_late} of {len(times)} states come after the end: not judged.")
     return remarks
+
+
+def _steps(result: ResultFile, problem: Problem) -> Steps | None:
+    """Scheme and time step that the result states; None in statics, and where it states no scheme.
+
+    Raises:
+        ResultFileError: An unknown scheme, or no step that could be meant.
+    """
+    scheme, span = result.about.get("integrator"), problem.time
+    if span is None or scheme is None:
+        return None
+    step = result.about.get("time_step", span.time_step)
+    if not isinstance(step, int | float):
+        raise ResultFileError(
+            result.path,
+            f"`about` names the integrator {scheme!r} but no time_step [s], and nor does the case",
+        )
+    try:
+        return Steps(read_integrator(str(scheme)), float(step))
+    except InputError as error:
+        raise ResultFileError(result.path, f"`about`: {error}") from error
 
 
 def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | None:

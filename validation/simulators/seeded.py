@@ -118,6 +118,8 @@ def _about(state: State) -> dict[str, object]:
     about: dict[str, object] = {}
     if state.tool_forces is not None:
         about["tool_forces"] = state.tool_forces
+    if state.steps is not None:
+        about |= {"integrator": state.steps.integrator, "time_step": state.steps.time_step}
     if state.element is not Element.LINEAR:
         about["element"] = state.element.value
     return about

@@ -52,7 +52,7 @@ def test_an_adapter_gives_fastsims_answer(problem: Problem, name: str) -> None:
 
 def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None:
     # k = m = 1, pulled by 1: rest at x = 1; steps of 0.1 s.
-    place, velocity, force = np.zeros(1), np.zeros(1), np.ones(1)
+    place, velocity, force = np.zeros(1), np.zeros(1), 1.0
 
     def step() -> None:
         velocity[:] += 0.1 * (force - place)
@@ -71,6 +71,17 @@ def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None
     assert mechanics.relax(speed_up, lambda: velocity, 10.0, force, 1e-6, 7) == (
         7, pytest.approx(10.0),
     )  # fmt: skip
+    # Who creeps at one speed is not at rest where forces say otherwise.
+    velocity[:] = 1.0
+
+    def half_out() -> object:
+        return np.array([0.5])
+
+    assert mechanics.relax(lambda: None, lambda: velocity, 10.0, force, 1e-6, 7) == (1, 0.0)
+    assert mechanics.relax(lambda: None, lambda: velocity, 10.0, force, 1e-6, 7, half_out) == (
+        7,
+        0.5,
+    )
     with pytest.raises(SystemExit, match="blew up after 1 steps"):
         mechanics.relax(lambda: None, lambda: np.array([np.nan]), 10.0, force, 1e-6, 7)
 

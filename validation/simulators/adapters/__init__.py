@@ -17,7 +17,7 @@ A file has a class for each task that its tool can do:
 for it. Who has `Static` answers case folders too: `python ADAPTER.py CASE RESULT.npz`.
 
 Nothing of palpate is imported (but by ours.py), so that an adapter runs in the interpreter that
-has its tool; what several of them need stands in harness.py, mechanics.py
+has its tool; what several of them need stands in harness.py, mechanics.py, backward_euler.py
 and quadratic.py beside them.
 `numpy_dense.py` needs neither: copy that one for a simulator of your own.
 """

@@ -13,10 +13,12 @@ import resource
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
+# Exit code of a program to which a case cannot be posed: it has not failed.
+NOT_POSED = 77
 _LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
 _COMMON = "saint-venant-kirchhoff"
 
@@ -29,26 +31,52 @@ def answer_case(adapter: Any) -> None:
             have `law`, where that is not the case's, and `laws`, those for finite strain that it
             takes from a case, if there are others than Saint-Venant-Kirchhoff's.
     """
+    _answer(adapter, is_motion=False)
+
+
+def answer_motion(adapter: Any) -> None:
+    """Likewise a case in motion, by a class `Motion`; its job has `output_times` [s] as well.
+
+    Loads and supports stay as they are: those that change in time are not known here.
+    """
+    _answer(adapter, is_motion=True)
+
+
+def _answer(adapter: Any, *, is_motion: bool) -> None:
     case, result = (Path(word).absolute() for word in sys.argv[1:])
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
     kinds = [load["kind"] for load in given["loads"]]
     job = {**read_arrays(case / "rest.npz"), "strain": given["strain"], "load_kinds": kinds}
-    if given["time"] or given["tools"] or len(job["pressure"]) or given["has_inclusions"]:
-        raise SystemExit("time, tools, follower pressure and inclusions are not known here")
+    span = given["time"]
+    moves = any(one["amplitude"] for one in (*given["loads"], *given["supports"]))
+    if is_motion and span:
+        moves = moves or bool(job["prescribed_displacement"].any())
+        job |= {"output_times": np.array(span["output_times"])}
+        job |= {"mass_damping": span["mass_damping"]}
+    has = {
+        "time": span and not is_motion,
+        "statics": is_motion and not span,
+        "loads or supports that change in time": is_motion and moves,
+        "tools": given["tools"],
+        "follower pressure": len(job["pressure"]),
+        "inclusions": given["has_inclusions"],
+        "slanted supports": "sliding_normals" in job,
+    }
+    if any(has.values()):
+        refuse(f"{', '.join(name for name in has if has[name])}: not handed to this simulator here")
     job["law"] = given["material"].get("law", _COMMON) if given["strain"] == "green" else _COMMON
     known = getattr(adapter, "laws", (_COMMON,))
     if job["law"] not in known:
-        raise SystemExit(
-            f"law {job['law']}: not posed to {adapter.tool} here, only {', '.join(known)}"
-        )
+        refuse(f"law {job['law']}: not posed to {adapter.tool} here, only {', '.join(known)}")
     os.chdir(result.parent)  # some write a log into the working folder
     try:
         simulator = adapter(job)
     except (ImportError, ValueError) as error:
-        raise SystemExit(str(error)) from error
+        refuse(str(error))
     start = processor_seconds()
     says = simulator.advance(1)
     about = {
+        "peak_memory_mb": max(peak_memory_mb(), _of_children_mb()),
         "tool": simulator.tool,
         "version": simulator.version,
         "law": getattr(simulator, "law", _LAWS[given["strain"]])
@@ -114,6 +142,16 @@ def peak_memory_mb() -> float:
         return next(float(x.split()[1]) for x in lines if x.startswith("VmHWM")) / 1024.0
     except (OSError, StopIteration):
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def refuse(why: str) -> NoReturn:
+    """End: the case cannot be posed to this simulator."""
+    print(why)
+    sys.exit(NOT_POSED)
+
+
+def _of_children_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
 
 
 def processor_seconds() -> float:

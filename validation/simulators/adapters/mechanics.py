@@ -52,6 +52,14 @@ def held_points(job: dict[str, Any]) -> Any:
     return is_held.all(axis=1)
 
 
+def force_scale(job: dict[str, Any]) -> float:
+    """What a residual is measured by [N]: the load, or what a moved support takes about."""
+    load = float(np.linalg.norm(np.where(job["fixed"], 0.0, job["external_force"])))
+    moved = float(np.abs(job["prescribed_displacement"]).max())
+    size = float(np.ptp(job["points"], axis=0).max())
+    return load or float(job["youngs_modulus"][0]) * moved * size
+
+
 def central_differences(job: dict[str, Any]) -> tuple[float, Any]:
     """Factors of increment <- keep increment + mobility (external - internal force)."""
     dt = float(job["time_step"])
@@ -77,18 +85,21 @@ def stable_step(job: dict[str, Any], mass: Any) -> float:
 
 
 def relax(
-    step: Callable[[], None], velocity: Callable[[], Any], inertia: Any, force: Any,
-    tolerance: float, most: int,
+    step: Callable[[], None], velocity: Callable[[], Any], inertia: Any, force: float,
+    tolerance: float, most: int, out_of_balance: Callable[[], Any] | None = None,
 ) -> tuple[int, float]:  # fmt: skip
     """Step to rest.
 
     Args:
-        step: One step of semi-implicit Euler.
+        step: One step of semi-implicit Euler, unless `out_of_balance` is given.
         velocity: The array of velocities, which may be written to [m/s].
         inertia: Mass over time step, for each of its entries [kg/s].
-        force: That is applied [N]; what is out of balance is measured by it.
+        force: What is out of balance is measured by it [N].
         tolerance: On the relative residual.
         most: Steps at most.
+        out_of_balance: Forces out of balance now [N]. Without it they are read from the change of
+            velocity, which is the same for explicit steps alone: implicit ones that are not
+            solved to the end hardly change it far from equilibrium too.
 
     Returns:
         Steps done and the last relative residual.
@@ -97,7 +108,8 @@ def relax(
     for count in range(1, most + 1):
         step()
         now = velocity()
-        residual = float(np.linalg.norm(inertia * (now - before)) / np.linalg.norm(force))
+        unbalanced = inertia * (now - before) if out_of_balance is None else out_of_balance()
+        residual = float(np.linalg.norm(unbalanced) / force)
         last, energy = energy, float((inertia * now**2).sum())
         if not np.isfinite(energy):
             raise SystemExit(f"the motion blew up after {count} steps")
@@ -108,3 +120,29 @@ def relax(
             energy = 0.0
         before = now.copy()
     return most, residual
+
+
+def march(
+    step: Callable[[float], None], read: Callable[[], Any], times: Any, largest: float
+) -> tuple[Any, float]:
+    """Step through output times, with whole steps between them.
+
+    Args:
+        step: One step of so many seconds.
+        read: Displacement now [m], (num_points, 3).
+        times: From the start, evenly [s], (num_times,).
+        largest: Step that is allowed [s].
+
+    Returns:
+        Displacement at each of the times, and the step.
+    """
+    interval = float(times[1] - times[0])
+    count = int(np.ceil(interval / largest))
+    states = [np.array(read())]
+    for _ in times[1:]:
+        for _ in range(count):
+            step(interval / count)
+        states.append(np.array(read()))
+        if not np.isfinite(states[-1]).all():
+            raise SystemExit(f"the motion blew up before output {len(states) - 1}")
+    return np.array(states), interval / count

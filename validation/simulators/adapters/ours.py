@@ -14,6 +14,7 @@ from palpate.fastsim.mesher import delaunay, mesh_surface
 from palpate.fastsim.newton import MULTIGRID_FROM_POINTS
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import PointForce, Support
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
@@ -51,6 +52,7 @@ class Steps(_Ours):
         return {
             "instruction_set": self._body.instruction_set,
             "element": self._element.value,
+            "law": self._body.elastic.law.value,
             "critical_time_step": self._body.critical_time_step,
         }
 
@@ -78,7 +80,7 @@ class Static(_Ours):
 
 def _problem(job: dict[str, Any], time: TimeSpan | None = None) -> Problem:
     E, nu, rho = (float(job[name][0]) for name in ("youngs_modulus", "poissons_ratio", "density"))
-    material = Material(E, nu, rho)
+    material = Material(E, nu, rho, Law(str(job.get("law", Law.SAINT_VENANT_KIRCHHOFF))))
     mesh = TetMesh(job["points"], job["cells"])
     held = np.flatnonzero(job["fixed"].all(axis=1)).astype(np.int32)
     load = PointForce(np.arange(mesh.num_points, dtype=np.int32), job["external_force"])

@@ -1,0 +1,213 @@
+"""Seeded errors land in their own column; failures and refusals are shown; pages need no server."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import palpate
+from palpate.fastsim.dynamic_relaxation import relax
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import with_law
+from palpate.validation.case import load_case
+from palpate.validation.cli import main
+from palpate.validation.evidence.error_budget import farthest_probe
+from palpate.validation.judging.judge import find_references
+from palpate.validation.mechanics.finite_laws import WITH_LOGARITHM, laws_instead_of_law
+from palpate.validation.scoreboard.board import compute_board
+from palpate.validation.scoreboard.entries import Entry, chosen_entries, read_entries
+from palpate.validation.scoreboard.judge import LAW, MESH, SOLVER
+from palpate.validation.scoreboard.kept import Kept
+from palpate.validation.scoreboard.page import write_board
+from palpate.validation.scoreboard.runs import Status
+from palpate.validation.simulators import adapters
+from palpate.validation.states import Verdict, in_silence
+
+FOLDER = Path(adapters.__file__).parent
+NUMPY = f"{sys.executable} {FOLDER / 'numpy_dense.py'} {{case}} {{result}}"
+# Somebody else's program: it answers every case with what `answer` is.
+PROGRAM = """
+import json, sys
+from pathlib import Path
+{answer}
+import numpy as np
+key = json.loads(Path(sys.argv[1], "case.json").read_text("utf-8"))["case_key"]
+np.savez(sys.argv[2], displacement=u, case_key=key)
+"""
+FAULTS = {
+    "crashes": "sys.exit('out of rubber')",
+    "nan": "import numpy; u = numpy.full((12, 3), numpy.nan)",
+    "refuses": "print('no blocks today'); sys.exit(77)",
+    "sleeps": "import time; time.sleep(60)",
+}
+
+
+def program(folder: Path, name: str, answer: str | NDArray[np.float64]) -> Entry:
+    path = folder / f"{name}.py"
+    if not isinstance(answer, str):
+        np.save(folder / f"{name}.npy", answer)
+        answer = f"import numpy; u = numpy.load({str(folder / name) + '.npy'!r})"
+    path.write_text(PROGRAM.format(answer=answer), encoding="utf-8")
+    return Entry(name=name, title=name, command=f"{sys.executable} {path} {{case}} {{result}}")
+
+
+def board_of(folder, entries, cases, time_limit=60.0):
+    loaded = [load_case(name) for name in cases]
+    kept = Kept(folder / "kept")
+    return compute_board(entries, loaded, kept, time_limit=time_limit, progress=in_silence)
+
+
+def seeded(case, displacement):
+    """What an answer adds to that of the same mesh, as the board reads it."""
+    references = find_references(case, live=False, progress=in_silence)
+    truth = references.truth(case.strain).displacement
+    probe = farthest_probe(truth)
+    added = displacement - references.same_mesh(case.strain).displacement
+    return float(added[probe.point] @ probe.direction) / float(truth[probe.point] @ probe.direction)
+
+
+@pytest.mark.parametrize(
+    ("name", "cause", "answer"),
+    [
+        ("shear", LAW, lambda p: solve_static(with_law(p, Law.NEO_HOOKEAN))),
+        ("cantilever", SOLVER, lambda p: relax(p, relative_tolerance=0.1)),
+        ("cantilever", MESH, solve_static),
+    ],
+)
+def test_a_seeded_error_lands_in_its_own_column(tmp_path, name, cause, answer) -> None:
+    case = load_case(name)
+    wrong = answer(case.problem).displacement
+    board = board_of(tmp_path, [program(tmp_path, "copy", wrong)], [name])
+    (score,) = board.scores.values()
+    added = seeded(case, wrong)
+    if cause == MESH:  # nothing was seeded: linear tetrahedra are stiff, and that is all
+        assert score.causes[MESH] < -0.3
+        assert abs(added) < 1e-6
+    else:
+        assert abs(added) > 0.1
+        assert score.causes[cause] == pytest.approx(added, rel=0.1)
+    assert (score.follows != "") == (cause == LAW)
+    for other in {LAW, SOLVER} - {cause}:
+        assert abs(score.causes[other]) < 0.1 * max(abs(added), 1e-6)
+    assert sum(score.causes.values()) == pytest.approx(added + score.causes[MESH], abs=1e-9)
+
+
+def test_who_fails_refuses_or_hangs_is_shown_and_stops_nobody(tmp_path) -> None:
+    entries = [program(tmp_path, name, answer) for name, answer in FAULTS.items()]
+    right = solve_static(load_case("stretch").problem).displacement
+    entries.append(program(tmp_path, "right", right))
+    sleeper = entries.pop(list(FAULTS).index("sleeps"))
+    (slept,) = board_of(tmp_path, [sleeper], ["stretch"], time_limit=1.0).scores.values()
+    board = board_of(tmp_path, entries, ["stretch"])
+    crashed, nan, refused, right = board.of_case(board.cases[0])
+    assert (crashed.verdict, nan.verdict, slept.verdict) == (Verdict.FAILED,) * 3
+    assert "out of rubber" in crashed.why
+    assert "NaN" in nan.why
+    assert "no answer within 1 s" in slept.why
+    assert refused.run.status is Status.NOT_POSED
+    assert "no blocks today" in refused.why
+    assert right.distance < 1e-6
+    write_board(board, tmp_path)
+    page = (tmp_path / "simulator-crashes.html").read_text("utf-8")
+    assert "out of rubber" in page
+    index = (tmp_path / "index.html").read_text("utf-8")
+    assert len(re.findall(r'<td class="failed"[^>]*>failed', index)) == 2
+
+
+def test_a_second_call_asks_nobody_again(tmp_path) -> None:
+    entry = program(tmp_path, "right", solve_static(load_case("stretch").problem).displacement)
+    first = board_of(tmp_path, [entry], ["stretch"])
+    (tmp_path / "right.py").write_text("raise SystemExit('asked again')", encoding="utf-8")
+    second = board_of(tmp_path, [entry], ["stretch"])
+    (a,), (b,) = (board.of_case(board.cases[0]) for board in (first, second))
+    assert a.distance == b.distance
+    assert a.run.date == b.run.date
+    # Another time limit, another command: another run.
+    (third,) = board_of(tmp_path, [entry], ["stretch"], time_limit=61.0).scores.values()
+    assert third.verdict is Verdict.FAILED
+
+
+class Links(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, _tag, attributes):
+        self.found += [value for name, value in attributes if name in ("href", "src") and value]
+
+
+def test_the_command_leaves_pages_that_lead_to_one_another_and_data(tmp_path, monkeypatch) -> None:
+    out = tmp_path / "board"
+    words = ["scoreboard", "-o", out, "stretch", "block", "--entry", "fastsim-linear"]
+    words += ["--simulator", NUMPY]
+    monkeypatch.setattr("sys.argv", ["palpate", *map(str, words)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 0
+    pages = sorted(out.glob("*.html"))
+    assert {page.stem for page in pages} == {
+        "index", "simulator-fastsim-linear", "simulator-mine", "case-stretch", "case-block",
+    }  # fmt: skip
+    for page in pages:
+        for link in Links(page.read_text("utf-8")).found:
+            assert (out / link).is_file(), (page.name, link)
+    document = json.loads((out / "results.json").read_text("utf-8"))
+    scores = {(row["simulator"], row["case"]): row for row in document["scores"]}
+    assert scores["mine", "stretch"]["distance"] < 1e-6
+    assert scores["mine", "block"]["status"] == "not posed"
+    assert "follower pressure" in scores["mine", "block"]["why"]
+    assert len((out / "scores.csv").read_text("utf-8").splitlines()) == 1 + len(scores)
+    assert len((out / "summary.md").read_text("utf-8").splitlines()) == 4
+
+
+def test_every_entry_says_how_it_is_set_up_and_by_whose_advice() -> None:
+    entries = [entry for entry in read_entries() if entry.is_outside]
+    assert len({entry.title.split(",")[0].split()[0] for entry in entries}) >= 6
+    for entry in entries:
+        assert entry.settings, entry.name
+        assert entry.better, entry.name
+        assert entry.install, entry.name
+        assert max(entry.adapters.values()) <= 120, entry.name
+    assert len((FOLDER / "newton_soft.py").read_text("utf-8").splitlines()) <= 120
+    with pytest.raises(InputError, match="no entry 'sofa'"):
+        chosen_entries(["sofa"], read_entries())
+
+
+def test_a_file_of_entries_that_is_none_is_refused(tmp_path) -> None:
+    path = tmp_path / "entries.toml"
+    path.write_text('[[entry]]\nname = "a"\ntitle = "A"\nspeed = 3\n', encoding="utf-8")
+    with pytest.raises(FileFormatError, match="speed"):
+        read_entries(path)
+    path.write_text('[[entry]]\nname = "fastsim-linear"\ntitle = "A"\n', encoding="utf-8")
+    with pytest.raises(FileFormatError, match="two entries"):
+        read_entries(path)
+
+
+def test_the_law_with_a_logarithm_has_the_moduli_it_is_given_and_its_energys_stress() -> None:
+    law = laws_instead_of_law(palpate.Strain.GREEN, Law.NEO_HOOKEAN_STABLE)[WITH_LOGARITHM]
+    lmbda, mu = np.array([5.0]), np.array([3.0])
+    rng = np.random.default_rng(3)
+    small = 1e-7 * rng.uniform(-1.0, 1.0, (1, 3, 3))
+    strain = 0.5 * (small + small.transpose(0, 2, 1))
+    hooke = 5.0 * np.trace(strain[0]) * np.eye(3) + 6.0 * strain[0]
+    assert law(small, lmbda, mu)[0] == pytest.approx(hooke, abs=1e-11)
+
+    def energy(H):
+        F = np.eye(3) + H
+        first, J, m, own = np.trace(F.T @ F), np.linalg.det(F), 4.0, 5.0 + 2.5
+        alpha = 1.0 + 0.75 * m / own
+        return m / 2 * (first - 3) + own / 2 * (J - alpha) ** 2 - m / 2 * np.log(first + 1)
+
+    H, dH = 0.3 * rng.uniform(-1, 1, (3, 3)), rng.uniform(-1, 1, (3, 3))
+    slope = (energy(H + 1e-5 * dH) - energy(H - 1e-5 * dH)) / 2e-5
+    assert np.vdot(law(H[None], lmbda, mu)[0], dH) == pytest.approx(slope, rel=1e-7)

@@ -1,0 +1,1 @@
+"""The scoreboard: simulators by cases, each under its own law; compute, judge, present."""

@@ -1,0 +1,99 @@
+"""scikit-fem: Saint-Venant-Kirchhoff as forms on linear tetrahedra; Newton's method.
+
+    palpate gate CASE --simulator "python scikit_fem.py {case} {result}"
+
+Follower pressure, tools, time and cells of different materials are not handed to it here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import skfem
+from mechanics import lame
+from skfem.helpers import ddot, eye, grad, mul, trace, transpose
+
+TOLERANCE = 1e-10
+MOST_ITERATIONS = 40
+
+
+class Static:
+    """The load in four parts: from rest Newton's method does not reach large deflections."""
+
+    tool, version, precision = "scikit-fem", skfem.__version__, "float64"
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        self._job = job
+        self._is_linear = str(job["strain"]) == "linear"
+        mesh = skfem.MeshTet(job["points"].T.copy(), job["cells"].T.astype(np.int64))
+        element = skfem.ElementVector(skfem.ElementTetP1())
+        # The gradients of linear tetrahedra are the same everywhere in a cell: one point will do.
+        self._basis = skfem.Basis(mesh, element, intorder=1)
+        self._lame = lame(job)
+
+    def _assemble(self, u: Any) -> tuple[Any, Any]:
+        lmbda, mu = self._lame
+        is_linear = self._is_linear
+
+        def hooke(E: Any) -> Any:
+            return lmbda * eye(trace(E), 3) + 2.0 * mu * E
+
+        def stress(w: Any) -> tuple[Any, Any]:
+            H = w["u"].grad
+            F = eye(np.ones_like(H[0, 0]), 3) + (0.0 if is_linear else H)
+            E = 0.5 * (H + transpose(H))
+            return F, hooke(E if is_linear else E + 0.5 * mul(transpose(H), H))
+
+        @skfem.BilinearForm  # type: ignore[untyped-decorator]
+        def tangent(du: Any, v: Any, w: Any) -> Any:
+            F, S = stress(w)
+            dH = grad(du)
+            turned = mul(transpose(F), dH)
+            dP = mul(F, hooke(0.5 * (turned + transpose(turned))))
+            return ddot(dP if is_linear else dP + mul(dH, S), grad(v))
+
+        @skfem.LinearForm  # type: ignore[untyped-decorator]
+        def internal(v: Any, w: Any) -> Any:
+            F, S = stress(w)
+            return ddot(mul(F, S), grad(v))
+
+        now = {"u": self._basis.interpolate(u)}
+        return tangent.assemble(self._basis, **now), internal.assemble(self._basis, **now)
+
+    def advance(self, _num_steps: int) -> dict[str, Any]:
+        """Assembly and solve from rest."""
+        job, order = self._job, self._basis.nodal_dofs.T
+        force, moved, u = (self._basis.zeros() for _ in range(3))
+        force[order] = job["external_force"]
+        moved[order] = job["prescribed_displacement"]
+        held = order[job["fixed"].astype(bool)]
+        free = np.setdiff1d(np.arange(len(u)), held)
+        count, residual = 0, np.inf
+        for part in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
+            rise = np.zeros_like(u)
+            rise[held] = part * moved[held] - u[held]
+            for _ in range(MOST_ITERATIONS):
+                K, internal = self._assemble(u)
+                out = part * force - internal
+                scale = max(np.linalg.norm(internal[held]), np.linalg.norm(part * force))
+                residual = float(np.linalg.norm(out[free]) / (scale or 1.0))
+                if residual <= TOLERANCE and not rise.any():
+                    break
+                u = u + skfem.solve(*skfem.condense(K, out, x=rise, D=held))
+                rise[:] = 0.0
+                count += 1
+            else:
+                raise SystemExit(f"no equilibrium at {part:g} of the load, residual {residual:.2g}")
+        self.answer = {"displacement": u[order]}
+        return {
+            "method": "Newton, SciPy's direct solver",
+            "newton_iterations": count,
+            "relative_residual": residual,
+        }
+
+
+if __name__ == "__main__":
+    from harness import answer_case
+
+    answer_case(Static)
