@@ -1,0 +1,166 @@
+"""A bar in the words of each program, written by hand from arrays, and the same as a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.bricks import brick_box, side
+from palpate.meshes.tet_mesh import TetMesh
+
+# mm, N, MPa.
+SIZE = (40.0, 10.0, 10.0)
+
+
+def bar() -> TetMesh:
+    """Four by two by two bricks, their inner points moved."""
+    return brick_box((4, 2, 2), SIZE, ragged=0.2)
+
+
+def held(mesh: TetMesh) -> Any:
+    """Facets of the end x = 0."""
+    return side(mesh, 0, 0.0)
+
+
+def pulled(mesh: TetMesh) -> Any:
+    """Facets of the end x = 40."""
+    return side(mesh, 0, SIZE[0])
+
+
+def rows(numbers: Iterable[Any], per_line: int = 8) -> str:
+    """Whole numbers separated by commas, some to a line."""
+    words = [str(n) for n in numbers]
+    starts = range(0, len(words), per_line)
+    return ",\n".join(", ".join(words[k : k + per_line]) for k in starts)
+
+
+def places(points: Any) -> list[str]:
+    """Coordinates with all their digits."""
+    return [", ".join(repr(float(x)) for x in point) for point in np.asarray(points)]
+
+
+def quadratic(mesh: TetMesh) -> tuple[Any, list[list[int]]]:
+    """Points with a middle node on each edge, and cells of ten nodes: 5 to 10 by the manuals."""
+    points = [tuple(p) for p in mesh.points.tolist()]
+    number: dict[tuple[int, int], int] = {}
+    cells = []
+    for cell in mesh.cells.tolist():
+        nodes = list(cell)
+        for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)):
+            edge = (min(cell[a], cell[b]), max(cell[a], cell[b]))
+            if edge not in number:
+                number[edge] = len(points)
+                ends = mesh.points[list(edge)]
+                points.append(tuple(ends.mean(axis=0).tolist()))
+            nodes.append(number[edge])
+        cells.append(nodes)
+    return np.array(points), cells
+
+
+def one_based(items: Any) -> list[list[int]]:
+    """Rows of numbers from one."""
+    found: list[list[int]] = (np.asarray(items) + 1).tolist()
+    return found
+
+
+def febio(
+    mesh: TetMesh,
+    *,
+    version: str = "4.0",
+    material: str = "<density>1e-9</density><E>0.1</E><v>0.4</v>",
+    law: str = "neo-Hookean",
+    boundary: str = "",
+    loads: str = "",
+    extra: str = "",
+    cells: Sequence[Sequence[int]] | None = None,
+    points: Any = None,
+) -> str:
+    """A .feb file of the manual's sections in that version, with sets Held, End and face Top."""
+    is_old = version == "2.5"
+    kind = "tet4" if cells is None else "tet10"
+    used = one_based(mesh.cells if cells is None else cells)
+    nodes = "".join(
+        f'<node id="{k}">{place}</node>\n'
+        for k, place in enumerate(places(mesh.points if points is None else points), 1)
+    )
+    elements = "".join(
+        f'<elem id="{k}">{", ".join(map(str, row))}</elem>\n' for k, row in enumerate(used, 1)
+    )
+    sets = ""
+    for name, facets in (("Held", held(mesh)), ("End", pulled(mesh))):
+        numbers = sorted({n for row in one_based(facets) for n in row})
+        if version == "4.0":
+            sets += f'<NodeSet name="{name}">{", ".join(map(str, numbers))}</NodeSet>\n'
+        else:
+            listed = "".join(f'<n id="{n}"/>' for n in numbers)
+            listed = listed.replace("<n ", "<node ") if is_old else listed
+            sets += f'<NodeSet name="{name}">{listed}</NodeSet>\n'
+        faces = "".join(
+            f'<tri3 id="{k}">{a}, {b}, {c}</tri3>\n'
+            for k, (a, b, c) in enumerate(one_based(facets), 1)
+        )
+        sets += f'<Surface name="{name}Face">{faces}</Surface>\n'
+    mat = ' mat="1"' if is_old else ""
+    section = "Geometry" if is_old else "Mesh"
+    domains = (
+        "" if is_old else '<MeshDomains><SolidDomain name="Part1" mat="Tissue"/></MeshDomains>'
+    )
+    return f"""<?xml version="1.0" encoding="ISO-8859-1"?>
+<febio_spec version="{version}">
+<Module type="solid"/>
+<Control><analysis>STATIC</analysis><time_steps>10</time_steps><step_size>0.1</step_size></Control>
+<Material><material id="1" name="Tissue" type="{law}">{material}</material></Material>
+<{section}><Nodes name="Object1">
+{nodes}</Nodes>
+<Elements type="{kind}"{mat} name="Part1">
+{elements}</Elements>
+{sets}</{section}>
+{domains}
+<Boundary>{boundary}</Boundary>
+<Loads>{loads}</Loads>
+{extra}
+<Output><plotfile type="febio"><var type="displacement"/></plotfile></Output>
+</febio_spec>
+"""
+
+
+def abaqus(
+    mesh: TetMesh,
+    *,
+    material: str = "*ELASTIC\n0.1, 0.3",
+    step: str = "*STEP, NLGEOM",
+    before: str = "",
+    acts: str = "*CLOAD\n45, 3, 1e-4",
+    cells: Sequence[Sequence[int]] | None = None,
+    points: Any = None,
+) -> str:
+    """An .inp file with sets HELD, END, ALL and the surface ENDFACE; x = 0 is held."""
+    used = one_based(mesh.cells if cells is None else cells)
+    shown = [
+        f"{k}, {place}"
+        for k, place in enumerate(places(mesh.points if points is None else points), 1)
+    ]
+    lines = ["*HEADING", "A bar, by hand", "** a comment", "*NODE, NSET=ALLNODES", *shown]
+    lines += [f"*ELEMENT, TYPE={'C3D4' if cells is None else 'C3D10'}, ELSET=ALL"]
+    lines += [f"{k}, " + ", ".join(map(str, row)) for k, row in enumerate(used, 1)]
+    for name, facets in (("HELD", held(mesh)), ("END", pulled(mesh))):
+        numbers = sorted({n for row in one_based(facets) for n in row})
+        lines += [f"*NSET, NSET={name}", rows(numbers)]
+    lines += ["*SURFACE, NAME=ENDFACE", *faces_of(mesh, pulled(mesh))]
+    lines += ["*MATERIAL, NAME=TISSUE", material, "*SOLID SECTION, ELSET=ALL, MATERIAL=TISSUE"]
+    lines += ["*BOUNDARY", "HELD, 1, 3", before, step, "*STATIC", "0.25, 1.", acts]
+    lines += ["*NODE PRINT, NSET=ALLNODES", "U", "*END STEP", ""]
+    return "\n".join(line for line in lines if line or line == lines[-1])
+
+
+def faces_of(mesh: TetMesh, facets: Any) -> list[str]:
+    """Lines of a *SURFACE: the cell behind each facet, and which face of it that is."""
+    faces = {1: (0, 1, 2), 2: (0, 1, 3), 3: (1, 2, 3), 4: (0, 2, 3)}
+    found = {
+        tuple(sorted(cell[list(corners)])): f"{k}, S{face}"
+        for k, cell in enumerate(mesh.cells, 1)
+        for face, corners in faces.items()
+    }
+    return [found[tuple(sorted(facet))] for facet in facets]

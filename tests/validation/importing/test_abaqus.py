@@ -1,0 +1,343 @@
+"""Abaqus and CalculiX files written by hand give the native problem, and ccx's own answer.
+
+By the keywords of the CalculiX CrunchiX USER'S MANUAL 2.20, chapter 7, which Abaqus shares.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    PointForce,
+    Pressure,
+    Support,
+    Traction,
+)
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.importing import ImportRefusedError, UnitSystem, import_model
+
+Bring = Callable[..., Any]
+TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-9, 1e-6, , , 1e-9, , ,\n"
+NEO_HOOKE = "*DENSITY\n1e-9\n*HYPERELASTIC, NEO HOOKE\n0.02, 12.5"
+MOONEY = "*HYPERELASTIC, MOONEY-RIVLIN\n0.015, 0.005, 12.5"
+
+
+def native(bars: ModuleType, material: Material, *loads: Load, more: Any = ()) -> Problem:
+    mesh = bars.bar()
+    held = bars.held(mesh)
+    metres = TetMesh(1e-3 * mesh.points, mesh.cells)
+    return Problem(metres, material, (Support(np.unique(held), held), *more), loads)
+
+
+def apart(problem: Problem, other: Problem, strain: Strain = Strain.GREEN) -> float:
+    """Largest difference of their displacements, of the largest."""
+    ours = solve_static(problem, strain=strain).displacement
+    theirs = solve_static(other, strain=strain).displacement
+    assert np.abs(ours).max() > 1e-4 * np.ptp(problem.mesh.points, axis=0).max()
+    return float(np.abs(ours - theirs).max() / np.abs(ours).max())
+
+
+def cload(bars: ModuleType, traction: Any, *, scale: float = 1.0) -> str:
+    """Consistent nodal forces of a traction t(x, y, z) [MPa] on the end, as *CLOAD."""
+    mesh = bars.bar()
+    facets = bars.pulled(mesh)
+    forces = np.zeros_like(mesh.points)
+    corners = mesh.points[facets]
+    areas = (
+        np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+        / 2.0
+    )
+    values = np.array([[traction(*place) for place in row] for row in corners])
+    # Of an affine traction: A / 12 (t_i + sum of t).
+    shares = areas[:, None, None] / 12.0 * (values + values.sum(axis=1, keepdims=True))
+    np.add.at(forces, facets, scale * shares)
+    lines = [
+        f"{n + 1}, {axis + 1}, {float(forces[n, axis])!r}"
+        for n, axis in zip(*np.nonzero(forces), strict=True)
+    ]
+    return "\n".join(["*CLOAD", *lines])
+
+
+def test_elastic_without_nlgeom_is_linear_strain(bring: Bring, bars: ModuleType) -> None:
+    step = "*STEP, INC=10"
+    case, imported = bring(
+        bars.abaqus(bars.bar(), step=step, acts="*DSLOAD\nENDFACE, P, -1e-3"), ".inp"
+    )
+    assert case.strain is Strain.LINEAR
+    assert case.title == "A bar, by hand"
+    problem = native(bars, Material(100e3, 0.3), Pressure(bars.pulled(bars.bar()), -1e3))
+    assert apart(problem, case.problem, Strain.LINEAR) < 1e-10
+    assert [line.split(" ", 2)[2] for line in imported.ignored] == ["*NODE PRINT"]
+
+
+def test_neo_hooke_under_weight_and_a_moved_end(bring: Bring, bars: ModuleType) -> None:
+    acts = "*BOUNDARY\nEND, 1, 1, 2.\nEND, 2, 2\n*DLOAD\nALL, GRAV, 9810., 0., 0., -1."
+    case, imported = bring(bars.abaqus(bars.bar(), material=NEO_HOOKE, acts=acts), ".inp")
+    kappa, mu = 2.0 / 12.5e-6, 2.0 * 0.02e6
+    material = Material(
+        9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (6 * kappa + 2 * mu), 1000.0,
+        Law.NEO_HOOKEAN_ISOCHORIC,
+    )  # fmt: skip
+    end = bars.pulled(bars.bar())
+    moved = Support(np.unique(end), end, (True, True, False), (2e-3, 0.0, 0.0))
+    problem = native(bars, material, BodyForce((0.0, 0.0, -9810.0)), more=(moved,))
+    assert apart(problem, case.problem) < 1e-10
+    assert not imported.told
+
+
+def test_mooney_rivlin_and_forces_on_nodes_that_are_a_traction(
+    bring: Bring, bars: ModuleType
+) -> None:
+    acts = cload(bars, lambda _x, _y, _z: (2e-3, 0.0, -1e-4))
+    case, imported = bring(bars.abaqus(bars.bar(), material=MOONEY, acts=acts), ".inp")
+    (load,) = case.problem.loads
+    assert isinstance(load, Traction)
+    assert load.is_uniform
+    assert len(load.facets) == len(bars.pulled(bars.bar()))
+    material = Material.mooney_rivlin(c10=15e3, c01=5e3, bulk_modulus=2.0 / 12.5e-6)
+    problem = native(bars, material, Traction(bars.pulled(bars.bar()), (2e3, 0.0, -100.0)))
+    assert apart(problem, case.problem) < 1e-10
+    assert any("those of a uniform traction on 8 facets" in line for line in imported.told)
+    assert any(check.against == "truth" for check in case.checks)
+
+
+def test_forces_on_nodes_that_are_an_affine_traction(bring: Bring, bars: ModuleType) -> None:
+    acts = cload(bars, lambda _x, y, z: (1e-3 * (1.0 + z / 10.0), 1e-4 * y, 0.0))
+    case, imported = bring(bars.abaqus(bars.bar(), acts=acts), ".inp")
+    (load,) = case.problem.loads
+    assert isinstance(load, Traction)
+    gradient = np.zeros((3, 3))
+    gradient[0, 2], gradient[1, 1] = 1e5, 1e5
+    ours = Traction(load.facets, (1e3, 0.0, 0.0), gradient=gradient)
+    places = case.problem.mesh.points[np.unique(load.facets)]
+    assert np.abs(load.at(places) - ours.at(places)).max() < 1e-9 * 2e3
+    assert apart(native(bars, Material(100e3, 0.3), ours), case.problem) < 1e-10
+    assert any("affine" in line for line in imported.told)
+
+
+def test_other_forces_on_nodes_stay_and_leave_no_truth(bring: Bring, bars: ModuleType) -> None:
+    end = np.unique(bars.pulled(bars.bar()))[[0, 3, 5]]
+    acts = "*CLOAD\n" + "\n".join(
+        f"{n + 1}, 3, {f}" for n, f in zip(end, (2e-2, 2e-2, 1e-2), strict=True)
+    )
+    case, imported = bring(bars.abaqus(bars.bar(), acts=acts), ".inp")
+    assert all(isinstance(load, PointForce) for load in case.problem.loads)
+    forces = np.array([[0.0, 0.0, 2e-2], [0.0, 0.0, 2e-2], [0.0, 0.0, 1e-2]])
+    problem = native(bars, Material(100e3, 0.3), PointForce(end, forces))
+    assert apart(problem, case.problem) < 1e-10
+    assert any("no truth is possible" in line for line in imported.told)
+    assert all(check.against != "truth" for check in case.checks)
+
+
+def test_one_spoiled_force_is_no_traction(bring: Bring, bars: ModuleType) -> None:
+    acts = cload(bars, lambda _x, _y, _z: (2e-3, 0.0, 0.0))
+    last = acts.rpartition(", ")
+    spoiled = f"{last[0]}, {float(last[2]) * (1.0 + 1e-5)!r}"
+    case, _ = bring(bars.abaqus(bars.bar(), acts=spoiled), ".inp")
+    assert all(isinstance(load, PointForce) for load in case.problem.loads)
+
+
+def test_quadratic_cells_and_consistent_forces_on_middle_nodes(
+    bring: Bring, bars: ModuleType
+) -> None:
+    mesh = bars.bar()
+    points, cells = bars.quadratic(mesh)
+    forces = np.zeros(len(points))
+    middle_of = {
+        (min(a, b), max(a, b)): cell[4 + k]
+        for cell in cells
+        for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)))
+        for a, b in [(cell[i], cell[j])]
+    }
+    for facet in bars.pulled(mesh).tolist():
+        corners = mesh.points[facet]
+        area = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0])) / 2.0
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            pair = sorted((facet[a], facet[b]))
+            forces[middle_of[pair[0], pair[1]]] += area / 3.0 * 2e-3
+    acts = "*CLOAD\n" + "\n".join(f"{n + 1}, 1, {f!r}" for n, f in enumerate(forces.tolist()) if f)
+    ends = sorted({n for row in bars.held(mesh).tolist() for n in row})
+    on_face = [n for n, p in enumerate(points) if p[0] == 0.0]
+    assert set(ends) < set(on_face)
+    text = bars.abaqus(mesh, acts=acts, points=points, cells=cells)
+    before = "*NSET, NSET=FACE\n" + bars.rows(n + 1 for n in on_face) + "\n*BOUNDARY\nFACE, 1, 3"
+    case, imported = bring(text.replace("*BOUNDARY\nHELD, 1, 3", before), ".inp")
+    problem = native(bars, Material(100e3, 0.3), Traction(bars.pulled(mesh), (2e3, 0.0, 0.0)))
+    assert apart(problem, case.problem) < 1e-10
+    assert any("96 quadratic tetrahedra" in line for line in imported.told)
+    alone = before.replace("*BOUNDARY\n", f"*BOUNDARY\n{cells[0][9] + 1}, 1, 1\n")
+    with pytest.raises(ImportRefusedError, match="middle node"):
+        bring(text.replace("*BOUNDARY\nHELD, 1, 3", alone), ".inp")
+    with pytest.raises(ImportRefusedError, match="is a middle node, which a case does not have"):
+        bring(
+            bars.abaqus(
+                mesh,
+                acts=acts + f"\n{cells[0][4] + 1}, 2, 1.",
+                points=points,
+                cells=cells,
+            ),
+            ".inp",
+        )
+
+
+def test_includes_parts_amplitudes_and_sets(bring: Bring, bars: ModuleType, tmp_path: Path) -> None:
+    text = bars.abaqus(
+        bars.bar(), material="*INCLUDE, INPUT=tissue.inc",
+        before="*AMPLITUDE, NAME=RAMP\n0., 0., 2., 1.\n*NSET, NSET=Both, GENERATE\n1, 3\n"
+        "*NSET, NSET=BOTH\nHELD, 4",
+        acts="*BOUNDARY, AMPLITUDE=RAMP\nPART-1-1.END, 3, 3, 4.",
+    )  # fmt: skip
+    (tmp_path / "tissue.inc").write_text("*ELASTIC\n1.D-1, 0.3\n")
+    text = text.replace("*NODE,", "*PART, NAME=P\n*NODE,", 1).replace(
+        "*MATERIAL", "*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=PART-1-1, PART=P\n"
+        "*END INSTANCE\n*END ASSEMBLY\n*MATERIAL",
+    )  # fmt: skip
+    case, _ = bring(text, ".inp")
+    end = bars.pulled(bars.bar())
+    moved = Support(np.unique(end), end, (False, False, True), (0.0, 0.0, 2e-3))
+    assert apart(native(bars, Material(100e3, 0.3), more=(moved,)), case.problem) < 1e-10
+
+
+def answer_of_ccx(folder: Path, text: str, num_points: int) -> Any:
+    """Displacements that CalculiX prints at the full load; in the file's own unit."""
+    found = re.sub(r"(\*STATIC\n.*\n)", rf"\1{TIGHT}", text)
+    (folder / "own.inp").write_text(found)
+    done = subprocess.run(
+        ["ccx", "own"], cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+    table = (folder / "own.dat").read_text()
+    last = table[table.rfind("displacements") :]
+    numbers = [line.split() for line in last.splitlines() if re.match(r"\s+\d+\s+\S+E", line)]
+    assert len(numbers) == num_points, done.stdout[-2000:]
+    return np.array(numbers, dtype=float)[:, 1:]
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed")
+@pytest.mark.parametrize(
+    ("material", "step", "acts"),
+    [
+        ("*ELASTIC\n0.1, 0.3", "*STEP", "*DSLOAD\nENDFACE, P, -2e-3"),
+        ("*ELASTIC\n0.1, 0.3", "*STEP, NLGEOM, INC=200", "*DSLOAD\nENDFACE, P, -4e-3"),
+        (
+            NEO_HOOKE, "*STEP, NLGEOM, INC=100",
+            "*BOUNDARY\nEND, 3, 3, 8.\n*DLOAD\nALL, GRAV, 9810., 0., 3., -4.",
+        ),
+        (MOONEY, "*STEP, NLGEOM, INC=100", "*CLOAD\n45, 3, 2e-2\n44, 1, 0.05"),
+        ("*DENSITY\n1e-9\n*ELASTIC\n0.1, 0.3", "*STEP, NLGEOM, INC=100", "*DLOAD\nALL, BX, 4e-5"),
+    ],
+)  # fmt: skip
+def test_calculix_answers_its_own_file_the_same(
+    bring: Bring, bars: ModuleType, tmp_path: Path, material: str, step: str, acts: str
+) -> None:
+    mesh = bars.bar()
+    text = bars.abaqus(mesh, material=material, step=step, acts=acts)
+    if "DSLOAD" in acts:
+        # ccx takes the pressed face as it was an increment before: 4e-4 off in four of them.
+        text = text.replace("0.25, 1.\n", "0.01, 1., 0.001, 0.01\n")
+    theirs = 1e-3 * answer_of_ccx(tmp_path, text, mesh.num_points)
+    case, _ = bring(text, ".inp")
+    ours = solve_static(case.problem, strain=case.strain).displacement
+    # Seven digits are printed; ccx stops at a residual of 1e-9.
+    assert np.abs(ours - theirs).max() <= 2e-6 * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("TYPE=C3D4", "TYPE=C3D8", r"model\.inp:50: \*ELEMENT, TYPE=C3D8: a case has tetrahedra"),
+        ("*ELASTIC", "*ELASTIC, TYPE=ORTHO", "isotropic"),
+        ("*ELASTIC", "*EXPANSION\n1e-5\n*ELASTIC", r"\*EXPANSION is not known here"),
+        ("0.1, 0.3", "0.1, 0.3, 20.\n0.2, 0.3, 40.", "by temperature"),
+        ("*ELASTIC\n0.1, 0.3", "*HYPERELASTIC, OGDEN\n1., 2., 3.", r"\*HYPERELASTIC, OGDEN"),
+        ("*ELASTIC\n0.1, 0.3", "*HYPERELASTIC, NEO HOOKE\n1., 0.", "D1 = 0"),
+        ("*SOLID SECTION, ELSET=ALL", "*SOLID SECTION, ELSET=SOME", "no set 'SOME'"),
+        ("*BOUNDARY", "*TRANSFORM, NSET=HELD\n1,0,0,0,1,0\n*BOUNDARY", r"\*TRANSFORM is not known"),
+        ("*BOUNDARY", "*EQUATION\n2\n1,1,1.,2,1,-1.\n*BOUNDARY", r"\*EQUATION is not known"),
+        ("HELD, 1, 3", "HELD, 1, 3\n1, 1, 1, 0.5", "moves .* along x by 0.5 that HELD .line"),
+        ("HELD, 1, 3", "HELD, 1, 11", "solids have 1 to 3"),
+        ("HELD, 1, 3", "NOBODY, 1, 3", "no set 'NOBODY'"),
+        ("HELD, 1, 3", "HELD, 1", "with what|not held enough"),
+        ("*STATIC", "*DYNAMIC", r"\*DYNAMIC is not known"),
+        ("*STATIC", "*STATIC, STABILIZE", "parameter STABILIZE is not known"),
+        ("*STEP, NLGEOM", "*STEP, PERTURBATION", "parameter PERTURBATION"),
+        ("*END STEP", "*END STEP\n*STEP\n*STATIC\n*END STEP", "a second step"),
+        ("*CLOAD\n45, 3, 1e-4", "*CLOAD\n45, 3, 1e-4\n45, 3, 1e-4", "give the sum once"),
+        ("*CLOAD\n45, 3, 1e-4", "*CLOAD\n45, 4, 1e-4", "degree of freedom 4"),
+        ("*CLOAD\n45, 3, 1e-4", "*CLOAD\n99, 3, 1e-4", "no node 99"),
+        ("*CLOAD\n45, 3, 1e-4", "*CLOAD\n45, 3, much", "'much' is no number"),
+        ("*CLOAD\n45, 3, 1e-4", "*CLOAD, FOLLOWER\n45, 3, 1", "parameter FOLLOWER"),
+        ("*CLOAD\n45, 3, 1e-4", "*CLOAD, AMPLITUDE=A\n45, 3, 1", r"no \*AMPLITUDE A"),
+        ("*CLOAD\n45, 3, 1e-4", "*DLOAD\nALL, CENTRIF, 1., 0.", "'CENTRIF'"),
+        ("*CLOAD\n45, 3, 1e-4", "*DLOAD\nALL, GRAV, 9.81, 0., 0., -1.", "no density"),
+        ("*CLOAD\n45, 3, 1e-4", "*DLOAD\n1, GRAV, 9.81, 0., 0., -1.", "weight of a part"),
+        ("*CLOAD\n45, 3, 1e-4", "*DLOAD\nALL, P2, 1.", "none of the body's boundary"),
+        ("*CLOAD\n45, 3, 1e-4", "*DSLOAD\nENDFACE, TRVEC, 1., 0., 0., 1.", "field"),
+        ("*CLOAD\n45, 3, 1e-4", "*DSLOAD\nENDFACE, P, 1.\nENDFACE, P, 1.", "give the sum once"),
+        ("*NODE, NSET", "*NODE, SYSTEM=C, NSET", "coordinates in another system"),
+        ("*HEADING", "*INCLUDE, INPUT=../secret\n*HEADING", "outside the case's folder"),
+        ("*HEADING", "*INCLUDE, INPUT=model.inp\n*HEADING", "without end"),
+        ("*HEADING", "1, 2, 3\n*HEADING", "data before any keyword"),
+        ("*END STEP", "*CONTACT PAIR\n*END STEP", r"\*CONTACT PAIR is not known"),
+    ],
+)  # fmt: skip
+def test_what_a_case_cannot_say_is_refused(
+    bring: Bring, bars: ModuleType, tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    text = bars.abaqus(bars.bar())
+    assert old in text
+    with pytest.raises(InputError, match=says):
+        bring(text.replace(old, new, 1), ".inp")
+    assert [path.name for path in tmp_path.iterdir()] == ["model.inp"]
+
+
+def test_coordinates_that_are_left_out_are_zero(bring: Bring, bars: ModuleType) -> None:
+    text = bars.abaqus(bars.bar())
+    first = "\n1, 0.0, 0.0, 0.0\n"
+    assert first in text
+    for shorter in ("\n1\n", "\n1, , 0.0,\n"):
+        case, _ = bring(text.replace(first, shorter), ".inp")
+        assert case.problem.mesh.points[0].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_units_are_asked_for(bars: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "model.inp").write_text(bars.abaqus(bars.bar()))
+    with pytest.raises(InputError, match=r"give --units, one of m-N-Pa \(40 m long, .* mm-N-MPa"):
+        import_model(tmp_path / "model.inp", tmp_path / "case.toml")
+    with pytest.raises(InputError, match="unknown kind of model"):
+        import_model(tmp_path / "model.odb", tmp_path / "case.toml")
+
+
+@pytest.mark.parametrize("system", UnitSystem)
+def test_each_system_of_units_is_the_same_body(
+    bring: Bring, bars: ModuleType, system: UnitSystem
+) -> None:
+    length, force, _ = system.split("-")
+    metre, newton = {"m": 1.0, "mm": 1e3}[length], {"N": 1.0, "mN": 1e3, "kN": 1e-3}[force]
+    mesh = bars.bar()
+    scaled = TetMesh(1e-3 * metre * mesh.points, mesh.cells)
+    material = (
+        f"*DENSITY\n{1000.0 * newton / metre**4!r}\n*ELASTIC\n{1e5 * newton / metre**2!r}, 0.3"
+    )
+    acts = f"*DLOAD\n, GRAV, {9.81 * metre!r}, 0., 0., -1.\n*DSLOAD\n"
+    acts += f"ENDFACE, P, {-1e3 * newton / metre**2!r}"
+    text = bars.abaqus(mesh, material=material, acts=acts, points=scaled.points)
+    case, _ = bring(text, ".inp", system)
+    loads = BodyForce((0.0, 0.0, -9810.0)), Pressure(bars.pulled(mesh), -1e3)
+    assert apart(native(bars, Material(1e5, 0.3), *loads), case.problem) < 1e-10

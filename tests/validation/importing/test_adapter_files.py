@@ -1,0 +1,74 @@
+"""What the adapter for CalculiX writes of a problem is imported as that problem."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
+from palpate.meshes.bricks import side
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.importing import UnitSystem
+from palpate.validation.simulators import adapters
+
+Bring = Callable[..., Any]
+FOLDER = Path(adapters.__file__).parent
+
+
+def written(problem: Problem, strain: Strain, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The adapter's input file; it is a program of its own, with files beside it."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    calculix = importlib.import_module("calculix")
+    job = {**rest_arrays(problem), "strain": str(strain), "law": str(problem.material.law)}
+    text: str = calculix._input_file(job, "C3D4", "SPOOLES")
+    return text
+
+
+@pytest.mark.parametrize(
+    ("material", "strain"),
+    [
+        (Material(1000.0, 0.3), Strain.LINEAR),
+        (Material(1000.0, 0.3), Strain.GREEN),
+        (Material(1000.0, 0.4, law=Law.NEO_HOOKEAN_ISOCHORIC), Strain.GREEN),
+        (Material.mooney_rivlin(c10=150.0, c01=40.0, bulk_modulus=2e3), Strain.GREEN),
+    ],
+)
+def test_a_traction_a_weight_and_a_moved_support(
+    bring: Bring,
+    problem: Problem,
+    monkeypatch: pytest.MonkeyPatch,
+    material: Material,
+    strain: Strain,
+) -> None:
+    mesh = problem.mesh
+    (push,) = problem.loads
+    assert isinstance(push, Traction)
+    lifted = side(mesh, 2, 1.0)
+    # Above the held end's row, which is held already.
+    lifted = lifted[(mesh.points[lifted][:, :, 0] > 0.9).all(axis=1)]
+    moved = Support(np.unique(lifted), lifted, (False, True, False), (0.0, 0.05, 0.0))
+    posed = dataclasses.replace(
+        problem,
+        material=material,
+        supports=(*problem.supports, moved),
+        loads=(push, BodyForce((0.0, 0.0, -20.0))),
+    )
+    case, imported = bring(written(posed, strain, monkeypatch), ".inp", UnitSystem.METRE_NEWTON)
+    assert case.strain is strain
+    kinds = sorted(type(load).__name__ for load in case.problem.loads)
+    assert kinds == ["BodyForce", "Traction"]
+    ours = solve_static(posed, strain=strain).displacement
+    theirs = solve_static(case.problem, strain=strain).displacement
+    # The file has thirteen digits.
+    assert np.abs(ours - theirs).max() <= 1e-10 * np.abs(ours).max()
+    assert any("uniform weight" in line for line in imported.told)
+    assert any("uniform traction on" in line for line in imported.told)

@@ -1,0 +1,233 @@
+"""FEBio models written by hand, by the sections of its user's manual, give the native problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.boundary_conditions import BodyForce, Load, Pressure, Support, Traction
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Problem
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.importing import ImportRefusedError
+
+Bring = Callable[..., Any]
+
+# The same in the words of each version: chapters "Boundary Section", "Loads Section" and
+# "LoadData Section" of the user's manuals of FEBio 2.9, 3.6 and 4.0.
+HELD = {
+    "2.5": '<fix bc="x,y,z" node_set="Held"/>',
+    "3.0": '<bc type="fix" node_set="Held"><dofs>x,y,z</dofs></bc>',
+    "4.0": '<bc name="root" type="zero displacement" node_set="Held">'
+    "<x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>",
+}
+MOVED = {
+    "2.5": '<prescribe bc="z" node_set="End"><scale lc="1">6</scale><relative>0</relative>'
+    "</prescribe>",
+    "3.0": '<bc type="prescribe" node_set="End"><dof>z</dof><scale lc="1">6</scale>'
+    "<relative>0</relative></bc>",
+    "4.0": '<bc type="prescribed displacement" node_set="End"><dof>z</dof>'
+    '<value lc="1">6</value><relative>0</relative></bc>',
+}
+PRESSED = (
+    '<surface_load type="pressure" surface="EndFace"><pressure lc="1">-0.004</pressure>'
+    "<linear>0</linear><symmetric_stiffness>1</symmetric_stiffness></surface_load>"
+)
+WEIGHED = {
+    "2.5": '<body_load type="const"><x lc="1">0</x><y>0</y><z lc="1">9810</z></body_load>',
+    "3.0": '<body_load type="const"><z lc="1">9810</z></body_load>',
+    "4.0": '<body_load type="body force"><force lc="1">0,0,9810</force></body_load>',
+}
+# At the end, t = 1, it is worth a half.
+CURVE = {
+    "2.5": '<LoadData><loadcurve id="1" type="linear"><point>0,0</point><point>2,1</point>'
+    "</loadcurve></LoadData>",
+    "3.0": '<LoadData><load_controller id="1" type="loadcurve"><interpolate>LINEAR</interpolate>'
+    "<points><point>0,0</point><point>2,1</point></points></load_controller></LoadData>",
+}
+CURVE["4.0"] = CURVE["3.0"].replace("point>", "pt>").replace("pts>", "points>")
+VERSIONS = ("2.5", "3.0", "4.0")
+
+
+def native(
+    bars: ModuleType, material: Material, loads: tuple[Load, ...], *more: Support
+) -> Problem:
+    mesh = bars.bar()
+    held = bars.held(mesh)
+    metres = TetMesh(1e-3 * mesh.points, mesh.cells)
+    return Problem(metres, material, (Support(np.unique(held), held), *more), loads)
+
+
+def apart(problem: Problem, other: Problem) -> float:
+    """Largest difference of their displacements, of the largest."""
+    ours, theirs = solve_static(problem).displacement, solve_static(other).displacement
+    assert np.abs(ours).max() > 1e-3 * np.ptp(problem.mesh.points, axis=0).max()
+    assert np.allclose(problem.mesh.points, other.mesh.points, rtol=1e-14, atol=0.0)
+    return float(np.abs(ours - theirs).max() / np.abs(ours).max())
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_neo_hookean_bar_under_pressure_and_weight(
+    bring: Bring, bars: ModuleType, version: str
+) -> None:
+    text = bars.febio(
+        bars.bar(), version=version, boundary=HELD[version], loads=PRESSED + WEIGHED[version],
+        extra=CURVE[version],
+    )  # fmt: skip
+    case, imported = bring(text, ".feb")
+    material = Material(100e3, 0.4, 1000.0, Law.NEO_HOOKEAN)
+    mesh = bars.bar()
+    loads = Pressure(bars.pulled(mesh), -2e3), BodyForce((0.0, 0.0, -1000.0 * 9.81 / 2.0))
+    assert case.problem.material == material
+    assert apart(native(bars, material, loads), case.problem) < 1e-10
+    assert not imported.told
+    assert len(imported.ignored) == 1
+    assert "<Output>" in imported.ignored[0]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_moved_end_of_isotropic_elastic(bring: Bring, bars: ModuleType, version: str) -> None:
+    text = bars.febio(
+        bars.bar(), version=version, boundary=HELD[version] + MOVED[version], extra=CURVE[version],
+        law="isotropic elastic", material="<E>0.1</E><v>0.3</v>",
+    )  # fmt: skip
+    case, imported = bring(text, ".feb")
+    mesh = bars.bar()
+    end = bars.pulled(mesh)
+    moved = Support(np.unique(end), end, (False, False, True), (0.0, 0.0, 3e-3))
+    material = Material(100e3, 0.3)
+    assert apart(native(bars, material, (), moved), case.problem) < 1e-10
+    assert any("no density" in line for line in imported.told)
+
+
+def test_mooney_rivlin_with_the_abaqus_pressure_model_and_dead_loads(
+    bring: Bring, bars: ModuleType
+) -> None:
+    material = (
+        "<density>1e-9</density><c1>0.001</c1><c2>0.0005</c2><k>0.05</k>"
+        "<pressure_model>Abaqus</pressure_model>"
+    )
+    loads = (
+        '<surface_load type="traction" surface="EndFace"><scale lc="1">2</scale>'
+        "<traction>0,0,2e-4</traction><linear>1</linear></surface_load>"
+        '<surface_load type="pressure" surface="EndFace"><pressure>-0.001</pressure>'
+        "<linear>1</linear></surface_load>"
+    )
+    text = bars.febio(
+        bars.bar(), boundary=HELD["4.0"], law="Mooney-Rivlin", material=material, loads=loads,
+        extra=CURVE["4.0"],
+    )  # fmt: skip
+    case, _ = bring(text, ".feb")
+    ours = Material.mooney_rivlin(c10=1e3, c01=500.0, bulk_modulus=50e3)
+    end = bars.pulled(bars.bar())
+    loads_here = Traction(end, (0.0, 0.0, 200.0)), Traction(end, (1e3, 0.0, 0.0))
+    assert apart(native(bars, ours, loads_here), case.problem) < 1e-10
+
+
+def test_a_facet_given_the_other_way_round_is_pulled(bring: Bring, bars: ModuleType) -> None:
+    text = bars.febio(bars.bar(), boundary=HELD["4.0"], loads=PRESSED.replace(' lc="1"', ""))
+    a, b, c = bars.one_based(bars.pulled(bars.bar()))[0]
+    assert f"{a}, {b}, {c}</tri3>" in text
+    case, _ = bring(text.replace(f">{a}, {b}, {c}</tri3>", f">{a}, {c}, {b}</tri3>"), ".feb")
+    found = {load.pressure: len(load.facets) for load in case.problem.loads}  # type: ignore[union-attr]
+    assert found == {-4000.0: 7, 4000.0: 1}
+
+
+def test_quadratic_cells_are_read_by_their_corners(bring: Bring, bars: ModuleType) -> None:
+    mesh = bars.bar()
+    points, cells = bars.quadratic(mesh)
+    text = bars.febio(
+        mesh, boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"], points=points, cells=cells
+    )
+    case, imported = bring(text, ".feb")
+    material = Material(100e3, 0.4, 1000.0, Law.NEO_HOOKEAN)
+    problem = native(bars, material, (Pressure(bars.pulled(mesh), -2e3),))
+    assert apart(problem, case.problem) < 1e-10
+    assert any("96 quadratic tetrahedra" in line for line in imported.told)
+    assert not any("curved" in line for line in imported.told)
+    points[-1] += 0.5
+    text = bars.febio(
+        mesh, boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"], points=points, cells=cells
+    )
+    assert any("are curved, by up to" in line for line in bring(text, ".feb")[1].told)
+
+
+def test_two_materials_are_a_body_and_an_inclusion(bring: Bring, bars: ModuleType) -> None:
+    text = bars.febio(bars.bar(), boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"])
+    stiff = '<material id="2" name="Stiff" type="neo-Hookean"><E>0.05</E><v>0.4</v></material>'
+    text = text.replace("</Material>", f"{stiff}</Material>")
+    text = text.replace(
+        '<elem id="81">', '</Elements><Elements type="tet4" name="P2"><elem id="81">'
+    )
+    text = text.replace("</MeshDomains>", '<SolidDomain name="P2" mat="Stiff"/></MeshDomains>')
+    (part,) = bring(text, ".feb")[0].problem.inclusions
+    assert part.material.youngs_modulus == pytest.approx(50e3)
+    assert len(part.cells) == 16
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('version="4.0"', 'version="1.2"', r"model\.feb:2: format version '1.2'; known are 2.5"),
+        ("<febio_spec", "<?x?><!DOCTYPE a><febio_spec", "document type"),
+        ('type="solid"', 'type="biphasic"', 'module type="biphasic"'),
+        ("STATIC", "DYNAMIC", "analysis 'dynamic'"),
+        ('"neo-Hookean"', '"Ogden"', "material 'Ogden'; known here are neo-Hookean"),
+        ("<v>0.4</v>", "", "needs <v>"),
+        ("<v>0.4</v>", "<v>0.4</v><k>3</k>", "<k> in <material> is not known"),
+        ("<E>0.1", '<E type="map">0.1', "<E> varies in place or time"),
+        ("<E>0.1", "<E>stiff", "'stiff' is no number"),
+        ('type="tet4"', 'type="hex8"', "elements of type 'hex8'; a case has tetrahedra"),
+        ("SolidDomain", "ShellDomain", "<ShellDomain> in <MeshDomains>"),
+        ('mat="Tissue"', 'mat="Bone"', "no material 'Bone' .known: "),
+        ("<Loads>", "<Contact><contact/></Contact><Loads>", "<contact> in <Contact>"),
+        ("<Loads>", "<Vibrations/><Loads>", "section <Vibrations> is not known"),
+        ("<Loads>", '<Loads from="x.feb">', "stands in another file"),
+        ("<Loads>", '<Step><step id="1"/><step id="2"/></Step><Loads>', "a second step"),
+        ('node_set="Held"', 'node_set="Nobody"', "no node set 'Nobody'"),
+        ('"zero displacement"', '"rigid"', "boundary condition 'rigid'"),
+        ('surface="EndFace"', 'surface="Side"', "no surface 'Side'"),
+        ('type="pressure"', 'type="bearing load"', "surface load 'bearing load'"),
+        ("</linear>", "</linear><shell_bottom>1</shell_bottom>", "<shell_bottom>: a case is of"),
+        ('lc="1"', 'lc="7"', "no load curve 7"),
+        ("LINEAR", "SMOOTH", "a smooth curve between its points"),
+        ("pt>2,1<", "pt>0.5,1</pt><pt>0.7<", "points of two numbers"),
+        ("</Loads>", '<body_load type="centrifugal"/></Loads>', "body load 'centrifugal'"),
+        ("</Loads>", '<edge_load type="x"/></Loads>', "<edge_load> in <Loads>"),
+        ("</febio_spec>", "", "cannot be read as XML"),
+    ],
+)  # fmt: skip
+def test_what_a_case_cannot_say_is_refused(
+    bring: Bring, bars: ModuleType, old: str, new: str, says: str
+) -> None:
+    text = bars.febio(bars.bar(), boundary=HELD["4.0"], loads=PRESSED, extra=CURVE["4.0"])
+    assert old in text
+    with pytest.raises(ImportRefusedError, match=says) as caught:
+        bring(text.replace(old, new, 1), ".feb")
+    assert caught.value.path.endswith("model.feb")
+
+
+@pytest.mark.parametrize(
+    ("law", "material", "loads", "says"),
+    [
+        ("Mooney-Rivlin", "<c1>1</c1><c2>0</c2><k>9</k>", "", r"U = k/2 \(ln J\)\^2"),
+        (
+            "neo-Hookean", "<E>1</E><v>0.3</v>",
+            '<surface_load type="traction" surface="EndFace"><traction>0,0,1</traction>'
+            "</surface_load>",
+            "a traction by deformed area",
+        ),
+        ("neo-Hookean", "<E>1</E><v>0.3</v>", WEIGHED["4.0"].replace(' lc="1"', ""), "no density"),
+    ],
+)  # fmt: skip
+def test_what_is_nearly_the_same_is_not_taken_for_it(
+    bring: Bring, bars: ModuleType, law: str, material: str, loads: str, says: str
+) -> None:
+    text = bars.febio(bars.bar(), boundary=HELD["4.0"], law=law, material=material, loads=loads)
+    with pytest.raises(ImportRefusedError, match=says):
+        bring(text, ".feb")

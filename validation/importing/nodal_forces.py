@@ -1,0 +1,206 @@
+"""Forces on nodes that are those of a traction or of a weight: which one, found by least squares.
+
+A program that knows nodal loads alone is given the consistent nodal forces of a traction,
+F_i = sum over facets of the integral of N_i t (Zienkiewicz, Taylor, Zhu, The Finite Element
+Method, 6th ed. 2005, section 2.3). Forces that are those of a uniform or affine t, to 1e-6 of the
+largest, are taken for it. Anything else is a set of forces on points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+
+# Of the largest force: what a file of seven digits leaves, as CalculiX's users write them.
+_FITS = 1e-6
+# Facets whose normals differ by no more are one plane (0.01 degrees).
+_FLAT = 1.0 - 0.5 * np.deg2rad(0.01) ** 2
+# Planes that may have a traction each: the least squares of so many, dense, take a second. A finely
+# cut curved surface has one a facet, and its forces stay forces on points.
+_MOST_PLANES = 100
+# Of degree 4 on a triangle (D. A. Dunavant, IJNME 21, 1985, table II): corners' weights, weight.
+_A, _B = 0.445948490915965, 0.091576213509771
+_POINTS = np.array(
+    [[1 - 2 * x if k == j else x for k in range(3)] for x in (_A, _B) for j in range(3)]
+)
+_WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedTraction:
+    """A traction whose consistent nodal forces were found: facets by corner nodes, (n, 3).
+
+    It is affine with these values at these places; one place where it is uniform.
+    """
+
+    facets: NDArray[np.int64]
+    places: Points
+    values: Points
+
+
+def fit_tractions(
+    nodes: Points, corners: NDArray[np.int64], middles: NDArray[np.int64], forces: Points
+) -> tuple[list[FittedTraction], Points]:
+    """Tractions that forces on nodes stand for, and the forces that none explains.
+
+    Args:
+        nodes: (num_nodes, 3).
+        corners: Of boundary facets, (num_facets, 3).
+        middles: Nodes half-way along their edges 12, 23, 31, (num_facets, 3); -1 without.
+        forces: On nodes, (num_nodes, 3).
+    """
+    is_loaded = np.any(np.abs(forces) > 1e-12 * np.abs(forces).max(initial=0.0), axis=1)
+    # The corners of a quadratic facet carry nothing of a uniform traction; its middles all.
+    is_quadratic = (middles >= 0).all(axis=1)
+    all_corners, all_middles = is_loaded[corners].all(axis=1), is_loaded[middles].all(axis=1)
+    chosen = np.flatnonzero(np.where(is_quadratic, all_middles, all_corners))
+    found: list[FittedTraction] = []
+    left = forces.copy()
+    for part in _connected(corners, chosen):
+        for pieces, is_affine in _ways(nodes, corners, part):
+            fitted = _fit(nodes, corners, middles, forces, pieces, is_affine)
+            if fitted is not None:
+                found += fitted
+                left[_nodes_of(corners[part], middles[part])] = 0.0
+                break
+    return found, left
+
+
+def fit_body_force(
+    weights: NDArray[np.float64], is_inside: NDArray[np.bool_], forces: Points
+) -> Points | None:
+    """The uniform force by volume that forces on inner nodes stand for, (3,); None if none does.
+
+    Args:
+        weights: Of each node the integral of its shape function, (num_nodes,).
+        is_inside: Nodes that are not on the boundary, (num_nodes,).
+        forces: On nodes, (num_nodes, 3).
+    """
+    inside = forces[is_inside]
+    if len(inside) < 2 or not inside.any():
+        return None
+    own = weights[is_inside]
+    density: Points = own @ inside / (own @ own)
+    missed = np.abs(inside - own[:, None] * density).max()
+    return density if missed <= _FITS * np.abs(inside).max() else None
+
+
+def _connected(corners: NDArray[np.int64], chosen: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Facets that hang together by edges, as rows of `corners`."""
+    around: dict[tuple[int, int], list[int]] = {}
+    for row in chosen.tolist():
+        a, b, c = sorted(corners[row].tolist())
+        for edge in ((a, b), (b, c), (a, c)):
+            around.setdefault(edge, []).append(row)
+    next_to: dict[int, set[int]] = {row: set() for row in chosen.tolist()}
+    for rows in around.values():
+        for row in rows:
+            next_to[row].update(rows)
+    parts, seen = [], set()
+    for first in next_to:
+        if first in seen:
+            continue
+        part, ahead = set(), [first]
+        while ahead:
+            row = ahead.pop()
+            if row not in part:
+                part.add(row)
+                ahead += next_to[row] - part
+        seen |= part
+        parts.append(np.array(sorted(part)))
+    return parts
+
+
+def _ways(
+    nodes: Points, corners: NDArray[np.int64], part: NDArray[np.int64]
+) -> list[tuple[list[NDArray[np.int64]], bool]]:
+    """What is tried: one traction on all, then one on each plane; uniform, then affine."""
+    a, b, c = (nodes[corners[part, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    ways = [([part], False), ([part], True)]
+    pieces: list[NDArray[np.int64]] = []
+    free = np.ones(len(part), dtype=bool)
+    while free.any():
+        if len(pieces) == _MOST_PLANES:
+            return ways
+        first = np.argmax(free)
+        alike = free & (normals @ normals[first] >= _FLAT)
+        alike[first] = True  # of no area too
+        pieces.append(part[alike])
+        free &= ~alike
+    return ways if len(pieces) in (1, len(part)) else [*ways, (pieces, False), (pieces, True)]
+
+
+def _fit(
+    nodes: Points,
+    corners: NDArray[np.int64],
+    middles: NDArray[np.int64],
+    forces: Points,
+    pieces: list[NDArray[np.int64]],
+    is_affine: bool,
+) -> list[FittedTraction] | None:
+    """One traction on each piece, all of them at once; None where they leave too much."""
+    loaded = _nodes_of(corners[np.concatenate(pieces)], middles[np.concatenate(pieces)])
+    columns, frames = [], []
+    for piece in pieces:
+        places = nodes[np.unique(corners[piece])]
+        centre, size = places.mean(axis=0), float(np.ptp(places, axis=0).max())
+        shares = _consistent(nodes, corners[piece], middles[piece], centre, size)
+        columns.append(shares[loaded][:, : 4 if is_affine else 1])
+        frames.append((centre, size))
+    matrix = np.hstack(columns)
+    solution, _, rank, _ = np.linalg.lstsq(matrix, forces[loaded], rcond=1e-10)
+    # As many unknowns as nodes explain anything.
+    if rank >= len(loaded):
+        return None
+    missed = np.abs(matrix @ solution - forces[loaded]).max()
+    if not missed <= _FITS * np.abs(forces[loaded]).max():
+        return None
+    fitted = []
+    for piece, (centre, size), values in zip(
+        pieces, frames, np.split(solution, len(pieces)), strict=True
+    ):
+        places = centre + size * np.vstack([np.zeros(3), np.eye(3)])[: len(values)]
+        fitted.append(FittedTraction(corners[piece], places, values[0] + _steps(values)))
+    return fitted
+
+
+def _steps(values: Points) -> Points:
+    """From the value at the centre to those at the places of `_fit`."""
+    steps: Points = values.copy()
+    steps[0] = 0.0
+    return steps
+
+
+def _nodes_of(corners: NDArray[np.int64], middles: NDArray[np.int64]) -> NDArray[np.int64]:
+    nodes = np.unique(np.hstack([corners, middles]))
+    return nodes[nodes >= 0]
+
+
+def _consistent(
+    nodes: Points,
+    corners: NDArray[np.int64],
+    middles: NDArray[np.int64],
+    centre: Points,
+    size: float,
+) -> NDArray[np.float64]:
+    """Integrals of N_i and of N_i (X - centre) / size over the facets, (num_nodes, 4)."""
+    shares = np.zeros((len(nodes), 4))
+    a, b, c = (nodes[corners[:, k]] for k in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    is_quadratic = (middles >= 0).all(axis=1)
+    for weights, weight in zip(_POINTS, _WEIGHTS, strict=True):
+        places = np.einsum("k,nkj->nj", weights, nodes[corners])
+        basis = np.column_stack([np.ones(len(places)), (places - centre) / size])
+        basis *= (weight * areas)[:, None]
+        straight = np.where(is_quadratic[:, None], weights * (2.0 * weights - 1.0), weights)
+        for k in range(3):
+            np.add.at(shares, corners[:, k], straight[:, [k]] * basis)
+            bent = 4.0 * weights[k] * weights[(k + 1) % 3] * basis[is_quadratic]
+            np.add.at(shares, middles[is_quadratic, k], bent)
+    return shares
