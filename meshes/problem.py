@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, TypeVar
@@ -14,6 +15,7 @@ from palpate.meshes.agreement import require_agreement, require_boundary_facets
 from palpate.meshes.arrays import Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import Load, Support
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_constants import checked_terms, moduli_of
 from palpate.meshes.material_law import Law
 from palpate.meshes.rigid_tool import RigidTool
 from palpate.meshes.tet_mesh import TetMesh
@@ -64,6 +66,9 @@ class Material:
         law: With Green strain; with linear strain every law is Hooke's.
         c01: Of the second invariant [Pa], for Law.MOONEY_RIVLIN alone; `mooney_rivlin` takes the
             three constants that the law is written with.
+        ogden_terms: Of Law.OGDEN alone, one to three: the term's part of mu, mu_p alpha_p / (2 mu),
+            all of which add up to 1, and its exponent alpha_p; `ogden` takes what the law is
+            written with.
 
     Raises:
         InputError: A value outside its range.
@@ -81,6 +86,7 @@ class Material:
     density: float = 1000.0
     law: Law = Law.SAINT_VENANT_KIRCHHOFF
     c01: float = 0.0
+    ogden_terms: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         E, nu, rho = self.youngs_modulus, self.poissons_ratio, self.density
@@ -103,6 +109,7 @@ class Material:
             raise InputError(f"c01 = {self.c01:g} Pa: needs a finite value")
         if self.c01 and self.law is not Law.MOONEY_RIVLIN:
             raise InputError(f"c01 goes with law = {Law.MOONEY_RIVLIN}, not with {self.law}")
+        object.__setattr__(self, "ogden_terms", checked_terms(self.law, self.ogden_terms))
 
     @classmethod
     def mooney_rivlin(
@@ -130,16 +137,37 @@ class Material:
                 f"c10 = {c10:g} Pa and c01 = {c01:g} Pa: the shear modulus 2 (c10 + c01) must be "
                 "above 0, or the body has no stable rest"
             )
-        if not (math.isfinite(bulk_modulus) and bulk_modulus > 0.0):
-            raise InputError(f"bulk_modulus = {bulk_modulus:g} Pa: needs a finite value above 0")
-        denominator = 3.0 * bulk_modulus + mu
-        return cls(
-            9.0 * bulk_modulus * mu / denominator,
-            (3.0 * bulk_modulus - 2.0 * mu) / (2.0 * denominator),
-            density,
-            Law.MOONEY_RIVLIN,
-            c01,
-        )
+        modulus, ratio = moduli_of(mu, bulk_modulus)
+        return cls(modulus, ratio, density, Law.MOONEY_RIVLIN, c01)
+
+    @classmethod
+    def ogden(
+        cls, terms: Sequence[tuple[float, float]], *, bulk_modulus: float, density: float = 1000.0
+    ) -> Material:
+        """W = sum of mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3) + kappa/2 (J - 1)^2.
+
+        Args:
+            terms: mu_p [Pa] and alpha_p [-], one to three pairs; mu = sum of mu_p alpha_p / 2 > 0.
+            bulk_modulus: kappa [Pa], > 0.
+            density: [kg/m3], > 0.
+
+        Raises:
+            InputError: Constants that are not positive definite at rest.
+
+        >>> import palpate
+        >>> rubber = palpate.Material.ogden([(630.0, 1.3), (1.2, 5.0)], bulk_modulus=50e3)
+        >>> round(rubber.youngs_modulus)
+        1234
+        """
+        mu = 0.5 * sum(m * alpha for m, alpha in terms)
+        if not (math.isfinite(mu) and mu > 0.0):
+            raise InputError(
+                f"Ogden's terms {list(terms)}: the shear modulus, half the sum of mu_p alpha_p, "
+                "must be above 0, or the body has no stable rest"
+            )
+        modulus, ratio = moduli_of(mu, bulk_modulus)
+        shares = tuple((0.5 * m * alpha / mu, alpha) for m, alpha in terms)
+        return cls(modulus, ratio, density, Law.OGDEN, ogden_terms=shares)
 
 
 @dataclass(frozen=True)
@@ -300,6 +328,14 @@ class Problem:
                 f"inclusions follow the law of their body; here are {', '.join(laws)}: give them "
                 "all the same"
             )
+        if (
+            len({m.ogden_terms for m in (self.material, *(i.material for i in self.inclusions))})
+            > 1
+        ):
+            raise InputError(
+                "inclusions of Ogden's law have their body's exponents, and its parts of the shear "
+                "modulus; their moduli at rest may differ"
+            )
 
 
 Item = TypeVar("Item", bound="DataclassInstance")
@@ -317,6 +353,22 @@ def _on_mesh(item: Item, mesh: TetMesh, what: str) -> Item:
             if width == 3:
                 require_boundary_facets(mesh, checked, f"{name} of {what}")
     return dataclasses.replace(item, **changes) if changes else item
+
+
+def with_law(problem: Problem, law: Law) -> Problem:
+    """The same problem of a body that follows another law, with the same moduli at rest.
+
+    Raises:
+        InputError: Law.MOONEY_RIVLIN, which has one constant more than they tell.
+    """
+    if law is Law.MOONEY_RIVLIN:
+        raise InputError(f"{law} has three constants, of which moduli at rest tell two")
+
+    def of(material: Material) -> Material:
+        return dataclasses.replace(material, law=law, c01=0.0)
+
+    inclusions = (dataclasses.replace(i, material=of(i.material)) for i in problem.inclusions)
+    return dataclasses.replace(problem, material=of(problem.material), inclusions=tuple(inclusions))
 
 
 def require_no_tools(problem: Problem, what: str) -> None:

@@ -168,14 +168,24 @@ class ToolPath:
     def pose_at(self, time: float) -> tuple[Floats, Floats]:
         """Position [m], shape (3,), and rotation matrix, shape (3, 3), at a time [s]."""
         after = int(np.searchsorted(self.times, time, side="right"))
-        if after == 0:
-            return self.positions[0].copy(), rotation_matrix(self.rotations[0])
-        if after == len(self.times):
-            return self.positions[-1].copy(), rotation_matrix(self.rotations[-1])
-        s = (time - self.times[after - 1]) / (self.times[after] - self.times[after - 1])
-        position = (1.0 - s) * self.positions[after - 1] + s * self.positions[after]
-        turned = _between(self.rotations[after - 1], self.rotations[after], float(s))
-        return position, rotation_matrix(turned)
+        rotation = rotation_matrix(self.quaternion_at(time))
+        if after in (0, len(self.times)):
+            return self.positions[min(after, len(self.times) - 1)].copy(), rotation
+        s = self._part(after, time)
+        return (1.0 - s) * self.positions[after - 1] + s * self.positions[after], rotation
+
+    def quaternion_at(self, time: float) -> Floats:
+        """Unit quaternion (w, x, y, z), shape (4,), at a time [s]."""
+        after = int(np.searchsorted(self.times, time, side="right"))
+        if after in (0, len(self.times)):
+            end: Floats = self.rotations[min(after, len(self.times) - 1)].copy()
+            return end
+        return _between(self.rotations[after - 1], self.rotations[after], self._part(after, time))
+
+    def _part(self, after: int, time: float) -> float:
+        """Of the time from the knot before a knot to it."""
+        begin, end = self.times[after - 1], self.times[after]
+        return float((time - begin) / (end - begin))
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,7 @@ class Motion:
         du = ufl.TrialFunction(space.space)
         self._mass_factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
         self._stiffness_factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
-        tangent = self._stiffness_factor * ufl.derivative(body.virtual_work, body.u, du)
+        tangent = self._stiffness_factor * body.work_change(du)
         if not is_mass_lumped:
             tangent += self._mass_factor * density * ufl.inner(du, body.v) * dx
         self._tangent = fenicsx.form(tangent)

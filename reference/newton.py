@@ -25,7 +25,7 @@ _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
 # Iterations without a new smallest residual before giving up; the first two do not count.
 _PATIENCE = 6
-# Of the force along a step with friction, what may be left at its end.
+# Of the force along a step with tools, what may be left at its end.
 _NEARLY = 0.2
 _MOST_TRIALS = 12
 # A Newton step may take det F down to this fraction of what it was, not further.
@@ -89,7 +89,7 @@ class Newton:
         )
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
-        self._has_friction = any(c.tool.friction_coefficient > 0.0 for c in discrete.contacts)
+        self._has_contact = bool(discrete.contacts)
         self.is_linear = discrete.strain is Strain.LINEAR
 
     @property
@@ -153,7 +153,12 @@ class Newton:
             contact.keep(displacement)
 
     def solve(
-        self, start: Floats, load_factor: float, *, report: Report | None = None
+        self,
+        start: Floats,
+        load_factor: float,
+        *,
+        report: Report | None = None,
+        least_tolerance: float = 0.0,
     ) -> NewtonOutcome:
         """Iterate from a displacement to the equilibrium at a load factor.
 
@@ -161,8 +166,9 @@ class Newton:
             start: First iterate, flat [m]; need not meet the supports.
             load_factor: Fraction of the loads and of the prescribed displacements.
             report: Called with iteration, relative residual and smallest det F.
+            least_tolerance: In the place of a smaller relative tolerance.
         """
-        eq = self._discrete
+        eq, enough = self._discrete, max(self.relative_tolerance, least_tolerance)
         held, free = eq.held.dofs, eq.free
         target = eq.held.at(load_factor)
         u = start.copy()
@@ -183,7 +189,7 @@ class Newton:
             is_at_supports = fenicsx.total(int(np.sum(u[held] != target))) == 0
             is_stalled = norm > 0.5 * last_norm and norm <= rounding
             last_norm = norm
-            if is_at_supports and (norm <= self.relative_tolerance * scale or is_stalled):
+            if is_at_supports and (norm <= enough * scale or is_stalled):
                 return NewtonOutcome(u, True, "", iteration, relative)
             # Under prescribed displacements alone the first residual is zero: judge by the second.
             if iteration > 1 and not norm <= _LARGEST_GROWTH * first:
@@ -196,9 +202,7 @@ class Newton:
             matrix = eq.tangent(u, load_factor)
             rounding = self._rounding_error(matrix, u)
             # Loose while far away, tight enough at the end for one more step to finish.
-            tolerance = max(
-                min(1e-3, relative), 0.1 * self.relative_tolerance / max(relative, 1e-300)
-            )
+            tolerance = max(min(1e-3, relative), 0.1 * enough / max(relative, 1e-300))
             try:
                 du = self._linear.solve(
                     matrix, -residual, held, target - u[held], tolerance=min(tolerance, 1e-3)
@@ -206,7 +210,7 @@ class Newton:
             except LinearSolveError as error:
                 return NewtonOutcome(u, False, str(error), iteration, relative)
             length, det_f = self._step_length(u, du, det_f)
-            if self._has_friction and length > 0.0:
+            if self._has_contact and length > 0.0:
                 length *= self._part_in_balance(u, length * du, residual, load_factor)
             if length == 0.0:
                 return NewtonOutcome(u, False, "a cell would invert", iteration + 1, relative)
@@ -235,8 +239,9 @@ class Newton:
     ) -> float:
         """How far along a step the forces along it are nearly in balance, at most 1.
 
-        Nodes that stick in one iterate and slip in the next go to and fro for ever by full steps.
-        The forces of friction have a potential, so that what is sought is its least along the step.
+        Nodes that touch or stick in one iterate and not in the next go to and fro for ever by full
+        steps. Contact and friction have a potential, so that what is sought is its least along the
+        step.
         """
         eq = self._discrete
         free, low, high, part = eq.free, 0.0, 1.0, 1.0

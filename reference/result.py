@@ -16,6 +16,7 @@ from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference.integrators.schemes import Integrator
 
 Values: TypeAlias = Floats
 
@@ -344,6 +345,8 @@ def load_result(path: str | Path, *kinds: type[Any]) -> Any:
             values["formulation"] = Formulation(values["formulation"])
         if "element" in values:
             values["element"] = Element(values["element"])
+        if "integrator" in values:
+            values["integrator"] = Integrator(values["integrator"])
         if "tools" in values:
             values["tools"] = tuple(_history(rows) for rows in values["tools"])
         return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})

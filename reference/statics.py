@@ -9,14 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.meshes.arrays import Floats
+from palpate.meshes.driven_tools import require_drive_of_statics
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
 from palpate.reference.cell_stress import measure_stresses, support_forces
-from palpate.reference.contact.driven_tool import press, require_known_drive
-from palpate.reference.contact.tool_path import follow_tools
+from palpate.reference.contact.driven_tool import press
+from palpate.reference.contact.tool_path import follow_tools, go_on_at_end
 from palpate.reference.deformed_state import DetFSampler, find_smallest_stretch, measure_state
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
@@ -172,8 +173,9 @@ def find_equilibrium(
         relative_tolerance: See `solve_static`.
         formulation: Likewise.
         element: Likewise.
-        guess: Unknowns near the equilibrium, flat, from which alone it is looked for; not where
-            there are tools. The load is raised from nothing where None.
+        guess: Unknowns near the equilibrium, flat, from which alone it is looked for; with tools
+            first, if it does not depend on their way, and then along it. The load is raised from
+            nothing where None.
         largest_direct: See `LinearSolver`.
         progress: Called with one line of text now and then.
 
@@ -186,7 +188,7 @@ def find_equilibrium(
     if not 1e-14 <= relative_tolerance <= 1e-2:
         raise InputError(f"relative_tolerance = {relative_tolerance:g}: needs 1e-14 to 1e-2")
     require_supported(problem)
-    require_known_drive(problem.tools)
+    require_drive_of_statics(problem.tools)
     tell: Progress = progress or _say_nothing
     tell(f"compiling the forms of degree {degree} (once for this version)")
     formulation, element = Formulation(formulation), Element(element)
@@ -198,12 +200,13 @@ def find_equilibrium(
     )
     num_dofs = fenicsx.total(discrete.num_dofs)
     tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
-    near = None if guess is None or discrete.contacts else guess(discrete)
-    path, tools = (
-        _follow(discrete, sampler, newton, tell)
-        if near is None
-        else (_go_on(newton, near, tell), ())
-    )
+    is_known = all(contact.forgets_its_way for contact in discrete.contacts)
+    near = guess(discrete) if guess is not None and is_known else None
+    path, tools = _go_on(discrete, newton, near, tell) if near is not None else (None, ())
+    if path is None or (path.reason and discrete.contacts):
+        for contact in discrete.contacts:
+            contact.begin()
+        path, tools = _follow(discrete, sampler, newton, tell)
     smallest_det_f = sampler.smallest(path.displacement)
     is_inverted = discrete.strain is Strain.GREEN and not smallest_det_f > 0.0
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
@@ -217,7 +220,9 @@ def find_equilibrium(
     return Equilibrium(problem, discrete, path.displacement, newton, path, tools, smallest_det_f)
 
 
-def _go_on(newton: Newton, near: Floats, tell: Progress) -> LoadPath:
+def _go_on(
+    discrete: DiscreteProblem, newton: Newton, near: Floats, tell: Progress
+) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
     """The equilibrium under the full load that Newton's method finds from nearby."""
 
     def report(iteration: int, relative: float, det_f: float) -> None:
@@ -226,12 +231,8 @@ def _go_on(newton: Newton, near: Floats, tell: Progress) -> LoadPath:
             f"smallest det F {det_f:.4f}"
         )
 
-    found = newton.solve(near, 1.0, report=report)
-    reason = found.reason
-    if found.converged and not newton.is_stable(found.displacement, 1.0):
-        reason = "the equilibrium found is not stable"
-    reached = () if reason else (1.0,)
-    return LoadPath(found.displacement, reached, found.relative_residual, found.iterations, reason)
+    run = go_on_at_end(newton, discrete.contacts, near, report=report)
+    return run.path, run.histories
 
 
 def _follow(

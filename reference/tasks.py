@@ -16,6 +16,8 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference.integrators.result import SteppedResult
+from palpate.reference.integrators.schemes import Integrator
 from palpate.reference.result import (
     AdaptiveResult,
     Audit,
@@ -174,6 +176,24 @@ class ExplicitTask:
         return simulate_explicit(problem, **vars(self))
 
 
+@dataclass(frozen=True)
+class SteppedTask:
+    """`palpate.reference.integrators.stepping.simulate_by`, from rest."""
+
+    integrator: Integrator
+    strain: Strain = Strain.GREEN
+    element: Element = Element.LINEAR
+    relative_tolerance: float = 1e-10
+
+    answer = SteppedResult
+
+    def __call__(self, problem: Problem, progress: Progress) -> SteppedResult:
+        """Step."""
+        from palpate.reference.integrators.stepping import simulate_by
+
+        return simulate_by(problem, **vars(self), progress=progress)
+
+
 def load_task(path: str | Path) -> Task[Any]:
     """Read a task written by `save_result`.
 
@@ -181,6 +201,6 @@ def load_task(path: str | Path) -> Task[Any]:
         FileFormatError: Missing, damaged, or not a task.
     """
     task: Task[Any] = load_result(
-        path, StaticTask, AdaptiveTask, AuditTask, ImplicitTask, ExplicitTask
+        path, StaticTask, AdaptiveTask, AuditTask, ImplicitTask, ExplicitTask, SteppedTask
     )
     return task

@@ -4,6 +4,15 @@ R. Becker, R. Rannacher, Acta Numerica 10 (2001) 1-102: the error of a goal J is
 displacement weighted by z, K^T z = J'(u). The L2 norm of the displacement stands for every goal
 that has no derivative of its own, and for forces, whose error goes as the energy's; half the square
 of a norm for the norm itself.
+
+How far a displacement is off in L2 is not what its norm is off: an error that is orthogonal to it
+leaves that as it is. It is its part along the error, for which the change since the mesh before
+stands: J(u) = (c, u) / (|c| |u|), in L2 between the case's points, as it is measured.
+
+The largest displacement is that of one point, along itself; the largest difference is that of
+a point which nobody knows before, and is looked for on every mesh: where the displacement is
+largest, where it has moved most since the mesh before, and where its gradient is roughest. The
+force of such a dual is on a single point, over which the discrete one is as smooth as its cells.
 """
 
 from __future__ import annotations
@@ -12,9 +21,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.meshes.arrays import Floats, Indices
-from palpate.meshes.field_norms import size_of_change
-from palpate.meshes.tet_mesh import TetMesh
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.field_norms import l2_gradient, l2_norm, size_of_change
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.adaptivity.goals import Goal, Quantity
 from palpate.reference.adaptivity.parts import Part
@@ -27,8 +38,26 @@ from palpate.reference.statics import Equilibrium
 
 # Weights tell where to refine: three digits are plenty.
 _TOLERANCE = 1e-3
-# A goal's quantity and part.
-Key = tuple[Quantity, Part | None]
+# Rough points looked at, and how rough over the roughest: at the end of a body that is cut at right
+# angles four corners have like errors, and all are refined for at once.
+_MOST_ROUGHEST, _ALIKE = 4, 0.5
+
+
+@dataclass(frozen=True)
+class PointValue:
+    """The displacement of a point of the case's mesh, along a unit vector."""
+
+    point: int
+    along: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class AlongChange:
+    """The displacement's part along how it has changed since the mesh before."""
+
+
+# A goal's quantity and part, or what is read of the displacement at the case's points.
+Key = tuple[Quantity, Part | None] | PointValue | AlongChange
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +67,14 @@ class Solved:
     Attributes:
         found: The equilibrium.
         state: The same, measured, at the points and in the cells of the case's mesh.
+        before: The state on the mesh before; None on the first one.
         case_mesh: That mesh.
         case_cell: Its cell that each cell solved on lies in, shape (num_cells,).
     """
 
     found: Equilibrium
     state: ReferenceResult
+    before: ReferenceResult | None
     case_mesh: TetMesh
     case_cell: Indices
 
@@ -56,6 +87,14 @@ class Solved:
         """Values of the case's cells in the cells of this rank, in dolfinx's numbering."""
         own: Floats = values[self.case_cell][self.discrete.space.transferred.cell_of_cell]
         return own
+
+    def everywhere(self, values: Floats) -> Floats:
+        """Values of the cells of this rank in those of all, in the TetMesh's order."""
+        transferred = self.discrete.space.transferred
+        whole = np.zeros(transferred.source.num_cells)
+        whole[transferred.cell_of_cell] = values
+        total: Floats = fenicsx.total(whole)
+        return total
 
     def dx(self, degree: int) -> Any:
         """The measure of the body's volume with a quadrature of some degree."""
@@ -97,6 +136,23 @@ def _stress(solved: Solved, part: Part | None) -> tuple[Any, float]:
     return 0.5 * squared, fenicsx.assemble_scalar(fenicsx.form(squared))
 
 
+def _of_tools(solved: Solved) -> Floats:
+    """Derivative of the forces on the tools, each along itself, over the largest [1/m].
+
+    Its dual is what the body does where the tools go on by one metre against those forces, with the
+    points that they hold: the force is the energy's derivative by their poses.
+    """
+    discrete, u = solved.discrete, solved.found.displacement
+    forces = [np.array(tool.forces[-1]) for tool in solved.state.tools]
+    largest = max((float(np.linalg.norm(force)) for force in forces), default=0.0)
+    gradient = np.zeros(discrete.num_dofs)
+    for contact, force in zip(discrete.contacts, forces, strict=True):
+        size = float(np.linalg.norm(force))
+        if size > 0.0:
+            gradient += contact.derivative_of_force(u, force / size) / largest
+    return gradient
+
+
 _FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], tuple[Any, float]]] = {
     Quantity.DISPLACEMENT_L2: _l2,
     Quantity.VOLUME: _volume,
@@ -105,11 +161,97 @@ _FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], tuple[Any, float]]]
 }
 
 
-def dual_of(goal: Goal) -> Key:
-    """Whose dual stands for a goal."""
-    if goal.quantity in _FUNCTIONALS:
-        return goal.quantity, goal.part
-    return Quantity.DISPLACEMENT_L2, None
+def duals_of(goal: Goal, solved: Solved, rough: Floats) -> list[Key]:
+    """Whose duals stand for a goal; of several, see `worst_of`.
+
+    Args:
+        goal: The goal.
+        solved: The equilibrium.
+        rough: How rough its gradient is in each cell, see `GradientRecovery`, (num_cells,).
+    """
+    moved = solved.state.displacement
+    largest = int(np.argmax(np.linalg.norm(moved, axis=1)))
+    if goal.quantity is Quantity.MAX_DISPLACEMENT:
+        return [_along(moved, largest)]
+    if goal.quantity is Quantity.DISPLACEMENT_MAX:
+        found = [_along(moved, point) for point in (largest, *_roughest(solved, rough))]
+        if solved.before is not None:
+            since = moved - solved.before.displacement
+            found.append(_along(since, int(np.argmax(np.linalg.norm(since, axis=1)))))
+        return list(dict.fromkeys(found))
+    if goal.quantity is Quantity.DISPLACEMENT_L2 and solved.before is not None:
+        return [AlongChange()]
+    if goal.quantity in _FUNCTIONALS or goal.quantity is Quantity.TOOL_FORCE:
+        return [(goal.quantity, goal.part)]
+    return [(Quantity.DISPLACEMENT_L2, None)]
+
+
+def _along(field: Points, point: int) -> PointValue:
+    """The displacement of a point along a field there."""
+    size = float(np.linalg.norm(field[point]))
+    x, y, z = (field[point] / size).tolist() if size > 0.0 else (1.0, 0.0, 0.0)
+    return PointValue(point, (x, y, z))
+
+
+def _roughest(solved: Solved, rough: Floats) -> list[int]:
+    """The moving points of the case with the largest errors in cells of their own, and like ones.
+
+    Gradients that are wrong by g over a cell of size h, rough = (mu g^2 h^3)^(1/2), make a
+    displacement wrong by g h.
+    """
+    mesh = solved.found.problem.mesh
+    size = np.cbrt(signed_volumes(mesh.points, mesh.cells))
+    mu = solved.everywhere(fenicsx.cell_values(solved.discrete.lame[1]))
+    at_points = np.zeros(mesh.num_points)
+    np.maximum.at(at_points, mesh.cells, (rough / np.sqrt(mu * size))[:, None])
+    own = at_points[: solved.case_mesh.num_points]
+    own = np.where(np.linalg.norm(solved.state.displacement, axis=1) > 0.0, own, 0.0)
+    best = np.argsort(-own, kind="stable")[:_MOST_ROUGHEST]
+    found: list[int] = best[own[best] >= _ALIKE * own[best[0]]].tolist()
+    return found
+
+
+def worst_of(errors: Sequence[Floats]) -> Floats:
+    """One error's parts by cell from those of several duals: the largest of their errors.
+
+    Each cell's part is the largest that one of them has, and all together are that error, so that
+    what is refined is refined for all.
+    """
+    if len(errors) == 1:
+        return errors[0]
+    parts: Floats = np.max(errors, axis=0)
+    whole = float(parts.sum())
+    return parts * (max(float(e.sum()) for e in errors) / whole) if whole > 0.0 else parts
+
+
+def _gradient(solved: Solved, key: Key) -> Floats:
+    """Derivative of what a key stands for, relative, by the unknowns of this rank, flat."""
+    discrete = solved.discrete
+    if isinstance(key, PointValue | AlongChange):
+        space = discrete.space
+        forces = _forces_at_points(solved, key)
+        dofs = space.dof_of_point[: len(forces)]
+        here = (dofs >= 0) & (dofs < space.num_blocks)
+        nodal = np.zeros((space.num_blocks, 3))
+        nodal[dofs[here]] = forces[here]
+        return discrete.from_nodal(nodal.ravel())
+    quantity, part = key
+    if quantity is Quantity.TOOL_FORCE:
+        return _of_tools(solved)
+    functional, scale = _FUNCTIONALS[quantity](solved, part)
+    form = fenicsx.form(ufl.derivative(functional, discrete.unknown))
+    return discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0))
+
+
+def _forces_at_points(solved: Solved, key: PointValue | AlongChange) -> Points:
+    """By what a relative number changes with the displacement of each of the case's points."""
+    mesh, moved = solved.case_mesh, solved.state.displacement
+    if isinstance(key, PointValue):
+        forces = np.zeros_like(moved)
+        forces[key.point] = key.along
+        return forces / (float(np.linalg.norm(moved, axis=1).max()) or 1.0)
+    change = moved if solved.before is None else moved - solved.before.displacement
+    return l2_gradient(mesh, change) / (l2_norm(mesh, moved) or 1.0)
 
 
 def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
@@ -120,22 +262,20 @@ def solve_duals(solved: Solved, keys: Sequence[Key]) -> dict[Key, Floats]:
 
     Args:
         solved: The equilibrium.
-        keys: Each with a functional of its own: see `dual_of`.
+        keys: See `duals_of`.
 
     Returns:
         By key; the displacement itself where the tangent cannot be solved with.
     """
     found, discrete = solved.found, solved.discrete
     duals = {}
-    for quantity, part in keys:
+    for key in keys:
         discrete.set_displacement(found.displacement)
-        functional, scale = _FUNCTIONALS[quantity](solved, part)
-        form = fenicsx.form(ufl.derivative(functional, discrete.unknown))
-        gradient = discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0))
+        gradient = _gradient(solved, key)
         gradient[discrete.held.dofs] = 0.0
         try:
             dual = found.newton.solve_again(found.displacement, gradient, tolerance=_TOLERANCE)
         except LinearSolveError:
             dual = found.displacement
-        duals[quantity, part] = discrete.of_displacement(dual)
+        duals[key] = discrete.of_displacement(dual)
     return duals

@@ -5,18 +5,22 @@ between mesh k - 1 and mesh k, and e_k the dual-weighted estimate of its error o
 left is at most a geometric series that goes on as slowly as either of them says:
 
     ratio = max(e_n / e_(n-1), d_n / d_(n-1), LEAST_RATIO)
-    bar = SAFETY max(d_n, fall d_(n-1)) ratio / (1 - ratio)
+    bar = SAFETY max(d_n, ratio d_(n-1)) ratio / (1 - ratio)
 
 d_(n-1) stands beside d_n because a signed number may pass by chance through the value of the mesh
-before, and the worst point may lie where no cell was cut; it has to have fallen as the L2 norm of
-the displacement has, d_n / d_(n-1) of that, or by the ratio, where that is smaller. That norm does
-neither: its fall is 0. The largest displacement is no farther off than the displacement at its
-worst point. SAFETY and LEAST_RATIO are held against known answers by `palpate study
-calibration`. At clamped edges the displacement goes as the square root of the distance, so the
-error of a goal halves where the cells are halved: LEAST_RATIO is that, and no faster rate is ever
-believed.
-Where the sequence shrinks by less than LARGEST_RATIO from mesh to mesh nothing can be concluded,
-and the bar is infinite.
+before, and the worst point may lie where no cell was cut; the norm of a difference does neither,
+and goes without. For the same reason (d_n / d_(n-2))^(1/2) takes the place of d_n / d_(n-1) where
+d_n is above d_(n-1), if there is a d_(n-2). The largest displacement is no farther off than the
+displacement at its worst point: where both are asked for, its bar is no larger than that one's.
+
+LEAST_RATIO is that of smooth displacements, whose gradient, quadratic, is four times better where
+cells are halved; at clamped edges, where it goes as the square root of the distance and the error
+halves, both ratios say so: e_k is by a dual of the quantity's own, or, of the energy and of forces
+through parts, by that of the displacement in L2 (`duals`). SAFETY and LEAST_RATIO are held against
+known answers by `palpate study calibration`.
+
+Where the ratio is above LARGEST_RATIO nothing can be concluded, and the bar is infinite. Where the
+last two differences are at most NOISE, the bar is SAFETY NOISE.
 """
 
 from __future__ import annotations
@@ -37,11 +41,12 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.adaptivity.parts import Part, force_apart, stress_apart
 from palpate.reference.result import ReferenceResult
 
-LEAST_RATIO = 0.5
+LEAST_RATIO = 0.25
 LARGEST_RATIO = 0.9
-SAFETY = 1.5
-# Of two meshes, whose differences tell no rate: twice that, Roache's 3 for two grids beside his
-# 1.25 for three (ASME J. Fluids Eng. 116, 1994).
+SAFETY = 1.75
+# Of two meshes, whose differences tell no rate: that of clamped edges, and Roache's factor for two
+# grids (ASME J. Fluids Eng. 116, 1994).
+LEAST_RATIO_OF_TWO = 0.5
 SAFETY_OF_TWO = 3.0
 # Relative to the largest force.
 _NO_FORCE = 1e-6
@@ -52,8 +57,9 @@ NOISE = 1e-8
 class Quantity(StrEnum):
     """What of a state has an error bar, relative to its own size or change.
 
-    The last two are of a part of the body: the L2 norm of Cauchy's stress in it, and the force
-    through it, over the largest of a support.
+    TOOL_FORCE is the forces on all tools at the end of their paths, over the largest. The last two
+    are of a part of the body: the L2 norm of Cauchy's stress in it, and the force through it, over
+    the largest of a support.
 
     >>> Quantity("volume")
     <Quantity.VOLUME: 'volume'>
@@ -65,8 +71,19 @@ class Quantity(StrEnum):
     VOLUME = "volume"
     SURFACE_AREA = "surface_area"
     STRAIN_ENERGY = "strain_energy"
+    TOOL_FORCE = "tool_force"
     STRESS_L2 = "stress_l2"
     TRACTION_RESULTANT = "traction_resultant"
+
+    @property
+    def is_norm(self) -> bool:
+        """Whether its difference is a norm over a volume, which is not small by chance."""
+        return self in (Quantity.DISPLACEMENT_L2, Quantity.STRESS_L2)
+
+    @property
+    def bounded_by(self) -> Quantity | None:
+        """What is never less far off, if anything is."""
+        return Quantity.DISPLACEMENT_MAX if self is Quantity.MAX_DISPLACEMENT else None
 
 
 OF_PART = frozenset({Quantity.STRESS_L2, Quantity.TRACTION_RESULTANT})
@@ -80,10 +97,12 @@ class Goal:
         quantity: What.
         tolerance: Largest bar that is small enough [-], > 0; infinite where any is.
         part: Of the case's mesh, where the quantity is of one; else None.
-        name: What it is called in the result; the quantity's own name where empty.
+        name: What it is called in the result: the quantity, and where it is of a part "@" and more;
+            the quantity's own name where empty.
 
     Raises:
-        InputError: A tolerance that is not above 0, a part too many or too few.
+        InputError: A tolerance that is not above 0, a part too many or too few, or a name that does
+            not begin with the quantity.
     """
 
     quantity: Quantity
@@ -97,6 +116,8 @@ class Goal:
         if (self.part is not None) != (self.quantity in OF_PART):
             needs = "needs a part of the body" if self.part is None else "is of the whole body"
             raise InputError(f"{self.quantity} {needs}")
+        if self.called.partition("@")[0] != self.quantity:
+            raise InputError(f"{self.quantity} called {self.name!r}: needs {self.quantity}@...")
 
     @property
     def called(self) -> str:
@@ -142,7 +163,7 @@ def has_limit(quantity: Quantity, strain: Strain, *, has_point_forces: bool) -> 
         has_point_forces: Loads on single points, or supports of single points that carry force.
     """
     return not has_point_forces or (
-        strain is Strain.LINEAR and quantity is Quantity.DISPLACEMENT_L2
+        strain is Strain.LINEAR and quantity in (Quantity.DISPLACEMENT_L2, Quantity.TOOL_FORCE)
     )
 
 
@@ -192,6 +213,14 @@ def _energy(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple
     return abs(fine.strain_energy - coarse.strain_energy), fine.strain_energy
 
 
+def _tools(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
+    own, other = (np.array([tool.forces[-1] for tool in s.tools]) for s in (fine, coarse))
+    return (
+        float(np.linalg.norm(own - other, axis=1).max(initial=0.0)),
+        float(np.linalg.norm(own, axis=1).max(initial=0.0)),
+    )
+
+
 _OF_WHOLE: dict[
     Quantity, Callable[[TetMesh, ReferenceResult, ReferenceResult], tuple[float, float]]
 ] = {
@@ -201,6 +230,7 @@ _OF_WHOLE: dict[
     Quantity.VOLUME: _volume,
     Quantity.SURFACE_AREA: _area,
     Quantity.STRAIN_ENERGY: _energy,
+    Quantity.TOOL_FORCE: _tools,
 }
 
 
@@ -239,35 +269,36 @@ def error_bars(
     """Error bars of the quantities of one sequence of meshes; the formulas stand above.
 
     Args:
-        sequences: Differences and estimates by quantity; see `error_bar`.
+        sequences: Differences and estimates by what each is called: a quantity, and where it is of
+            a part of the body "@" and more; see `error_bar`.
+
+    Raises:
+        ValueError: A name that begins with no quantity.
     """
-    apart = sequences.get(Quantity.DISPLACEMENT_L2, ((), ()))[0]
-    fall = apart[-1] / apart[-2] if len(apart) > 1 and apart[-2] > 0.0 else 1.0
+    kinds = {name: Quantity(name.partition("@")[0]) for name in sequences}
     found = {
-        name: error_bar(
-            differences, estimates, fall=0.0 if name == Quantity.DISPLACEMENT_L2 else fall
-        )
-        for name, (differences, estimates) in sequences.items()
+        name: error_bar(*sequence, is_norm=kinds[name].is_norm)
+        for name, sequence in sequences.items()
     }
-    size, worst = Quantity.MAX_DISPLACEMENT, Quantity.DISPLACEMENT_MAX
-    if size in found and worst in found:
-        found[size] = min(found[size], found[worst])
-    return found
+    return {
+        name: min(bar, found.get(str(kinds[name].bounded_by), math.inf))
+        for name, bar in found.items()
+    }
 
 
 def error_bar(
-    differences: Sequence[float], estimates: Sequence[float], *, fall: float = 1.0
+    differences: Sequence[float], estimates: Sequence[float], *, is_norm: bool = False
 ) -> float:
     """Error bar of a quantity on the last mesh of a sequence; the formula stands above.
 
     Args:
         differences: Between each mesh and the one before, shape (n,), >= 0.
         estimates: Of the error on each mesh, the first one too, shape (n + 1,), >= 0.
-        fall: What the difference before the last counts for, >= 0; at most the ratio.
+        is_norm: See `Quantity.is_norm`: the difference before the last counts for nothing.
 
     Returns:
-        Relative, >= NOISE; infinite for less than three meshes, or where the sequence does not
-        settle.
+        Relative, >= SAFETY NOISE; infinite for less than three meshes, or where the sequence does
+        not settle.
     """
     if len(differences) < 2 or not np.isfinite([*differences, *estimates]).all():
         return math.inf
@@ -285,26 +316,26 @@ def error_bar(
     ratio = max(ratios)
     if ratio > LARGEST_RATIO:
         return math.inf
-    apart = max(last, min(ratio, fall) * before)
+    apart = last if is_norm else max(last, ratio * before)
     return max(SAFETY * apart * ratio / (1.0 - ratio), SAFETY * NOISE)
 
 
 def error_bar_of_two(difference: float, estimates: Sequence[float]) -> float:
     """Error bar of a quantity on the finer of two meshes, where a third was not to be had.
 
-    The formula above with the estimates' ratio alone, and SAFETY_OF_TWO.
+    The formula above with the estimates' ratio alone, LEAST_RATIO_OF_TWO and SAFETY_OF_TWO.
 
     Args:
         difference: Between the two, >= 0.
         estimates: Of the error on both, shape (2,), >= 0.
 
     Returns:
-        Relative, >= NOISE; infinite where the estimates do not shrink.
+        Relative, >= SAFETY_OF_TWO NOISE; infinite where the estimates do not shrink.
     """
     if not np.isfinite([difference, *estimates]).all():
         return math.inf
     before, last = estimates
-    ratio = max(LEAST_RATIO, last / before) if before > 0.0 else LEAST_RATIO
+    ratio = max(LEAST_RATIO_OF_TWO, last / before) if before > 0.0 else LEAST_RATIO_OF_TWO
     if difference > NOISE and ratio > LARGEST_RATIO:
         return math.inf
     ratio = min(ratio, LARGEST_RATIO)

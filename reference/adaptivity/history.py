@@ -58,15 +58,15 @@ class History:
         series = zip(*self.differences[1:], strict=True) if len(self.cells) > 1 else ()
         rows = list(series) or [()] * len(self._goals)
         is_singular = has_point_forces(problem, state)
-        names = [goal.quantity for goal in self._goals]
+        names = [goal.called for goal in self._goals]
         told = zip(names, rows, zip(*self.estimates, strict=True), strict=True)
         bars = error_bars({name: (row, estimates) for name, row, estimates in told})
         self.bars.append(
             [
-                bars[name]
-                if has_limit(name, state.strain, has_point_forces=is_singular)
+                bars[goal.called]
+                if has_limit(goal.quantity, state.strain, has_point_forces=is_singular)
                 else math.inf
-                for name in names
+                for goal in self._goals
             ]
         )
         self._last = state

@@ -7,13 +7,12 @@ with halved ends (M. Dowell, P. Jarratt, BIT 11, 1971: "Illinois").
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
-from palpate.meshes.rigid_tool import RigidTool
 from palpate.reference.contact.tool_contact import ToolContact
 from palpate.reference.contact.tool_path import (
     OVER_NEWTON,
@@ -31,31 +30,6 @@ _SMALLEST_STEP = 1e-3
 _MOST_TRIES = 60
 # Sizes of the body and the tool's distance from it: who has gone so far has missed it.
 _FARTHEST = 2.0
-
-
-def require_known_drive(tools: Sequence[RigidTool]) -> None:
-    """Raise InputError for what statics cannot drive by a force.
-
-    Raises:
-        InputError: A force beside other tools, or with friction; one that does not push.
-    """
-    for number, tool in enumerate(tools, start=1):
-        if tool.drive is None:
-            continue
-        if len(tools) > 1:
-            raise InputError(
-                f"tool {number} is driven by a force, beside others: statics drive one tool alone"
-            )
-        if tool.friction_coefficient > 0.0:
-            raise InputError(
-                f"tool {number} is driven by a force and has friction, whose drag depends on the "
-                "way: statics drive a tool without friction; set 0, or give a path"
-            )
-        if not tool.drive.force > 0.0:
-            raise InputError(
-                f"tool {number} is driven by {tool.drive.force:g} N: statics need a force above 0; "
-                "turn the direction round"
-            )
 
 
 class _Drive:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
@@ -73,20 +74,24 @@ class ToolContact:
     ) -> None:
         self.tool = tool
         self.source_points = space.transferred.source.points
-        self._way = np.zeros(3)
         self.points = find_contact_points(space, tool.contact_facets, held)
         self._num_dofs = 3 * space.num_blocks
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
-        self._penalty = self._at_rest
-        self.pressure = np.zeros(len(self.points.areas))
         # A tool that just touches must not press by roundings.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
         self._rounding = _ROUNDINGS * float(np.finfo(float).eps * size)
         shape = tool.shape
         self._faces = HeldFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
         self._friction = Friction(tool.friction_coefficient, len(self.points.areas))
-        self.set_time(float(tool.path.times[0]))
+        self._way = np.zeros(3)
+        self.begin()
         self.require_known_shape()
+
+    def begin(self) -> None:
+        """Put the tool where its path begins, pressing nothing yet."""
+        self.weigh(1.0)
+        self.set_time(float(self.tool.path.times[0]))
+        self.pressure = np.zeros(len(self.points.areas))
         self.keep(np.zeros(self._num_dofs))
 
     def require_known_shape(self) -> None:
@@ -108,6 +113,17 @@ class ToolContact:
         normal = distance.normal[rows]
         return self.points.nodes[rows], normal, np.sum(velocity * normal, axis=1)
 
+    @property
+    def forgets_its_way(self) -> bool:
+        """Whether equilibrium with the tool is the same whichever way it came.
+
+        Not with friction, nor where nodes know the face of a box that they came by, nor where the
+        way is what is looked for.
+        """
+        tool = self.tool
+        is_bound = tool.friction_coefficient > 0.0 or tool.drive is not None
+        return self._faces is None and not is_bound
+
     def set_time(self, time: float) -> None:
         """Put the tool where it is at a time of its path."""
         self.time = time
@@ -119,6 +135,19 @@ class ToolContact:
         assert self.tool.drive is not None
         self._way = way * np.array(self.tool.drive.direction)
         self.set_time(self.time)
+
+    def go_on_from(self, other: ToolContact) -> None:
+        """Take the multipliers of the same tool on another mesh, of the nearest point there."""
+        places, known = self.points.rest, np.flatnonzero(other.points.areas > 0.0)
+        if known.size == 0:
+            return
+        there = other.points.rest[known]
+        nearest = [int(np.argmin(np.einsum("ij,ij->i", there - x, there - x))) for x in places]
+        self.pressure = other.pressure[known[nearest]]
+
+    def weigh(self, factor: float) -> None:
+        """Set the penalty to so many times that of statics."""
+        self._penalty = factor * self._at_rest
 
     def clearance(self, displacement: Floats) -> float:
         """Least distance of the contact nodes from the tool [m], 0 where one touches it."""
@@ -203,25 +232,37 @@ class ToolContact:
         return nodal.ravel()
 
     def add_tangent(self, matrix: Any, displacement: Points) -> None:
-        """Add -d(force)/du, area (k n n - t grad n) at each touching point, to a PETSc matrix.
+        """Add -d(force)/du to a PETSc matrix."""
+        blocks, touching = self._stiffness(displacement)
+        for a in np.flatnonzero(touching).tolist():
+            node = self.points.nodes[a : a + 1]
+            matrix.setValuesBlockedLocal(node, node, blocks[a], addv=True)
+        matrix.assemble()
+
+    def derivative_of_force(self, displacement: Floats, direction: Floats) -> Floats:
+        """Of the force on the tool along a unit vector, by the displacement, flat [N/m]."""
+        blocks, touching = self._stiffness(displacement)
+        nodal = np.zeros((self._num_dofs // 3, 3))
+        nodal[self.points.nodes[touching]] = blocks[touching].transpose(0, 2, 1) @ direction
+        return nodal.ravel()
+
+    def _stiffness(self, displacement: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """-d(nodal force)/du, area (k n n - t grad n), and at which points it is any [N/m].
 
         With friction that of `Drag` too, which is symmetric.
         """
         distance = self._distance(displacement)
         tractions = self._tractions(distance)
-        points = self.points
+        areas = self.points.areas
         n = distance.normal
         blocks = self._penalty * n[:, :, None] * n[:, None, :]
         blocks -= tractions[:, None, None] * distance.curvature
         blocks[tractions == 0.0] = 0.0
         blocks += self._dragged(displacement, distance).stiffness
-        blocks *= points.areas[:, None, None]
+        blocks *= areas[:, None, None]
         # A node that has just come off is dragged until its multiplier is taken over.
         touching = tractions + self._friction.coefficient * self.pressure
-        for a in np.flatnonzero(points.areas * touching > 0.0).tolist():
-            node = points.nodes[a : a + 1]
-            matrix.setValuesBlockedLocal(node, node, blocks[a], addv=True)
-        matrix.assemble()
+        return blocks, areas * touching > 0.0
 
     def augment(self, displacement: Floats) -> tuple[float, float]:
         """Take the tractions at an equilibrium as the new multipliers.

@@ -22,6 +22,11 @@ OVER_NEWTON = 10.0
 _CARRIED_ON_THE_WAY = 0.1
 _MOST_UZAWA_STEPS = 30
 _FEW_ITERATIONS = 12
+# Penalties on the way to a state that is known from another mesh, over those of statics, and how
+# well each is solved. The stiff one carries nearly all after one step, once it is known which nodes
+# touch; where it is not, the usual one finds out.
+_SOFTER, _STIFFER = (0.1, 1.0, 1.0, 1.0), (100.0, 1.0)
+_ROUGHLY = 1e-3
 # The way of a node into a box is taken as straight: nearly so in short steps, parts of a facet.
 _REACH_OF_BOXES = 0.05
 # In long ones a node would go through a round tool, or far round it: parts of its radius.
@@ -170,6 +175,52 @@ def follow_tools(
     return ToolRun(
         LoadPath(u, tuple(factors), residual, iterations, reason), histories(times, states)
     )
+
+
+def go_on_at_end(
+    newton: Newton, contacts: Sequence[ToolContact], near: Floats, *, report: Report
+) -> ToolRun:
+    """The equilibrium where the paths end, from a displacement near it, without going there.
+
+    Args:
+        newton: The iteration, of an equilibrium with these contacts.
+        contacts: Tools that forget their way.
+        near: Displacement to begin with, flat [m].
+        report: Called with iteration, relative residual and smallest det F.
+
+    Returns:
+        The end alone.
+    """
+    end = max((float(contact.tool.path.times[-1]) for contact in contacts), default=0.0)
+    for contact in contacts:
+        contact.set_time(end)
+    u = near
+    # Between the nodes of a coarser mesh the body is not quite where the tool is: soft penalties
+    # first, or they would press out of all proportion.
+    for factor in _SOFTER if contacts else ():
+        for contact in contacts:
+            contact.weigh(factor)
+        found = newton.solve(u, 1.0, report=report, least_tolerance=_ROUGHLY)
+        if not found.converged:
+            break
+        u = found.displacement
+        for contact in contacts:
+            contact.augment(u)
+    carried = OVER_NEWTON * newton.relative_tolerance
+    for contact in contacts:
+        contact.keep(u)
+    for factor in _STIFFER:
+        for contact in contacts:
+            contact.go_back()
+            contact.weigh(factor)
+        found = settle(newton, contacts, u, carried, report=report)
+        if found.converged or not contacts:
+            break
+    u, reason = found.displacement, found.reason
+    if found.converged and not newton.is_stable(u, 1.0):
+        reason = "the equilibrium found is not stable"
+    path = LoadPath(u, () if reason else (1.0,), found.relative_residual, found.iterations, reason)
+    return ToolRun(path, histories((end,), [[contact.state(u) for contact in contacts]]))
 
 
 def histories(

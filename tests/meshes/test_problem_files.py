@@ -156,6 +156,14 @@ def test_a_cell_has_one_material() -> None:
         Problem(MESH, PROBLEM.material, (), (), inclusions=(outside,))
 
 
+def test_a_tool_beside_a_support_along_a_slanted_normal_is_refused() -> None:
+    slanted = Support(np.array([0, 1, 2], dtype=np.int32), BASE, normal=(0.0, 0.6, 0.8))
+    with pytest.raises(InputError, match=r"slanted normal do not go together; turn the body"):
+        dataclasses.replace(PROBLEM, supports=(*PROBLEM.supports, slanted))
+    # Each alone is fine.
+    dataclasses.replace(PROBLEM, supports=(slanted,), tools=())
+
+
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut", b"no zip at all"])
 def test_a_damaged_problem_file_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "p.npz"

@@ -13,6 +13,7 @@ from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.adaptivity.goals import (
     LEAST_RATIO,
     NOISE,
@@ -61,7 +62,8 @@ def uniformly_refined(problem, times, **options):
     return dataclasses.replace(found, displacement=found.displacement[first])
 
 
-WHOLE = [quantity for quantity in Quantity if quantity not in OF_PART]
+WITHOUT_TOOLS = OF_PART | {Quantity.TOOL_FORCE}
+WHOLE = [quantity for quantity in Quantity if quantity not in WITHOUT_TOOLS]
 
 
 def goals(bar):
@@ -73,15 +75,24 @@ def apart_in(quantity, mesh, fine, coarse):
 
 
 def test_the_bar_of_a_geometric_sequence_covers_what_is_left():
-    for rate in (0.3, 0.5, 0.7, 0.85):
+    for rate in (0.1, 0.3, 0.5, 0.7, 0.85):
         values = [1.0 - rate**k for k in range(6)]
         apart = [b - a for a, b in itertools.pairwise(values)]
         bar = error_bar(apart, [rate**k for k in range(6)])
         assert bar >= SAFETY * (1.0 - values[-1]) * (1.0 - 1e-12)
-        # Faster than at a clamped edge is not believed.
-        assert bar <= SAFETY * apart[-1] * max(rate, LEAST_RATIO) / (
-            1.0 - max(rate, LEAST_RATIO)
-        ) * max(1.0, LEAST_RATIO / rate) * (1.0 + 1e-12)
+        # Faster than of a smooth displacement is not believed.
+        believed = max(rate, LEAST_RATIO)
+        slowest = SAFETY * apart[-1] * believed / (1.0 - believed) * believed / rate
+        assert bar <= slowest * (1.0 + 1e-12)
+
+
+def test_the_slower_of_differences_and_estimates_is_believed():
+    halves, quarters = [0.08, 0.04, 0.02, 0.01], [0.16, 0.04, 0.01, 0.0025]
+    # 0.02 / 0.04 of either: what is left is as much as the last difference.
+    assert error_bar(halves[:3], quarters) == pytest.approx(SAFETY * 0.02)
+    assert error_bar(quarters[:3], halves) == pytest.approx(SAFETY * max(0.01, 0.5 * 0.04))
+    # A quarter of both: a third of it.
+    assert error_bar(quarters[:3], quarters) == pytest.approx(SAFETY * 0.01 / 3.0)
 
 
 def test_a_difference_that_is_small_by_chance_makes_no_small_bar():
@@ -91,25 +102,28 @@ def test_a_difference_that_is_small_by_chance_makes_no_small_bar():
     assert error_bar([0.04, 1e-7, 0.01], estimates) == pytest.approx(SAFETY * 0.01)
 
 
-def test_the_norm_needs_no_guard_and_others_one_that_falls_as_it_does():
+def test_norms_need_no_guard_and_the_largest_displacement_has_the_worst_points():
     estimates = [0.08, 0.04, 0.02, 0.01]
     kept = {
         Quantity.DISPLACEMENT_L2: ([0.08, 0.04, 0.008], estimates),
+        "stress_l2@waist": ([0.08, 0.04, 0.004], estimates),
         Quantity.VOLUME: ([0.08, 0.04, 1e-7], estimates),
         Quantity.DISPLACEMENT_MAX: ([0.08, 0.04, 0.002], estimates),
         Quantity.MAX_DISPLACEMENT: ([0.16, 0.08, 0.03], estimates),
     }
     bars = error_bars(kept)
     assert bars[Quantity.DISPLACEMENT_L2] == pytest.approx(SAFETY * 0.008)
-    # The norm fell to a fifth.
-    assert bars[Quantity.VOLUME] == pytest.approx(SAFETY * 0.04 / 5.0)
+    assert bars["stress_l2@waist"] == pytest.approx(SAFETY * 0.004)
+    # Estimates fell to a half.
+    assert bars[Quantity.VOLUME] == pytest.approx(SAFETY * 0.02)
     # The worst point may lie where nothing was cut.
-    assert bars[Quantity.DISPLACEMENT_MAX] == pytest.approx(SAFETY * 0.04 / 5.0)
-    # No farther off than the worst point.
-    assert bars[Quantity.MAX_DISPLACEMENT] == pytest.approx(SAFETY * 0.04 / 5.0)
-    # Nothing said of the norm: by half, as slowly as is believed.
-    alone = error_bars({Quantity.VOLUME: kept[Quantity.VOLUME]})
-    assert alone[Quantity.VOLUME] == pytest.approx(SAFETY * 0.02)
+    assert bars[Quantity.DISPLACEMENT_MAX] == pytest.approx(SAFETY * 0.02)
+    # No farther off than the worst point, where that is told.
+    assert bars[Quantity.MAX_DISPLACEMENT] == pytest.approx(SAFETY * 0.02)
+    alone = error_bars({"max_displacement": kept[Quantity.MAX_DISPLACEMENT]})
+    assert alone["max_displacement"] == pytest.approx(SAFETY * 0.04)
+    with pytest.raises(ValueError, match="swing"):
+        error_bars({"swing": kept[Quantity.VOLUME]})
 
 
 def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():
@@ -127,6 +141,8 @@ def test_bulk_is_marked_with_the_fewest_cells():
     assert mark_bulk(np.zeros(3), 0.8).sum() <= 1
 
 
+# Two minutes; six problems of the calibration, with known answers, are held to it in each run.
+@pytest.mark.nightly
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("strain", list(Strain))
 def test_bars_hold_against_a_much_finer_truth(box, strain):
@@ -148,13 +164,8 @@ def test_bars_hold_against_a_much_finer_truth(box, strain):
 @pytest.mark.dolfinx
 def test_an_exact_answer_is_below_the_noise_at_once(box):
     mesh = box((2, 1, 1), jitter=0.2)
-    axes = np.eye(3, dtype=bool)
-    rollers = tuple(
-        Support(np.unique(mesh.facet_groups[f]), mesh.facet_groups[f], tuple(axes[k].tolist()))
-        for k, f in enumerate(("x0", "y0", "z0"))
-    )
     pull = Traction(mesh.facet_groups["x1"], (300.0, 0.0, 0.0))
-    found = solve_adaptively(Problem(mesh, MATERIAL, rollers, (pull,)), goals(0.005))
+    found = solve_adaptively(Problem(mesh, MATERIAL, rollers(mesh), (pull,)), goals(0.005))
     assert found.ended == "every bar is met"
     assert len(found.num_cells) == 3
     assert found.bar("volume") <= SAFETY * NOISE * 10.0
@@ -234,6 +245,54 @@ def test_it_travels_to_a_child_process_and_back(box):
     assert found.bar("displacement_l2") <= 0.2
 
 
+def pressed(mesh, shape, depth, held):
+    """A tool that goes down onto the middle of the top of a body of height 1."""
+    above = 1.0 + getattr(shape, "radius", 0.0)
+    places = np.array([[1.0, 1.0, above], [1.0, 1.0, above - depth]])
+    upside_down = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
+    path = ToolPath([0.0, 1.0], places, upside_down)
+    tool = RigidTool(shape, path, contact_facets=mesh.facet_groups["z1"])
+    return Problem(mesh, MATERIAL, held, (), tools=(tool,))
+
+
+def rollers(mesh):
+    axes = np.eye(3, dtype=bool)
+    return tuple(
+        Support(np.unique(mesh.facet_groups[f]), mesh.facet_groups[f], tuple(axes[k].tolist()))
+        for k, f in enumerate(("x0", "y0", "z0"))
+    )
+
+
+@pytest.mark.dolfinx
+def test_the_force_on_a_plate_that_presses_evenly_is_known_at_once(box):
+    mesh = box((2, 1, 1), jitter=0.2)
+    problem = pressed(mesh, PlaneShape(), 0.1, rollers(mesh))
+    found = solve_adaptively(problem, [Goal(Quantity.TOOL_FORCE, 0.005)], strain=Strain.LINEAR)
+    assert found.ended == "every bar is met"
+    assert len(found.num_cells) == 3
+    assert found.tools[0].forces[-1][2] == pytest.approx(0.1 * MATERIAL.youngs_modulus, rel=1e-8)
+    assert found.bar("tool_force") <= 10.0 * SAFETY * NOISE
+
+
+@pytest.mark.nightly
+@pytest.mark.dolfinx
+@pytest.mark.parametrize(("strain", "bar"), [(Strain.LINEAR, 0.05), (Strain.GREEN, 0.12)])
+def test_the_bar_of_a_tool_s_force_holds_against_a_much_finer_truth(box, strain, bar):
+    mesh = box((4, 4, 2), (2.0, 2.0, 1.0))
+    bottom = mesh.facet_groups["z0"]
+    held = (Support(np.unique(bottom), bottom),)
+    problem = pressed(mesh, SphereShape(1.0), 0.1, held)
+
+    def solve(bar):
+        return solve_adaptively(problem, [Goal(Quantity.TOOL_FORCE, bar)], strain=strain)
+
+    found, finer = solve(bar), solve(bar / 4.0)
+    assert found.ended == finer.ended == "every bar is met"
+    assert finer.num_unknowns[-1] > 2.0 * found.num_unknowns[-1]
+    apart = apart_in(Quantity.TOOL_FORCE, mesh, finer, found)
+    assert 0.0 < apart <= found.bar("tool_force") + finer.bar("tool_force")
+
+
 def middle_and_clamp(problem):
     """Stress away from the clamp and the pulled end, and the force through the clamp and a cut."""
     mesh = problem.mesh
@@ -258,14 +317,13 @@ def test_bars_of_stress_in_a_part_hold_against_a_much_finer_truth(box, strain):
     def solve(bar):
         return solve_adaptively(problem, [Goal(Quantity.STRESS_L2, bar, part)], strain=strain)
 
-    found, finer = solve(0.02), solve(0.004)
+    found, finer = solve(0.02), solve(0.0015)
     assert found.ended == finer.ended == "every bar is met"
     assert finer.num_unknowns[-1] > 2.0 * found.num_unknowns[-1]
     goal = Goal(Quantity.STRESS_L2, 1.0, part)
     apart = difference(goal, problem.mesh, finer, found)
     assert 0.0 < apart <= found.bar("stress_l2") + finer.bar("stress_l2")
-    # Three meshes whose error fell faster than is believed.
-    assert found.bar("stress_l2") <= 20.0 * apart
+    assert found.bar("stress_l2") <= 10.0 * apart
 
 
 @pytest.mark.dolfinx
@@ -314,6 +372,10 @@ def test_what_it_cannot_do_is_refused(box):
         Goal(Quantity.STRESS_L2, 0.1)
     with pytest.raises(InputError, match="is of the whole body"):
         Goal(Quantity.VOLUME, 0.1, Part(np.zeros(0, np.int32), np.zeros((0, 3))))
+    with pytest.raises(InputError, match="tool_force: the problem has no tool"):
+        solve_adaptively(problem, [Goal(Quantity.TOOL_FORCE, 0.1)])
+    with pytest.raises(InputError, match="needs volume@"):
+        Goal(Quantity.VOLUME, 0.1, name="size")
     with pytest.raises(InputError, match="above 0"):
         Goal(Quantity.VOLUME, 0.0)
     with pytest.raises(InputError, match="budget"):

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 
 import numpy as np
 import pytest
@@ -67,8 +66,8 @@ def cubic(count):
 @functools.cache
 def truth(strain):
     problem = membrane(4, 8.0)
-    # The bar of a point is that of the largest difference, which has no dual of its own.
-    asked = [Goal(Quantity.DISPLACEMENT_L2, LIMIT), Goal(Quantity.DISPLACEMENT_MAX, math.inf)]
+    # The bar of a point is that of the largest difference.
+    asked = [Goal(Quantity.DISPLACEMENT_L2, LIMIT), Goal(Quantity.DISPLACEMENT_MAX, 2.0 * LIMIT)]
     form = formulation_for(problem, 2)
     found = solve_adaptively(problem, asked, strain=strain, formulation=form)
     assert found.ended == "every bar is met"
@@ -98,16 +97,13 @@ def test_the_truth_is_right_to_half_a_per_cent_and_within_its_bar(strain):
     problem, found = truth(strain)
     assert off(displacement(problem, found, MIDDLE), cubic(12)[MIDDLE]) < LIMIT
     apart, bar = apart_and_bar(strain, MIDDLE)
-    assert apart < bar < 2.0 * LIMIT
+    assert apart < bar <= 2.0 * LIMIT
 
 
-@pytest.mark.xfail(
-    reason="where a traction ends at a free face the displacement goes as r log r, and the mesh is "
-    "not refined for a point: 1.5 % off with a bar of 0.56 %"
-)
 def test_the_corner_where_the_shear_ends_is_within_its_bar():
+    # There the displacement goes as r log r; meshes that are not refined for it leave 1.5 %.
     apart, bar = apart_and_bar(Strain.LINEAR, CORNER)
-    assert apart < bar
+    assert apart < bar <= 2.0 * LIMIT
 
 
 @pytest.mark.parametrize(("degree", "least"), [(1, 0.5), (2, 2.0 * LIMIT)])

@@ -129,7 +129,8 @@ from palpate.reference.adaptivity.adaptive import solve_adaptively
 from palpate.reference.adaptivity.goals import Goal, Quantity
 from palpate.reference.fenicsx import COMM
 
-goals = [Goal(Quantity.DISPLACEMENT_L2, 0.05), Goal(Quantity.SURFACE_AREA, 0.1)]
+asked = {Quantity.DISPLACEMENT_L2: 0.05, Quantity.SURFACE_AREA: 0.1, Quantity.DISPLACEMENT_MAX: 0.1}
+goals = [Goal(quantity, bar) for quantity, bar in asked.items()]
 found = solve_adaptively(load_problem(sys.argv[1]), goals)
 if COMM.rank == 0:
     np.savez(sys.argv[2], displacement=found.displacement, bars=found.bars[2:],

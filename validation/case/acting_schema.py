@@ -180,14 +180,14 @@ class GravitySpec(OverTime):
 
 
 class PointForceSpec(OverTime):
-    """A force on the point nearest to a place."""
+    """A force on the point nearest to a place, or on each of a group of points."""
 
     kind: Literal["point_force"]
-    """A force on one point; has no truth to converge to."""
+    """A force on single points; has no truth to converge to."""
     region: RegionSpec
-    """Its `nearest` chooses the point."""
+    """Its `nearest` chooses a point, or its `group` several."""
     force: Vector
-    """[units.force]."""
+    """On each [units.force]."""
 
 
 LoadSpec = Annotated[

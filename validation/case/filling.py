@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.fastsim._core import SurfaceDistance
 from palpate.fastsim.grading.graded_mesh import GradedMesh
 from palpate.fastsim.grading.size_fields import (
     SizeField,
@@ -18,7 +19,7 @@ from palpate.fastsim.grading.size_fields import (
 )
 from palpate.fastsim.mesher import Boundary, MeshingError, MeshingReport, mesh_surface
 from palpate.fastsim.surface_remesher import remesh_surface
-from palpate.meshes.arrays import Points
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
 from palpate.meshes.gmsh_mesher import mesh_with_gmsh
 from palpate.meshes.tet_mesh import TetMesh
@@ -60,15 +61,60 @@ def require_countable(extents: Sequence[float], edge_length: float) -> None:
         )
 
 
-def fill(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
+def fill(
+    surface: TriSurface,
+    spec: MeshSpec,
+    units: Units,
+    groups: Mapping[str, Sequence[int]] | None = None,
+) -> BuiltMesh:
     """Fill a surface: better facets first, where asked for.
 
     A mesh that keeps its facets is graded by bisection afterwards; with a free boundary fastsim's
     mesher makes it graded from the start.
 
+    Args:
+        surface: Bounds a solid [m].
+        spec: Who fills it, and how finely.
+        units: Of the lengths in `spec`.
+        groups: Facets of the surface by name; in the mesh the same names have the facets of its
+            boundary that lie there, whatever became of the given ones.
+
     Raises:
         InputError: A surface that bounds no solid, no mesher that manages, or too many cells.
     """
+    built = _filled(surface, spec, units)
+    if not groups:
+        return built
+    mesh = built.mesh
+    named = {**mesh.facet_groups, **groups_by_place(mesh, surface, groups)}
+    return BuiltMesh(TetMesh(mesh.points, mesh.cells, named, mesh.point_groups), built.origin)
+
+
+def groups_by_place(
+    mesh: TetMesh, surface: TriSurface, groups: Mapping[str, Sequence[int]]
+) -> dict[str, Indices]:
+    """Boundary facets of a mesh whose centres lie nearer to a group's facets than to all others.
+
+    Args:
+        mesh: Of the surface, facets kept, cut or replaced nearby.
+        surface: [m].
+        groups: Its facets by name.
+    """
+    centres = mesh.points[mesh.boundary_facets].mean(axis=1)
+    found = {}
+    for name, rows in groups.items():
+        is_one = np.zeros(surface.num_facets, dtype=bool)
+        is_one[list(rows)] = True
+        near = SurfaceDistance(surface.points, surface.facets[is_one]).distances(centres)
+        if is_one.all():
+            found[name] = mesh.boundary_facets
+            continue
+        other = SurfaceDistance(surface.points, surface.facets[~is_one]).distances(centres)
+        found[name] = mesh.boundary_facets[near < other]
+    return found
+
+
+def _filled(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
     size = units.metres(spec.edge_length) if spec.edge_length is not None else None
     if size is not None:
         require_countable([float(x) for x in np.ptp(surface.points, axis=0)], size)

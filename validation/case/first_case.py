@@ -11,6 +11,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.files import MESH_SUFFIXES, read_mesh
+from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.shapes import shape_box
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.annotated import annotated_case
@@ -61,11 +62,11 @@ def first_case(body: Path | None, *, target: Path, unit: str = "mm", repair: boo
     held_and_pulled, remarks = _ends(surface, unit)
     remarks["material"] = "GUESS: soft tissue of no particular organ."
     return _HEAD.format(name=target.name) + annotated_case(
-        {**values, **held_and_pulled, "check": _CHECKS}, {**remarks, **_REMARKS}
+        {**values, **held_and_pulled, "check": FIRST_CHECKS}, {**remarks, **_REMARKS}
     )
 
 
-_CHECKS = [
+FIRST_CHECKS = [
     {
         "metric": "displacement_l2",
         "against": "same_mesh",
@@ -99,6 +100,7 @@ def _geometry(
         surface = shape_box((x, y, z), edge_length=_BOX_EDGE * millimetre * scale)
         return {"shape": "box", "size": size, "edge_length": _BOX_EDGE * millimetre}, surface
     name = _beside(body, target)
+    choices = RepairChoices() if repair else None
     if body.suffix.lower() in MESH_SUFFIXES:
         try:
             return {"mesh": name}, read_mesh(body, scale=scale).surface()
@@ -107,11 +109,11 @@ def _geometry(
                 raise
             trouble = error
         try:
-            surface, _ = load_surface(body, scale=scale, repair=repair)
+            surface = load_surface(body, scale=scale, repair=choices).surface
         except FileFormatError:
             raise trouble from None
     else:
-        surface, _ = load_surface(body, scale=scale, repair=repair)
+        surface = load_surface(body, scale=scale, repair=choices).surface
     return {"surface": name, **({"repair": True} if repair else {})}, surface
 
 

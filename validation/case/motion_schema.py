@@ -102,6 +102,8 @@ class ToolSpec(Table):
     """A closed surface beside this file, in the tool's frame."""
     pose: tuple[PoseSpec, ...] = Field(min_length=1)
     """Where it is over time, straight from one pose to the next."""
+    smooth: Flag = False
+    """Resting at every pose, its speed without jumps, in the place of constant speeds."""
     drive: DriveSpec | None = None
     """Pushed by a force in place of following the poses; then one pose says where it starts."""
     friction_coefficient: NotNegative = 0.0

@@ -26,19 +26,9 @@ from palpate.meshes.face_loads import (
     moment_traction,
     profile_traction,
 )
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
-from palpate.meshes.rigid_tool import (
-    BoxShape,
-    CapsuleShape,
-    ForceDrive,
-    PlaneShape,
-    RigidTool,
-    SphereShape,
-    SurfaceShape,
-    ToolPath,
-    ToolShape,
-)
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.acting_schema import (
     ForceSpec,
@@ -51,21 +41,17 @@ from palpate.validation.case.acting_schema import (
     TractionSpec,
     TurnSpec,
 )
-from palpate.validation.case.geometry import inside_folder, load_surface
-from palpate.validation.case.motion_schema import (
-    AmplitudeSpec,
-    DriveSpec,
-    PoseSpec,
-    StartSpec,
-    ToolSpec,
-)
+from palpate.validation.case.material_schema import InclusionSpec, MaterialSpec
+from palpate.validation.case.motion_schema import AmplitudeSpec, StartSpec
 from palpate.validation.case.regions import (
+    chooses_points,
     flat_normal,
-    nearest_point,
     select_cells,
     select_facets,
+    single_points,
 )
-from palpate.validation.case.schema import CaseSpec, InclusionSpec, MaterialSpec
+from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.tools import build_tool
 from palpate.validation.case.units import Units
 from palpate.validation.exchange.facets import facet_areas
 
@@ -86,7 +72,7 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
     Raises:
         InputError: A region that selects nothing, a body that floats, a bad value.
     """
-    build = _Builder(spec.units, folder, mesh)
+    build = _Builder(spec.units, mesh)
     material = build.material(spec.material)
     time = spec.time
     problem = Problem(
@@ -97,7 +83,9 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
         None
         if time is None
         else TimeSpan(time.end_time, time.time_step, time.mass_damping, time.num_outputs),
-        tuple(build.tool(s, f"tool {k}") for k, s in enumerate(spec.tool, 1)),
+        tuple(
+            build_tool(s, mesh, spec.units, folder, f"tool {k}") for k, s in enumerate(spec.tool, 1)
+        ),
         tuple(build.inclusion(s, f"inclusion {k}") for k, s in enumerate(spec.inclusion, 1)),
         build.start(spec.initial_velocity),
     )
@@ -110,8 +98,8 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
 class _Builder:
     """One table at a time, with the units and the mesh at hand."""
 
-    def __init__(self, units: Units, folder: Path, mesh: TetMesh) -> None:
-        self.units, self.folder, self.mesh = units, folder, mesh
+    def __init__(self, units: Units, mesh: TetMesh) -> None:
+        self.units, self.mesh = units, mesh
 
     def material(self, spec: MaterialSpec) -> Material:
         density = self.units.kilograms_per_cubic_metre(spec.density)
@@ -121,11 +109,25 @@ class _Builder:
                 return Material.mooney_rivlin(
                     c10=pascals(c10), c01=pascals(c01), bulk_modulus=pascals(kappa), density=density
                 )
+            case MaterialSpec(law=Law.OGDEN, bulk_modulus=float(kappa)):
+                pairs = (
+                    (spec.mu_1, spec.alpha_1),
+                    (spec.mu_2, spec.alpha_2),
+                    (spec.mu_3, spec.alpha_3),
+                )
+                terms = [(pascals(m), a) for m, a in pairs if m is not None and a is not None]
+                return Material.ogden(terms, bulk_modulus=pascals(kappa), density=density)
             case MaterialSpec(youngs_modulus=float(modulus), poissons_ratio=float(ratio)):
                 return Material(pascals(modulus), ratio, density, spec.law)
         raise AssertionError("the schema asks for either")
 
     def inclusion(self, spec: InclusionSpec, what: str) -> Inclusion:
+        name, known = spec.region.group, self.mesh.cell_groups
+        if name is not None and name not in known:
+            raise InputError(
+                f"{what}: no group of cells {name!r} in the mesh "
+                f"(known: {', '.join(sorted(known)) or 'none'})"
+            )
         cells = select_cells(self.mesh, spec.region, self.units, what)
         return Inclusion(cells, self.material(spec.material))
 
@@ -134,13 +136,15 @@ class _Builder:
         displacement, amplitude = self.units.place(spec.displacement), _amplitude(spec.amplitude)
         factors = (1.0,) if amplitude is None else amplitude.factors
         _require_usable(np.outer(factors, displacement), what, "m")
-        if spec.region.nearest is not None:
-            points = nearest_point(self.mesh, spec.region, self.units, what)
+        if chooses_points(self.mesh, spec.region):
+            points = single_points(self.mesh, spec.region, self.units, what)
             facets = np.zeros((0, 3), dtype=np.int32)
         else:
             facets = select_facets(self.mesh, spec.region, self.units, what)
             points = np.unique(facets).astype(np.int32)
         normal = _unit(spec.normal) if spec.normal is not None else None
+        if spec.sliding and not len(facets):
+            raise InputError(f"{what}: single points have no face to slide along; give a normal")
         if spec.sliding:
             normal = flat_normal(self.mesh, facets, what)
         if normal is not None:
@@ -186,9 +190,9 @@ class _Builder:
                 gx, gy, gz = (material.density * a for a in spec.acceleration)
                 return BodyForce((gx, gy, gz), amplitude)
             case PointForceSpec():
-                point = nearest_point(mesh, spec.region, units, what)
+                points = single_points(mesh, spec.region, units, what)
                 force = np.array([[units.newtons(f) for f in spec.force]])
-                return PointForce(point, force, amplitude)
+                return PointForce(points, np.repeat(force, len(points), axis=0), amplitude)
             case PressureSpec():
                 facets = select_facets(mesh, spec.region, units, what)
                 return Pressure(facets, units.pascals(spec.pressure), amplitude)
@@ -229,44 +233,6 @@ class _Builder:
         except InputError as error:
             raise InputError(f"{what}: {error}") from error
 
-    def tool(self, spec: ToolSpec, what: str) -> RigidTool:
-        facets = (
-            np.zeros((0, 3), dtype=np.int32)
-            if spec.region is None
-            else select_facets(self.mesh, spec.region, self.units, what)
-        )
-        path = ToolPath(
-            np.array([pose.time for pose in spec.pose]),
-            np.array([self.units.place(pose.position) for pose in spec.pose]),
-            np.array([_quaternion(pose) for pose in spec.pose]),
-        )
-        return RigidTool(
-            self._shape(spec), path, spec.friction_coefficient, facets, self._drive(spec.drive)
-        )
-
-    def _drive(self, spec: DriveSpec | None) -> ForceDrive | None:
-        if spec is None:
-            return None
-        table = spec.amplitude
-        amplitude = TabularAmplitude(table.times, table.factors, table.smooth)
-        return ForceDrive(spec.direction, self.units.newtons(spec.force), amplitude, spec.mass)
-
-    def _shape(self, spec: ToolSpec) -> ToolShape:
-        metres = self.units.metres
-        match spec:
-            case ToolSpec(shape="sphere", radius=float(radius)):
-                return SphereShape(metres(radius))
-            case ToolSpec(shape="capsule", radius=float(radius), half_length=float(half)):
-                return CapsuleShape(metres(radius), metres(half))
-            case ToolSpec(shape="box", half_widths=(a, b, c)):
-                return BoxShape(self.units.place((a, b, c)))
-            case ToolSpec(shape="surface", surface=str(name)):
-                path = inside_folder(self.folder, name)
-                surface, _ = load_surface(path, scale=metres(1.0))
-                return SurfaceShape(surface)
-            case _:
-                return PlaneShape()
-
 
 def _require_usable(values: NDArray[np.float64], what: str, unit: str) -> None:
     """Raise InputError for what cannot be squared and summed, products and units counted."""
@@ -286,14 +252,3 @@ def _unit(values: tuple[float, float, float]) -> tuple[float, float, float]:
 
 def _amplitude(spec: AmplitudeSpec | None) -> TabularAmplitude | None:
     return None if spec is None else TabularAmplitude(spec.times, spec.factors, spec.smooth)
-
-
-def _quaternion(pose: PoseSpec) -> list[float]:
-    """Unit quaternion (w, x, y, z) of a turn about an axis."""
-    if pose.rotation is None:
-        return [1.0, 0.0, 0.0, 0.0]
-    half = 0.5 * math.radians(pose.rotation.angle_deg)
-    # In parts of its largest, so that no square is lost or without end.
-    largest = max(abs(a) for a in pose.rotation.axis)
-    axis = [a / largest for a in pose.rotation.axis]
-    return [math.cos(half), *(math.sin(half) * a / math.hypot(*axis) for a in axis)]

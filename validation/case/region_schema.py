@@ -56,7 +56,7 @@ class RegionSpec(Table):
     half_space: HalfSpaceRegion | None = None
     """One side of a plane."""
     group: str | None = None
-    """Facets that the mesh file gives a name."""
+    """What the mesh file gives a name: facets; of some keys cells or single points."""
     nearest: Vector | None = None
     """The one point nearest to this place [units.length]; stands alone."""
 

@@ -51,14 +51,20 @@ def select_facets(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
 
 
 def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
-    """Cells whose centroid lies in a box, ball or half space, and that have a named facet, (n,).
+    """Cells whose centroid lies in a box, ball or half space, and that are in a group, (n,).
+
+    Of a group of facets, the cells that have one.
 
     Raises:
         EmptyRegionError: Nothing is selected; the message gives the body's extent.
         InputError: An unknown group.
     """
     inside = _contains(mesh.points[mesh.cells].mean(axis=1), region, units)
-    if region.group is not None:
+    if region.group is not None and region.group in mesh.cell_groups:
+        is_named = np.zeros(mesh.num_cells, dtype=bool)
+        is_named[mesh.cell_groups[region.group]] = True
+        inside &= is_named
+    elif region.group is not None:
         named = _group(mesh, region.group, what)
         behind = are_among(mesh.cells[:, CELL_FACETS].reshape(-1, 3), named)
         inside &= behind.reshape(-1, 4).any(axis=1)
@@ -68,7 +74,7 @@ def select_cells(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> 
 
 
 def select_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
-    """Points in a box, ball or half space, and of the named facets, shape (n,).
+    """Points in a box, ball or half space, and of a group of facets or points, shape (n,).
 
     Raises:
         EmptyRegionError: Nothing is selected; the message gives the body's extent.
@@ -77,7 +83,10 @@ def select_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) ->
     inside = _contains(mesh.points, region, units)
     if region.group is not None:
         is_named = np.zeros(mesh.num_points, dtype=bool)
-        is_named[_group(mesh, region.group, what)] = True
+        if region.group in mesh.point_groups:
+            is_named[mesh.point_groups[region.group]] = True
+        else:
+            is_named[_group(mesh, region.group, what)] = True
         inside &= is_named
     if not inside.any():
         raise EmptyRegionError(_nothing(mesh, units, what, "point"))
@@ -88,14 +97,30 @@ def _group(mesh: TetMesh, name: str, what: str) -> Indices:
     """The facets of a group by its name, (n, 3)."""
     if name not in mesh.facet_groups:
         known = ", ".join(sorted(mesh.facet_groups)) or "none"
-        raise InputError(f"{what}: no facet group {name!r} in the mesh (known: {known})")
+        kind = {
+            **dict.fromkeys(mesh.point_groups, "points"),
+            **dict.fromkeys(mesh.cell_groups, "cells"),
+        }
+        hint = f"; {name!r} is a group of {kind[name]}" if name in kind else ""
+        raise InputError(f"{what}: no facet group {name!r} in the mesh (known: {known}){hint}")
     return mesh.facet_groups[name]
 
 
-def nearest_point(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
-    """Index of the boundary point nearest to the region's place, shape (1,)."""
+def chooses_points(mesh: TetMesh, region: RegionSpec) -> bool:
+    """Whether a region is one point or a group of single points, and no part of the boundary."""
+    return region.nearest is not None or (
+        region.group in mesh.point_groups and region.group not in mesh.facet_groups
+    )
+
+
+def single_points(mesh: TetMesh, region: RegionSpec, units: Units, what: str) -> Indices:
+    """The boundary point nearest to the region's place, or its group of single points, (n,)."""
+    if region.group is not None and chooses_points(mesh, region):
+        return select_points(mesh, region, units, what)
     if region.nearest is None:
-        raise InputError(f"{what}: needs region = {{ nearest = [x, y, z] }}")
+        raise InputError(
+            f"{what}: needs region = {{ nearest = [x, y, z] }}, or a group of points of the mesh"
+        )
     place = np.array(units.place(region.nearest))
     boundary = np.unique(mesh.boundary_facets)
     distance = np.linalg.norm(mesh.points[boundary] - place, axis=1)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BeforeValidator, Field, model_validator
 
-from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.validation.case.acting_schema import LoadSpec, SupportSpec
 from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
+from palpate.validation.case.material_schema import InclusionSpec, MaterialSpec
 from palpate.validation.case.motion_schema import (
     StartSpec,
     TimeSpec,
@@ -39,63 +38,6 @@ if TYPE_CHECKING:
 else:
     MetricName = Literal[tuple(CATALOGUE)]
     ComponentName = Literal[(*"xyz", *STRESSES)]
-
-
-_MODULI = ("youngs_modulus", "poissons_ratio")
-_OF_MOONEY_RIVLIN = ("c10", "c01", "bulk_modulus")
-
-
-class MaterialSpec(Table):
-    """Isotropic solid; the ranges are checked where it is built."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "anyOf": [{"required": list(_MODULI)}, {"required": list(_OF_MOONEY_RIVLIN)}]
-        }
-    )
-
-    youngs_modulus: Number | None = None
-    """Young's modulus at rest [units.stress], above 0."""
-    poissons_ratio: Number | None = None
-    """Poisson's ratio at rest [-], between -1 and 0.5; linear cells lock near 0.5."""
-    density: Number = 1000.0
-    """[units.density], above 0; matters for weight and motion."""
-    law: Law = Law.SAINT_VENANT_KIRCHHOFF
-    """For strain = "green"; with "linear" all are Hooke's law. Inclusions follow their body's."""
-    c10: Number | None = None
-    """mooney-rivlin takes this and the next two in the place of the moduli [units.stress]."""
-    c01: Number | None = None
-    """[units.stress]; 2 (c10 + c01) is the shear modulus."""
-    bulk_modulus: Number | None = None
-    """[units.stress], above 0."""
-
-    @model_validator(mode="after")
-    def _has_its_constants(self) -> MaterialSpec:
-        is_mooney_rivlin = self.law is Law.MOONEY_RIVLIN
-        needed: tuple[str, ...] = _OF_MOONEY_RIVLIN if is_mooney_rivlin else _MODULI
-        others: tuple[str, ...] = _MODULI if is_mooney_rivlin else _OF_MOONEY_RIVLIN
-        for key in needed:
-            if getattr(self, key) is None:
-                raise PydanticCustomError("missing", "needed", {"place": (key,)})
-        for key in others:
-            if getattr(self, key) is not None:
-                raise ValueError(f"law = {self.law} takes {', '.join(needed)}, not {key}")
-        return self
-
-
-class InclusionSpec(Table):
-    """Cells of another material: those whose centroid lies in the region."""
-
-    region: RegionSpec
-    """A box, a ball or a half_space; cells whose centroid lies in it."""
-    material: MaterialSpec
-    """Of those cells."""
-
-    @model_validator(mode="after")
-    def _chooses_cells(self) -> InclusionSpec:
-        if self.region.group is not None or self.region.nearest is not None:
-            raise ValueError("the region of an inclusion is a box, a ball or a half_space")
-        return self
 
 
 class CheckSpec(Table):

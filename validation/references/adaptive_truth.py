@@ -24,8 +24,13 @@ from palpate.validation.states import Progress, State
 DEGREE = 2
 # Where a file's provenance keeps the record of such a truth.
 ADAPTIVE = "adaptive"
-# What is told of the whole body.
-OF_WHOLE = (*COMPARISONS, "strain_energy")
+# Asked for only where a check does.
+ENERGY = "strain_energy"
+
+
+def whole_metrics(problem: Problem) -> tuple[str, ...]:
+    """What is told of every body as a whole, and of the tools on it."""
+    return (*COMPARISONS, *(["tool_force"] if problem.tools else []))
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class TruthRequest:
 
     def asks_energy(self, strain: Strain) -> bool:
         """Whether the energy is checked, which is kept beside the stresses."""
-        return "strain_energy" in self.metrics.get(strain, ())
+        return ENERGY in self.metrics.get(strain, ())
 
     def named_parts(self, strain: Strain) -> dict[str, Part]:
         """The parts by what their metrics are called among error bars, each once."""
@@ -118,7 +123,10 @@ def refine_truth(
     mesh, parts = problem.mesh, request.named_parts(strain)
     task = AdaptiveTask(
         (
-            *((metric, request.tolerance(metric, strain)) for metric in OF_WHOLE),
+            *(
+                (metric, request.tolerance(metric, strain))
+                for metric in (*whole_metrics(problem), ENERGY)
+            ),
             *((name, request.bar) for name in parts),
         ),
         request.seconds,
@@ -168,14 +176,17 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
 
 
 def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:
-    """The bars that kept sequences make, by metric, as they were made; see `error_bars`.
+    """The bars that kept sequences make, by metric; see `error_bars`.
 
     Infinite where a table, which anybody may have written, is none.
     """
-    from palpate.reference.adaptivity.goals import error_bars
+    from palpate.reference.adaptivity.goals import Quantity, error_bars
 
+    known = {str(quantity) for quantity in Quantity}
     kept: dict[str, tuple[list[float], list[float]]] = {}
     for metric, table in tables.items():
+        if metric.partition("@")[0] not in known:
+            continue
         try:
             differences, estimates = (
                 [math.inf if v is None else float(v) for v in table[key]]

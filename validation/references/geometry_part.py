@@ -154,7 +154,7 @@ def true_body(case: Case) -> TrueBody | None:
         return TrueBody(of, problem, others)
     if asked.surface is not None:
         path = inside_folder(case.folder, asked.surface)
-        surface, _ = load_surface(path, scale=units.metres(1.0))
+        surface = load_surface(path, scale=units.metres(1.0)).surface
         of, parts = f"the surface in {path.name}", _along(problem.mesh, surface)
     elif shape in _WORDS:
         of, parts = _WORDS[shape], _own_parts(case, units)

@@ -1,8 +1,8 @@
 """The reference of a static case solved on the spot, with error bars that theory stands behind.
 
 The truth is P2 on a few graded meshes (`adaptive_truth`), within a budget that is the same on every
-machine unless it is slow; its bars are those of stored truths. Where no second mesh can be had, or
-tools touch the body, it is P2 on the case's mesh, and the bar is its difference from P1:
+machine unless it is slow; its bars are those of stored truths. Where no second mesh can be had it
+is P2 on the case's mesh, and the bar is its difference from P1:
 
     |u2 - u| <= beta |u1 - u|   gives   |u2 - u| <= beta / (1 - beta) |u2 - u1|
 
@@ -34,6 +34,7 @@ from palpate.validation.references.adaptive_truth import (
     TruthRequest,
     record_of,
     refine_truth,
+    whole_metrics,
 )
 from palpate.validation.references.bar_parts import GEOMETRY, PARTS
 from palpate.validation.references.limits import has_limit, without_limits
@@ -70,8 +71,9 @@ def solve_live(
     elements: Collection[Element] = (Element.LINEAR,),
     request: TruthRequest | None = None,
     has_stress: bool = True,
+    strains: Collection[Strain] = tuple(Strain),
 ) -> ReferenceSet:
-    """Solve P1 on the case's mesh and the truth, with both strains; of a motion what is `wanted`.
+    """Solve P1 on the case's mesh and the truth; of a motion what is `wanted`.
 
     Smoothed tetrahedra beside them, where they are among the `elements`. P2 is not tried where P1
     has lost equilibrium: its search for the same limit would take minutes and end at a smaller
@@ -87,18 +89,19 @@ def solve_live(
             at most UNKNOWNS and SECONDS.
         has_stress: Whether P2 on the case's mesh is solved for its stresses, which graded meshes
             do not tell.
+        strains: Of statics.
     """
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
         return solve_motion_set(problem, progress, wanted=wanted, stored=stored, elements=elements)
-    asked = request or TruthRequest(metrics=dict.fromkeys(Strain, tuple(COMPARISONS)))
+    asked = request or TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
     asked = dataclasses.replace(
         asked, seconds=min(asked.seconds, SECONDS), unknowns=UNKNOWNS, parts={}
     )
     run = _Run(problem, progress, asked)
-    is_graded = stored is None and not problem.tools and 2.0 * unknowns_of(problem) <= UNKNOWNS
-    for strain in Strain:
+    is_graded = stored is None and 2.0 * unknowns_of(problem) <= UNKNOWNS
+    for strain in strains:
         if not run.has_equilibrium(strain):
             continue
         if is_graded:
@@ -108,7 +111,7 @@ def solve_live(
         if has_stress or (TRUTH, strain) not in run.states:
             run.solve(strain, 2)
     if Element.SMOOTHED in elements:
-        for strain in Strain:
+        for strain in strains:
             run.solve(strain, 1, Element.SMOOTHED)
     versions = next((dict(s.versions) for s in run.states.values()), {})
     names = ["P1", *(["smoothed tetrahedra"] if Element.SMOOTHED in elements else [])]
@@ -255,7 +258,7 @@ def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict
     if len(found.num_cells) < 2 and not found.ended.startswith(LOST):
         return {}
     if len(found.num_cells) != 2 or found.ended.startswith(LOST):
-        return {metric: found.bar(metric) for metric in COMPARISONS}
+        return {metric: found.bar(metric) for metric in whole_metrics(problem)}
     bars = {
         name: error_bar_of_two(float(found.differences[-1, k]), found.estimates[:, k].tolist())
         for k, name in enumerate(found.quantities)
@@ -272,7 +275,7 @@ def estimate_bars(problem: Problem, states: Mapping[Place, State]) -> Bars:
         coarse, fine = states.get((SAME_MESH, strain)), states.get((QUADRATIC, strain))
         if coarse is None or fine is None:
             continue
-        names = [*COMPARISONS, *(["tool_force"] if problem.tools else [])]
+        names = whole_metrics(problem)
         apart = {m: saturated(measure(m, problem, coarse, fine).value) for m in names}
         told = without_limits(problem, strain, apart, fine)
         bars |= {(metric, strain): bar for metric, bar in told.items()}

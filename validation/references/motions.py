@@ -14,20 +14,17 @@ from dataclasses import replace
 from typing import Any
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.refinement import refine_problem
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
 from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, with_bar
 from palpate.validation.references.limits import without_limits
 from palpate.validation.references.motion_runs import solve_explicit, solve_implicit
 from palpate.validation.references.motion_sequences import (
-    assess_sequence,
     difference,
     truth_metrics,
 )
-from palpate.validation.references.sequences import SAFETY_FACTOR, as_data, bar_of
+from palpate.validation.references.sequences import SAFETY_FACTOR
 from palpate.validation.references.sets import (
     BOTH,
     OF_ELEMENT,
@@ -35,19 +32,12 @@ from palpate.validation.references.sets import (
     TRUTH,
     ReferenceSet,
 )
-from palpate.validation.references.tool_truths import rough_cells, solve_tool_truth
+from palpate.validation.references.stored_motions import refine_where_rough, solve_motion_truth
 from palpate.validation.states import REFERENCE, Progress, State
 
 Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
-STORED_STEPS = (2, 4, 8)
 LIVE_STEPS = (1, 2)
-# Of the roughness of the strain over a motion, in the cells that are cut for the finer mesh: the
-# first that makes it at most so many times as large.
-LIVE_BULKS = (0.7, 0.5, 0.3)
-LIVE_GROWTH = 4
-# Cells of the finest of three meshes that are still stepped through.
-_LARGEST_MOVING = 6_000
 
 
 def solve_motion_set(
@@ -67,8 +57,8 @@ def solve_motion_set(
         progress: Called with one line for each run.
         wanted: What checks ask for: "same_mesh", "truth".
         stored: Where it has a truth, that is taken instead of solving here.
-        is_for_storing: Three time steps and uniformly refined meshes for the error bars; otherwise
-            two steps, and one mesh refined where the body bends.
+        is_for_storing: Three time steps and three meshes for the error bars; otherwise two steps,
+            and one mesh refined where the body bends.
         elements: Of the explicit runs.
         truth_strains: Of the truth.
 
@@ -104,9 +94,7 @@ def solve_motion_set(
         states |= held
         bars |= stored.bars
     elif "truth" in wanted:
-        solve = _truth_here
-        if is_for_storing:
-            solve = solve_tool_truth if problem.tools else _truth_for_storing
+        solve = solve_motion_truth if is_for_storing else _truth_here
         for strain in truth_strains:
             with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
                 truth, made_of, details = solve(problem, strain, progress)
@@ -116,9 +104,8 @@ def solve_motion_set(
                 bars |= {(metric, strain): bar for metric, bar in found.items()}
                 parts |= {(m, strain): with_bar(made_of[m], bar) for m, bar in found.items()}
                 convergence[strain.value] = details
-        cut = ""
-        if any(label == TRUTH for label, _ in states):
-            cut = " refined where it bends" if problem.tools else " cut in eight"
+        is_refined = any(label == TRUTH for label, _ in states)
+        cut = " refined where it bends" if is_refined else ""
         origin.append(f"P2 in motion, implicit, on the case's mesh{cut} as the truth")
         if not is_for_storing:
             origin.append("its error bars: from a longer step and one finer mesh")
@@ -150,46 +137,6 @@ def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:
     return {place: state for place, state in stored.states.items() if place[0] not in on_mesh}
 
 
-def _truth_for_storing(
-    problem: Problem, strain: Strain, progress: Progress
-) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
-    """Three time steps on one mesh; other meshes with the longest of them.
-
-    Small bodies: the truth's mesh is the case's cut in eight, between that and one cut in eight
-    twice, whose index holds the limit; the truth is as far from it as from the finest, and the
-    index on top. Others: the case's mesh, and Roache's factor on the difference to the next.
-    """
-    at, finer = problem.mesh, refine_problem(problem)
-    is_small = 8 * finer.mesh.num_cells <= _LARGEST_MOVING
-    used = finer if is_small else problem
-    runs = [solve_implicit(used, strain, steps, progress, at=at) for steps in STORED_STEPS]
-    others = (refine_problem(finer), problem) if is_small else (finer,)
-    beside = [solve_implicit(p, strain, STORED_STEPS[0], progress, at=at) for p in others]
-    in_time = assess_sequence(problem, runs[::-1])
-    details = {"time": as_data(in_time)}
-    if is_small:
-        finest, coarsest = beside
-        meshes = assess_sequence(problem, (finest, runs[0], coarsest))
-        details["mesh"] = as_data(meshes)
-        in_space = {
-            metric: bar_of(meshes[metric]) + difference(metric, problem, runs[0], finest)
-            for metric in truth_metrics(problem)
-        }
-    else:
-        in_space = {
-            metric: SAFETY_FACTOR * difference(metric, problem, runs[0], beside[0])
-            for metric in truth_metrics(problem)
-        }
-    bars = {
-        metric: BarParts(discretisation=in_space[metric], time=bar_of(in_time[metric]))
-        for metric in in_space
-    }
-    truth = runs[-1]
-    if is_small:
-        truth = replace(truth, label=TRUTH)
-    return truth, bars, details
-
-
 def _truth_here(
     problem: Problem, strain: Strain, progress: Progress
 ) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
@@ -200,10 +147,7 @@ def _truth_here(
     roughness are cut, so that d is that part of what halving all would find: 3 d / b.
     """
     coarse, fine = (solve_implicit(problem, strain, steps, progress) for steps in LIVE_STEPS)
-    for bulk in LIVE_BULKS:
-        finer = refine_cells(problem, rough_cells(problem.mesh, coarse, bulk)).problem
-        if finer.mesh.num_cells <= LIVE_GROWTH * problem.mesh.num_cells:
-            break
+    finer, bulk = refine_where_rough(problem, coarse)
     graded = solve_implicit(finer, strain, LIVE_STEPS[0], progress, at=problem.mesh)
     bars = {
         metric: BarParts(

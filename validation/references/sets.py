@@ -8,13 +8,16 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import Formulation, formulation_for
-from palpate.validation.metrics import COMPARISONS, stress_integrals, tells_stress
-from palpate.validation.references.adaptive_truth import ADAPTIVE, TruthRequest, solve_truth
+from palpate.validation.metrics import stress_integrals, tells_stress
+from palpate.validation.references.adaptive_truth import (
+    ADAPTIVE,
+    TruthRequest,
+    solve_truth,
+    whole_metrics,
+)
 from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, of_statics, recorded
 from palpate.validation.references.static_states import state_of, stresses_of
 from palpate.validation.states import REFERENCE, Progress, State
@@ -65,6 +68,25 @@ class ReferenceSet:
         states = {place: state for place, state in every.items() if place[0] not in others}
         aside = {place: state for place, state in every.items() if place[0] in others}
         return replace(self, states=states, element=element, aside=aside)
+
+    def with_same_mesh(
+        self, strain: Strain, state: State | None, note: str, failure: str = ""
+    ) -> ReferenceSet:
+        """Another state on the case's mesh with the element, or why there is none.
+
+        Args:
+            strain: Of it.
+            state: In the place of what is there.
+            note: Of it, for who reads the verdict; left out where there is no state.
+            failure: Why there is no state.
+        """
+        place = (OF_ELEMENT[self.element], strain)
+        states = {known: kept for known, kept in self.states.items() if known != place}
+        failures = {known: why for known, why in self.failures.items() if known != place}
+        if state is None:
+            return replace(self, states=states, failures=failures | {place: failure})
+        states[place] = state
+        return replace(self, states=states, failures=failures, remarks=(*self.remarks, note))
 
     def same_mesh(self, strain: Strain) -> State | None:
         """The state on the case's mesh with the element."""
@@ -127,7 +149,6 @@ def solve_state(
         label=label,
         degree=degree,
         seconds=time.perf_counter() - start,
-        tool_forces=np.array([tool.forces[-1] for tool in result.tools]) if result.tools else None,
         element=element,
         stresses=stresses,
         integrals=None
@@ -139,26 +160,6 @@ def solve_state(
 def parts_of_statics(bars: Bars) -> dict[str, Any]:
     """The record of what bars from meshes are made of."""
     return as_record({place: of_statics(bar) for place, bar in bars.items()})
-
-
-def solve_tool_set(problem: Problem, progress: Progress) -> ReferenceSet:
-    """The case's mesh with its tools, by element and strain measure; no truth is stored.
-
-    Where the edge of contact falls between nodes changes from mesh to mesh, so that sequences of
-    a few have no believable order, and finer ones take hours.
-    """
-    states = {
-        (label, strain): solve_state(problem, strain, 1, progress, element=element)
-        for element, label in OF_ELEMENT.items()
-        for strain in Strain
-    }
-    versions = dict(states[SAME_MESH, Strain.GREEN].versions)
-    return ReferenceSet(
-        states,
-        {},
-        "stored: P1 and smoothed tetrahedra on the case's mesh",
-        provenance={"versions": versions},
-    )
 
 
 def _solve_adaptive_set(
@@ -218,7 +219,5 @@ def solve_for_storing(
             elements=tuple(Element),
             truth_strains=truth_strains if problem.tools else tuple(Strain),
         )
-    if problem.tools:
-        return solve_tool_set(problem, progress)
-    whole = TruthRequest(metrics=dict.fromkeys(Strain, tuple(COMPARISONS)))
+    whole = TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
     return _solve_adaptive_set(problem, progress, request or whole)

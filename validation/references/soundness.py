@@ -92,7 +92,10 @@ def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
         kept = records.get((metric, strain), 0.0)
         least = max(kept, _of_two_grids(problem, metric, strain, references))
         if bar < least * (1.0 - _ROUNDING):
-            yield f"{name}: {bar:.4g}, but the file's own record of meshes makes it {least:.4g}"
+            yield (
+                f"{name}: {bar:.4g}, but the file's own record of meshes makes it {least:.4g} "
+                "(`palpate reference renew` makes bars of adaptive meshes anew from it)"
+            )
 
 
 def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], float]:
@@ -295,7 +298,14 @@ def _wrong_motion(problem: Problem, state: State, thoroughly: bool) -> Iterator[
 
 def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
     """Equilibrium of a static state of degree 1; with tools of what does not touch them."""
-    if state.degree != 1 or state.trajectory is not None:
+    if state.trajectory is not None:
+        return
+    if problem.tools and (
+        state.tool_forces is None or state.tool_forces.shape != (len(problem.tools), 3)
+    ):
+        yield "no force for each tool"
+        return
+    if state.degree != 1:
         return
     body = body_of(problem, state.strain, state.element)
     residual, scale = body.out_of_balance(state.displacement)
@@ -307,10 +317,7 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
             f"not in equilibrium: {largest:.3g} N is left at a free point, where the largest "
             f"nodal force is {scale:.3g} N"
         )
-    if not problem.tools:
-        return
-    if state.tool_forces is None or state.tool_forces.shape != (len(problem.tools), 3):
-        yield "no force for each tool"
+    if state.tool_forces is None:
         return
     # A point that is held along one axis hands the tool's push there to its support.
     fixed = held_components(problem)[0].astype(bool)

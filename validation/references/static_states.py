@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.linalg import norm
 
 from palpate.meshes.problem import Strain
@@ -35,6 +36,7 @@ def state_of(
         smallest_det_f=found.smallest_det_f,
         max_displacement=float(norm(found.displacement, axis=1).max()),
         seconds=seconds,
+        tool_forces=np.array([tool.forces[-1] for tool in found.tools]) if found.tools else None,
         details={
             "relative_residual": found.relative_residual,
             "newton_iterations": found.newton_iterations,

@@ -9,6 +9,7 @@ no hash: they are refused until `palpate reference renew` has checked them (`ren
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -109,10 +110,12 @@ def load_checked(
     *,
     thoroughly: bool = False,
     needs_hash: bool = True,
+    before_check: Callable[[ReferenceSet], ReferenceSet] | None = None,
 ) -> ReferenceSet:
     """`load_stored` of one file; `thoroughly` as in `find_contradictions`.
 
-    Without `needs_hash` a file that has none is taken for its contents.
+    Without `needs_hash` a file that has none is taken for its contents. What is checked and
+    returned is what `before_check` makes of it.
     """
     remedy = (
         f"make it with `palpate reference build {called or name}` where FEniCSx is installed, then "
@@ -141,6 +144,8 @@ def load_checked(
             f"holds may have been altered; `palpate reference renew {called or name}` checks "
             "what can be checked and adds one"
         )
+    if before_check is not None:
+        references = before_check(references)
     wrong = find_contradictions(problem, references, thoroughly=thoroughly)
     if wrong:
         raise UnsoundReferenceError(f"the stored reference of {name!r}", wrong, remedy)

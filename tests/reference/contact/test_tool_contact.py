@@ -24,7 +24,7 @@ if is_available():
     from palpate.reference.audit import audit_displacement
     from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.residual import internal_force
-    from palpate.reference.statics import solve_static
+    from palpate.reference.statics import find_equilibrium, solve_static
 
 pytestmark = pytest.mark.dolfinx
 
@@ -153,6 +153,56 @@ def test_tangent_is_symmetric_and_the_derivative(box):
 
     slope = (residual(u + h * du) - residual(u - h * du)) / (2.0 * h)
     np.testing.assert_allclose(tangent @ du, slope, atol=1e-7 * np.abs(slope).max())
+
+
+def test_the_derivative_of_the_force_along_a_direction(box):
+    mesh = box((3, 3, 3), jitter=0.2)
+    tool = pressed(SphereShape(0.5), (1.4,))
+    problem = Problem(mesh, MATERIAL, (support(mesh, "z0"),), (), tools=(tool,))
+    eq = DiscreteProblem(problem, strain=Strain.GREEN, degree=2)
+    (contact,) = eq.contacts
+    rng = np.random.default_rng(6)
+    u, du, h = *(s * rng.standard_normal(eq.num_dofs) for s in (1e-3, 1.0)), 1e-7
+    contact.pressure[:] = 500.0
+    along = np.array([0.6, 0.0, 0.8])
+    slope = (contact.state(u + h * du).force - contact.state(u - h * du).force) @ along / (2.0 * h)
+    assert abs(slope) > 1.0
+    assert contact.derivative_of_force(u, along) @ du == pytest.approx(slope, rel=1e-6)
+
+
+@pytest.mark.parametrize("strain", list(Strain))
+def test_from_nearby_it_comes_to_where_its_way_leads(box, strain):
+    mesh = box((3, 3, 3))
+    tool = pressed(SphereShape(0.5), (1.5, 1.4))
+    problem = Problem(mesh, MATERIAL, (support(mesh, "z0"),), (), tools=(tool,))
+    led = solve_static(problem, strain=strain, degree=2)
+
+    def arrive(make_guess):
+        found = find_equilibrium(problem, strain=strain, degree=2, guess=make_guess)
+        try:
+            return found.result(), found.path.load_factors
+        finally:
+            found.destroy()
+
+    near = solve(mesh, pressed(SphereShape(0.5), (1.5, 1.42)), strain=strain, degree=2)
+
+    def guess(discrete):
+        start = np.zeros((discrete.space.num_blocks, 3))
+        at = discrete.space.owned_dofs(np.arange(mesh.num_points, dtype=np.int32))
+        start[at] = near.displacement
+        return start.ravel()
+
+    # Of a guess that leads nowhere the way is gone after all.
+    for start, is_short in ((guess, True), (lambda d: np.full(d.num_dofs, np.nan), False)):
+        found, factors = arrive(start)
+        assert (factors == (1.0,)) == is_short
+        np.testing.assert_allclose(
+            found.tools[0].forces[-1],
+            led.tools[0].forces[-1],
+            atol=1e-8 * led.tools[0].forces[-1][2],
+        )
+        largest = np.abs(led.displacement).max()
+        np.testing.assert_allclose(found.displacement, led.displacement, atol=1e-8 * largest)
 
 
 def test_loads_come_before_the_tool_moves(box):

@@ -177,7 +177,10 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
         (("[[tool]]", TRUTH.format("published_oscillation")), ["needs at, component, quantity"]),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
         (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
-        (("region = { box", "region = { group = 'a', box"), ["inclusion", "a ball"]),
+        (
+            ("region = { box", "region = { group = 'a', box"),
+            ["inclusion 1", "no group of cells 'a'"],
+        ),
     ],
 )
 def test_mistakes_in_what_moves_are_named(

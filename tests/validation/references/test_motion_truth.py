@@ -17,10 +17,11 @@ from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.grid_convergence import Convergence
-from palpate.validation.references import motions
+from palpate.validation.references import motions, stored_motions
 from palpate.validation.references.motion_sequences import assess_sequence
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
+from palpate.validation.references.stored_motions import STEPS
 from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.seeded import with_fault
@@ -169,6 +170,31 @@ def test_steps_of_second_order_give_a_bar_that_holds_the_limit() -> None:
     assert assess.error_bar is None
 
 
+def test_what_leaks_into_the_fit_of_a_swing_is_no_noise_between_runs() -> None:
+    """A second mode makes the fit uncertain, and is the same in every run."""
+
+    def run(size: float) -> State:
+        _, state = swinging(0.3)
+        motion = state.trajectory
+        assert motion is not None
+        rough = 0.05 * np.sin(41.0 * motion.times)[:, None, None]
+        mixed = size * (motion.displacements + rough * np.abs(motion.displacements).max())
+        return dataclasses.replace(
+            state, displacement=mixed[-1], trajectory=Trajectory(motion.times, mixed)
+        )
+
+    problem, _ = swinging(0.3)
+    # Second order; then to and fro, which shows no order, but less than one fit can tell.
+    told = assess_sequence(problem, [run(1.0 + e) for e in (1e-4, 4e-4, 16e-4)])
+    assert told["oscillation_amplitude"].error_bar == pytest.approx(1.25e-4, rel=0.02)
+    swayed = assess_sequence(problem, [run(1.0 + e) for e in (1e-4, 3e-4, 2e-4)])
+    assert swayed["oscillation_amplitude"].behaviour is Convergence.BELOW_NOISE
+    assert swayed["oscillation_amplitude"].error_bar == pytest.approx(6e-4, rel=0.02)
+    # Where a fit can tell, what shows no order has no bar.
+    far = assess_sequence(problem, [run(1.0 + e) for e in (0.1, 0.5, 0.3)])
+    assert far["oscillation_amplitude"].error_bar is None
+
+
 def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -> None:
     case = load_case("wave")
     stored = find_references(case, live=False, progress=lambda _line: None)
@@ -218,7 +244,8 @@ def test_a_motion_without_an_answer_is_told_and_never_stored(
     def say(_line: str) -> None:
         pass
 
-    monkeypatch.setattr(motions, "solve_implicit", lost)
+    for builder in (motions, stored_motions):
+        monkeypatch.setattr(builder, "solve_implicit", lost)
     found = solve_motion_set(case.problem, say, wanted={"truth"})
     assert found.truth(Strain.GREEN) is None
     assert "a cell would invert" in found.failure("truth", Strain.GREEN)
@@ -265,8 +292,6 @@ def test_this_version_finds_the_stored_twin(name: str) -> None:
 def test_this_version_finds_the_stored_truth() -> None:
     case = load_case("wave")
     kept = truth_of("wave")
-    found = motions.solve_implicit(
-        case.problem, Strain.LINEAR, motions.STORED_STEPS[-1], lambda _line: None
-    )
+    found = motions.solve_implicit(case.problem, Strain.LINEAR, STEPS[-1], lambda _line: None)
     # Kept in seven digits.
     assert measure("trajectory_l2", case.problem, found, kept).value < 1e-7

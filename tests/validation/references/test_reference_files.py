@@ -20,7 +20,7 @@ from palpate.validation.references.errors import (
 from palpate.validation.references.reference_files import content_hash, read_reference
 from palpate.validation.references.renewal import renew_reference
 from palpate.validation.references.sets import SAME_MESH
-from palpate.validation.references.stored import load_stored, references_folder
+from palpate.validation.references.stored import load_checked, load_stored, references_folder
 
 
 @pytest.fixture
@@ -97,6 +97,30 @@ def test_a_file_without_a_hash_is_refused_until_it_is_renewed(path):
     whole = path.read_bytes()
     assert "nothing to renew" in renew_reference(path, "block", problem)[0]
     assert path.read_bytes() == whole
+
+
+def halve_bars(_arrays, header):
+    header["bars"] = {name: 0.5 * bar for name, bar in header["bars"].items() if bar is not None}
+    del header["provenance"]["bar_parts"]
+
+
+def test_bars_that_no_longer_follow_from_their_record_do_when_renewed(tmp_path):
+    path = tmp_path / "turned.npz"
+    shutil.copy(references_folder() / "turned.npz", path)
+    problem = load_case("turned").problem
+    before = read_reference(path)[0]
+    assert renew_reference(path, "turned", problem)[0].startswith("nothing to renew")
+    rewrite(path, change=halve_bars, drops_hash=True)
+    with pytest.raises(UnsoundReferenceError, match="palpate reference renew"):
+        load_checked(path, "turned", problem, needs_hash=False)
+    told = "\n".join(renew_reference(path, "turned", problem))
+    assert "renewed: bar of displacement_l2, linear strain" in told
+    after = load_stored("turned", problem, folder=path.parent)
+    assert "error bars as the record of meshes" in after.provenance["renewed"]["changes"]
+    recorded = before.provenance["adaptive"]["linear"]["metrics"]
+    for metric in recorded:
+        place = metric, Strain.LINEAR
+        assert after.bars[place] == pytest.approx(before.bars[place], rel=1e-12)
 
 
 def test_the_hash_hangs_on_name_type_shape_and_every_byte():

@@ -47,6 +47,7 @@ def test_another_generation_leaves_the_open_half_and_draws_the_rest_anew() -> No
     )
     for old, new in zip(first, second, strict=True):
         assert (old.name == new.name) == (not old.is_apart) == (not new.is_apart)
+        assert old.is_apart or old.given == new.given
     assert any(a.given != b.given for a, b in zip(first, second, strict=True))
 
 
@@ -177,6 +178,7 @@ def test_each_claim_goes_red(error: float, claim: int) -> None:
 
 
 @pytest.mark.dolfinx
+@pytest.mark.once
 def test_six_problems_keep_their_word() -> None:
     chosen = [p for p in draw_problems() if p.name in QUICK]
     assert len(chosen) == len(QUICK)

@@ -129,6 +129,7 @@ def test_spurious_modes_and_lost_zeros_are_seen_and_drawn() -> None:
 
 
 @pytest.mark.dolfinx
+@pytest.mark.once
 def test_the_frequencies_of_a_small_bar_are_true_ones() -> None:
     free, clamped = modes.follow_modes(lambda _line: None, divisions=2, ratios=(0.3,))
     assert (free.num_zeros, clamped.num_zeros) == ((6, 6), (0, 0))
@@ -181,6 +182,7 @@ def test_without_the_reference_there_is_no_truth(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.dolfinx
+@pytest.mark.once
 def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -234,6 +236,7 @@ def test_the_rule_for_thin_bodies_is_put_to_the_test() -> None:
 
 
 @pytest.mark.dolfinx
+@pytest.mark.once
 def test_thin_bars_miss_what_the_rule_says() -> None:
     truth = bar.solve_truth(bar.make_bar(4, 0.3), lambda _line: None)
     found = follow_thin({0.3: truth}, lambda _line: None, through=(1, 2), slenderness=(1, 4))

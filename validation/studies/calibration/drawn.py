@@ -62,16 +62,31 @@ def draw_problems(table: Mapping[str, Any] | None = None) -> list[Drawn]:
     found: list[Drawn] = []
     for family in table["family"]:
         names = [f"{family['name']}-{k:02d}" for k in range(1, family["count"] + 1)]
-        apart = sorted(names, key=_digest)[: len(names) // 2]
-        taken: list[Mapping[str, Any]] = []
+        apart = set(sorted(names, key=_digest)[: len(names) // 2])
+        given = _drawn(family["draw"], names, [])
+        full = dict(zip(names, names, strict=True))
+        if table["generation"] > 1:
+            # The open half is that of the first generation, and no fresh problem is one of it.
+            full |= {name: f"{name}.{table['generation']}" for name in apart}
+            open_half = {name: given[name] for name in names if name not in apart}
+            fresh = _drawn(family["draw"], [full[n] for n in names if n in apart],
+                           list(open_half.values()))  # fmt: skip
+            given = open_half | fresh
         for name in names:
-            generation = table["generation"] if name in apart else 1
-            full = name if generation == 1 else f"{name}.{generation}"
-            tries = (_choice(family["draw"], f"{full}/{k}") for k in itertools.count())
-            given = next(one for one in tries if one not in taken)
-            taken.append(given)
-            seed = {"seed": _digest(full)[0]} if family["maker"] == "smooth" else {}
-            found.append(Drawn(full, family["name"], family["maker"], given | seed, name in apart))
+            seed = {"seed": _digest(full[name])[0]} if family["maker"] == "smooth" else {}
+            drawn = given[full[name]] | seed
+            found.append(Drawn(full[name], family["name"], family["maker"], drawn, name in apart))
+    return found
+
+
+def _drawn(
+    lists: Mapping[str, Sequence[Any]], names: Sequence[str], taken: Sequence[Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """What each name draws, no two the same, and none that is taken."""
+    found: dict[str, dict[str, Any]] = {}
+    for name in names:
+        tries = (_choice(lists, f"{name}/{k}") for k in itertools.count())
+        found[name] = next(one for one in tries if one not in (*taken, *found.values()))
     return found
 
 
@@ -85,7 +100,7 @@ def _digest(text: str) -> bytes:
 
 
 def find_missing() -> None:
-    """Find and keep the answers that are missing: a minute or two each."""
+    """Find and keep the answers that are missing: some five minutes each."""
     for one in draw_problems():
         if one.maker not in _EXACT:
             problem, strain = clamped_problem(**one.given)

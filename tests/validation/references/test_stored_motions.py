@@ -1,4 +1,4 @@
-"""The truth of a motion with tools: where its meshes are refined, and what its bars are made of."""
+"""The stored truth of a motion: where its meshes are refined, and what its bars are made of."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.references import tool_truths
+from palpate.validation.references import motion_runs, stored_motions
 from palpate.validation.references.live import estimate_bars
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
-from palpate.validation.references.tool_truths import rough_cells, solve_tool_truth
+from palpate.validation.references.stored_motions import rough_cells, solve_motion_truth
 from palpate.validation.states import State, Trajectory
 
 SLIDE = load_case("slide")
@@ -67,8 +67,8 @@ def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -
         state = motion(problem, (1.0 + error) * 1e-2 * kinked, 1.0 + error)
         return dataclasses.replace(state, strain=strain)
 
-    monkeypatch.setattr(tool_truths, "solve_implicit", solve_implicit)
-    truth, bars, details = solve_tool_truth(PROBLEM, Strain.GREEN, lambda _line: None)
+    monkeypatch.setattr(stored_motions, "solve_implicit", solve_implicit)
+    truth, bars, details = solve_motion_truth(PROBLEM, Strain.GREEN, lambda _line: None)
     first, middle, finest = details["cells"]
     long, shorter = [(n, 2) for n in (first, middle, finest)], [(middle, 4), (middle, 8)]
     assert told == [*long, *shorter, (first, 8)]
@@ -108,6 +108,39 @@ def test_bars_that_shrink_with_no_mesh_allow_no_verdict(monkeypatch: pytest.Monk
         way = problem.mesh.points * np.linspace(0.0, 1.0, 41)[:, None, None]
         return motion(problem, way * np.abs(problem.mesh.points[:, :1]), next(forces))
 
-    monkeypatch.setattr(tool_truths, "solve_implicit", solve_implicit)
-    _, bars, _ = solve_tool_truth(PROBLEM, Strain.GREEN, lambda _line: None)
+    monkeypatch.setattr(stored_motions, "solve_implicit", solve_implicit)
+    _, bars, _ = solve_motion_truth(PROBLEM, Strain.GREEN, lambda _line: None)
     assert bars["tool_force"].whole == np.inf
+
+
+def test_a_body_without_tools_has_its_truth_the_same_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = load_case("block-motion").problem
+    told = []
+
+    def solve_implicit(finer: Problem, _strain: Strain, steps: int, _say: object) -> State:
+        told.append((finer.mesh.num_cells, steps))
+        points = finer.mesh.points
+        way = points * np.sin(np.linspace(0.0, 12.0, 51))[:, None, None]
+        size = 1.0 + 0.1 / finer.mesh.num_cells + 0.01 / steps**2
+        swung = motion(finer, size * way * points[:, :1], 1.0)
+        return dataclasses.replace(swung, tool_forces=None)
+
+    monkeypatch.setattr(stored_motions, "solve_implicit", solve_implicit)
+    truth, bars, details = solve_motion_truth(problem, Strain.GREEN, lambda _line: None)
+    # The finest mesh takes the shortest step itself.
+    assert told[-1] == (details["cells"][-1], 8)
+    assert details["cells"] == sorted({cells for cells, _ in told})
+    assert truth.tool_forces is None
+    assert truth.displacement.shape == problem.mesh.points.shape
+    assert "tool_force" not in bars
+    assert 0.0 < bars["trajectory_l2"].whole < 0.01
+
+
+@pytest.mark.dolfinx
+def test_tools_press_where_everything_else_is_balanced() -> None:
+    """Elsewhere a tool that slides would push the body by a part of its way in a step."""
+    from palpate.reference.generalised_alpha import AlphaMethod
+
+    assert AlphaMethod(motion_runs._WITH_TOOLS).alpha_f == 0.0

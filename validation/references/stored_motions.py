@@ -1,13 +1,12 @@
-"""The truth of a motion with tools: implicit, quadratic, on meshes refined where the body bends.
+"""The truth of a motion: implicit, quadratic, on meshes refined where the body bends.
 
-What matters is small beside the body: where tools touch it, and the strain changes from cell to
-cell. Three meshes, each refined from the last where its motion says, tell how far the last of them
-is from the limit; three time steps on the second (on the first, nodes that come and go would drown
-it) how far the shortest is. All meshes take the longest step; what shorter ones change on the
-second mesh is added to the finest mesh's motion, so that it need not take them itself.
-
-The part of a bar that is of time has what is left of the steps, a grid convergence index like the
-part of the mesh, and how far the change would have been off from the first mesh to the second.
+Where it is clamped, or where tools touch it, the strain changes from cell to cell. Three meshes,
+each refined from the last where its motion says, tell how far the last of them is from the limit;
+three time steps on the second (on the first, nodes that come to a tool and leave it would drown it)
+how far the shortest is. The truth is the finest mesh's with the shortest step. With tools, whose
+steps are many times dearer, what shorter steps change on the second mesh is added to the finest
+mesh's motion instead; how far that would have been off from the first mesh to the second is then
+in the part of the bar that is of time.
 """
 
 from __future__ import annotations
@@ -34,47 +33,53 @@ from palpate.validation.references.sequences import as_data, bar_of
 from palpate.validation.references.sets import TRUTH
 from palpate.validation.states import Progress, State, Trajectory
 
-# Steps from output to output, on the second mesh; all others take the first.
-_STEPS = (2, 4, 8)
+# Steps from output to output: all of them on the second mesh.
+STEPS = (2, 4, 8)
 _MESHES = 3
-# Of the roughness of the strain over the whole motion, in the cells that are cut next.
-_BULK = 0.7
+# Of the roughness of the strain over a motion, in the cells that are cut for the next mesh: the
+# first that makes it at most so many times as large.
+BULKS = (0.7, 0.5, 0.3)
+GROWTH = 4
 
 
-def solve_tool_truth(
+def solve_motion_truth(
     problem: Problem, strain: Strain, progress: Progress
 ) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
     """The truth at the case's points, its error bars by part, and the sequences they come from.
 
     Args:
-        problem: A motion with tools.
+        problem: A motion.
         strain: Strain measure.
         progress: Called with one line for each run.
 
     Raises:
         ReferenceFailedError: A run failed.
     """
-    long, middling, short = _STEPS
+    long, middling, short = STEPS
     runs: list[State] = []
     meshes = [problem]
     for number in range(_MESHES):
         runs.append(solve_implicit(meshes[-1], strain, long, progress))
         if number + 1 < _MESHES:
-            marked = rough_cells(meshes[-1].mesh, runs[-1], _BULK)
-            meshes.append(refine_cells(meshes[-1], marked).problem)
+            meshes.append(refine_where_rough(meshes[-1], runs[-1])[0])
     first, second, finest = (_read_at(problem.mesh, run) for run in runs)
     half, quarter = (
         _read_at(problem.mesh, solve_implicit(meshes[1], strain, steps, progress))
         for steps in (middling, short)
     )
-    first_quarter = solve_implicit(problem, strain, short, progress)
     in_time = assess_sequence(problem, (quarter, half, second))
     in_space = assess_sequence(problem, (finest, second, first))
-    guessed = _changed(problem.mesh, first, second, quarter)
+    if problem.tools:
+        first_quarter = solve_implicit(problem, strain, short, progress)
+        truth = _changed(problem.mesh, finest, second, quarter)
+        guessed = _changed(problem.mesh, first, second, quarter)
+        off = {m: difference(m, problem, guessed, first_quarter) for m in in_time}
+    else:
+        truth = _read_at(problem.mesh, solve_implicit(meshes[-1], strain, short, progress))
+        off = dict.fromkeys(in_time, 0.0)
     bars = {
         metric: BarParts(
-            discretisation=bar_of(in_space[metric]),
-            time=bar_of(in_time[metric]) + difference(metric, problem, guessed, first_quarter),
+            discretisation=bar_of(in_space[metric]), time=bar_of(in_time[metric]) + off[metric]
         )
         for metric in truth_metrics(problem)
     }
@@ -82,10 +87,23 @@ def solve_tool_truth(
         "time": as_data(in_time),
         "mesh": as_data(in_space),
         "cells": [p.mesh.num_cells for p in meshes],
-        "steps_per_output": list(_STEPS),
+        "steps_per_output": list(STEPS),
     }
-    truth = _changed(problem.mesh, finest, second, quarter)
     return dataclasses.replace(truth, label=TRUTH), bars, details
+
+
+def refine_where_rough(problem: Problem, run: State) -> tuple[Problem, float]:
+    """The next mesh, and the part of the roughness that is in the cells cut for it [-].
+
+    Args:
+        problem: Whose mesh is refined.
+        run: Its motion.
+    """
+    for bulk in BULKS:
+        finer = refine_cells(problem, rough_cells(problem.mesh, run, bulk)).problem
+        if finer.mesh.num_cells <= GROWTH * problem.mesh.num_cells:
+            break
+    return finer, bulk
 
 
 def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
@@ -133,13 +151,13 @@ def _changed(mesh: TetMesh, run: State, before: State, after: State) -> State:
     """A run and what changes from one other to another, all at the same points and outputs."""
     moved, forces = _motion(run)
     ends, starts = _motion(after), _motion(before)
-    return _with(mesh, run, moved + (ends[0] - starts[0]), forces + (ends[1] - starts[1]))
+    both = None if forces is None else forces + (ends[1] - starts[1])
+    return _with(mesh, run, moved + (ends[0] - starts[0]), both)
 
 
-def _motion(run: State) -> tuple[Floats, Floats]:
-    """Displacements [m] and forces on the tools [N] over time."""
+def _motion(run: State) -> tuple[Floats, Any]:
+    """Displacements [m] and forces on the tools [N] over time; None of a body without tools."""
     assert run.trajectory is not None
-    assert run.tool_forces is not None
     return run.trajectory.displacements, run.tool_forces
 
 
