@@ -12,6 +12,7 @@ from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, 
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
+from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -57,6 +58,7 @@ __all__ = [
     "Problem",
     "ReferenceFailedError",
     "ReferenceUnavailableError",
+    "RepairChoices",
     "RigidTool",
     "Simulator",
     "SphereShape",

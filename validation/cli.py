@@ -14,10 +14,12 @@ from palpate.validation.commands.check import check
 from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
 from palpate.validation.commands.exchange import compare, export
 from palpate.validation.commands.gate import gate
+from palpate.validation.commands.importing import import_model
 from palpate.validation.commands.law import law
 from palpate.validation.commands.mesh import mesh
 from palpate.validation.commands.new_case import init, schema
 from palpate.validation.commands.report import report
+from palpate.validation.commands.scoreboard import scoreboard
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
 from palpate.validation.commands.sweep import sweep
@@ -57,6 +59,7 @@ def cases() -> None:
 
 
 app.command()(init)
+app.command("import")(import_model)
 app.command()(schema)
 app.command()(check)
 app.command()(mesh)
@@ -71,6 +74,7 @@ app.command(help=f"{gate.__doc__}\n\n{_faults}")(gate)
 app.command()(report)
 app.command(help=f"{study.__doc__}\n\n{listed('Studies:', STUDIES.items())}")(study)
 app.command()(bench)
+app.command()(scoreboard)
 
 
 def main() -> None:

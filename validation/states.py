@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.integrators.schemes import Steps
 
 # The simulator of the reference's states, and how their labels begin.
 REFERENCE = "reference"
@@ -220,6 +221,8 @@ class State:
         integrals: Of a reference that its displacement at the points does not tell the stress of.
         sent_stress: Cauchy's stress that an outside simulator sent [Pa], (num_cells, 3, 3), of
             `displacement` and the case's cells.
+        steps: Of a motion: scheme and time step, as its simulator states them; None where it does
+            not, or where they are the case's own by central differences.
 
     >>> import palpate
     >>> state = palpate.solve(palpate.load_case("block").problem)
@@ -250,6 +253,7 @@ class State:
     stresses: CellStresses | None = None
     integrals: StressIntegrals | None = None
     sent_stress: Floats | None = None
+    steps: Steps | None = None
 
     @property
     def displacements(self) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.repair.choices import RepairChoices
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.solving import ElementsName, StrainName, known_word
@@ -56,7 +57,8 @@ def mesh(
     edge_length: float | None = None,
     mesher: Literal["auto", "fastsim", "gmsh"] = "auto",
     boundary_distance: float | None = None,
-    repair: bool = False,
+    repair: bool | RepairChoices = False,
+    wrap: float | None = None,
 ) -> TetMesh:
     """Fill a closed surface with tetrahedra.
 
@@ -67,7 +69,10 @@ def mesh(
         mesher: fastsim's own, gmsh, or the first and then the other.
         boundary_distance: How far better facets may lie from the given ones [m], > 0; None keeps
             the surface's own.
-        repair: Merge near points of a file, turn facets, close small holes first.
+        repair: Of a file: merge near points, cut fins, turn facets, close holes (facet groups
+            "cap 1", ...) and mend what cuts itself; or what of that may be done.
+        wrap: Of a file: how far a new closed surface around it may lie [m], > 0, in the place of
+            repair; None makes none.
 
     Returns:
         The mesh [m]; its volume is the surface's where that is kept.
@@ -96,15 +101,20 @@ def mesh(
     ):
         if word not in known:
             raise InputError(f"{name} = {word!r}: use one of {', '.join(known)}")
+    groups: dict[str, list[int]] = {}
     if not isinstance(surface, TriSurface):
-        surface, _ = load_surface(Path(surface), scale=LENGTH[unit], repair=repair)
+        choices = RepairChoices() if repair is True else repair or None
+        if wrap is not None and choices is not None:
+            raise InputError("wrap takes the place of repair: give one of the two")
+        loaded = load_surface(Path(surface), scale=LENGTH[unit], repair=choices, wrap=wrap)
+        surface, groups = loaded.surface, loaded.groups
     spec = MeshSpec(
         mesher=mesher,
         edge_length=edge_length,
         boundary="kept" if boundary_distance is None else "free",
         boundary_distance=boundary_distance,
     )
-    return fill(surface, spec, Units()).mesh
+    return fill(surface, spec, Units(), groups).mesh
 
 
 def judge(

@@ -20,6 +20,7 @@ from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, requir
 from palpate.fastsim.contact.tool_contact import ToolContact, on_tool, poses_at
 from palpate.fastsim.newton import Newton
 from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.driven_tools import require_drive_of_statics
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
@@ -347,23 +348,8 @@ def _knots(problem: Problem) -> Floats:
 def _require_known_to_statics(problem: Problem, form: ContactForm) -> None:
     if not problem.tools:
         raise InputError("no tool: use palpate.fastsim.statics.solve_static")
+    require_drive_of_statics(problem.tools)
     for number, tool in enumerate(problem.tools, start=1):
-        if tool.drive is not None:
-            if len(problem.tools) > 1:
-                raise InputError(
-                    f"tool {number} is driven by a force, beside others: statics drive one tool, "
-                    "alone"
-                )
-            if tool.friction_coefficient > 0.0:
-                raise InputError(
-                    f"tool {number} is driven by a force and has friction, whose drag depends on "
-                    "the way: set 0, or give a path"
-                )
-            if not tool.drive.force > 0.0:
-                raise InputError(
-                    f"tool {number} is driven by {tool.drive.force:g} N: statics need a force "
-                    "above 0; turn the direction round"
-                )
         if tool.friction_coefficient > 0.0 and form is ContactForm.PENALTY:
             raise InputError(
                 f"tool {number} has friction: statics know it with the constraint, not a penalty"

@@ -170,7 +170,13 @@ def test_a_motion_with_a_tool_in_memory_is_compared_with_its_forces() -> None:
     case = palpate.load_case("slide")
     state = palpate.solve(case.problem)
     assert state.tool_forces is not None
-    assert palpate.compare(case, state).verdict is palpate.Verdict.PASSED
+
+    def failed(answer: palpate.State) -> set[str]:
+        # Of the truth its cells are too coarse to come near.
+        checks = [c for c in palpate.compare(case, answer).checks if c.against == "same_mesh"]
+        assert len(checks) > 2
+        return {c.metric for c in checks if c.verdict == "failed"}
+
+    assert failed(state) == set()
     doubled = dataclasses.replace(state, tool_forces=2.0 * state.tool_forces)
-    failed = {c.metric for c in palpate.compare(case, doubled).checks if c.verdict == "failed"}
-    assert failed == {"tool_force"}
+    assert failed(doubled) == {"tool_force"}

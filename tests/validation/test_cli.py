@@ -112,10 +112,60 @@ def test_mesh_tells_what_it_finds_and_mends_on_request(tmp_path: Path) -> None:
     assert "closed by" in mended.stderr
     assert "turned round" in mended.stderr
     assert read_mesh(tmp_path / "k.vtu").volume == pytest.approx(kidney.volume, rel=1e-3)
+    assert palpate(*command, "--largest-hole", 9, folder=tmp_path).returncode == 2
+    small = palpate(*command, "--repair", "--largest-hole", 2, folder=tmp_path)
+    assert small.returncode == 2
+    assert "allow holes of" in small.stderr
     free = palpate(*command, "--repair", "--free", 1e-3, folder=tmp_path)
     assert free.returncode == 0, free.stderr
     assert "re-triangulated within" in free.stdout
     assert palpate(*command, "--repair", "--free", 0, folder=tmp_path).returncode == 2
+
+
+def test_a_cap_is_a_group_of_the_mesh_that_a_case_can_press_on(tmp_path: Path) -> None:
+    kidney = shape_kidney(edge_length=12e-3)
+    is_top = kidney.points[kidney.facets].mean(axis=1)[:, 2] > 0.04
+    write_surface(tmp_path / "cut.off", TriSurface(kidney.points, kidney.facets[~is_top]))
+    for name, more in (("k.msh", ()), ("free.vtu", ("--free", 2e-3))):
+        command = ("mesh", "cut.off", "-o", name, "--unit", "m", "--repair", *more)
+        done = palpate(*command, folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert "cap 1" in done.stderr
+        mesh = read_mesh(tmp_path / name)
+        cap = mesh.facet_groups["cap 1"]
+        centres = mesh.points[cap].mean(axis=1)
+        assert len(cap) > 5
+        assert centres[:, 2].min() > 0.02
+        corners = mesh.points[cap]
+        area = np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        ).sum()
+        # Of an oval of the cut's two widths.
+        width = np.ptp(centres[:, :2], axis=0)
+        assert area / 2 > np.pi / 4 * width.prod()
+
+
+def test_a_surface_that_cuts_itself_is_mended_within_a_distance_that_is_said(
+    tmp_path: Path,
+) -> None:
+    kidney = shape_kidney(edge_length=12e-3)
+    points = kidney.points.copy()
+    top = int(np.argmax(points[:, 2]))
+    # The tip changes places with a point two edges away.
+    other = np.argsort(np.linalg.norm(points - points[top], axis=1))[8]
+    points[[top, other]] = points[[other, top]]
+    write_surface(tmp_path / "bad.off", TriSurface(points, kidney.facets))
+    command = ("mesh", "bad.off", "-o", "k.vtu", "--unit", "m")
+    near = palpate(*command, "--repair", "--repair-distance", 1e-5, folder=tmp_path)
+    assert near.returncode == 2
+    assert "intersects itself" in near.stderr
+    done = palpate(*command, "--repair", "--repair-distance", 0.03, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "cut each other" in done.stderr
+    wrapped = palpate(*command, "--wrap", 8e-3, folder=tmp_path)
+    assert wrapped.returncode == 0, wrapped.stderr
+    assert "wrapped by" in wrapped.stderr
+    assert palpate(*command, "--wrap", 8e-3, "--repair", folder=tmp_path).returncode == 2
 
 
 def test_mesh_graded_towards_a_point(tmp_path: Path) -> None:
@@ -228,6 +278,7 @@ def test_a_candidate_called_reference_is_a_candidate(tmp_path: Path, name: str) 
 
 
 @pytest.mark.dolfinx
+@pytest.mark.once
 def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_case: Write) -> None:
     surface = shape_kidney(edge_length=14e-3)
     write_surface(tmp_path / "organ.stl", surface)
@@ -252,6 +303,7 @@ def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_ca
 
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("name", ["kidney", "beam"])
+@pytest.mark.once
 def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     from palpate.meshes.problem import Strain
     from palpate.validation.case import load_case

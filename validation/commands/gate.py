@@ -11,13 +11,17 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.validation.commands.words import (
+    AskedTimeStep,
     ChosenElements,
     GrantedPrecision,
     OptionalCases,
     OptionalFile,
     SimulatorCommand,
+    StatedIntegrator,
     TimeLimit,
+    ToldIterations,
     progress_lines,
 )
 from palpate.validation.quoting import for_terminal
@@ -41,6 +45,21 @@ def gate(
     element: ChosenElements = None,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    versus: Annotated[
+        str | None,
+        typer.Option(help="hold it against this simulator, or build of it, without a reference"),
+    ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(metavar="METRIC=VALUE", help="of --versus; default: those on the same mesh"),
+    ] = None,
+    law: Annotated[
+        list[Law] | None,
+        typer.Option(help="in the place of the case's; repeatable; the reference is solved here"),
+    ] = None,
+    integrator: StatedIntegrator = None,
+    time_step: AskedTimeStep = None,
+    iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
     metamorphic: Annotated[
         bool, typer.Option(help="judge by relations that need no reference")
@@ -61,6 +80,7 @@ def gate(
     ] = None,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
+    from palpate.reference.availability import require_available
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.evidence.metamorphic import judge_relations
     from palpate.validation.evidence.self_test import run_self_test
@@ -76,11 +96,13 @@ def gate(
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.judging.result_changes import read_accepted, with_changes
     from palpate.validation.judging.together import together
+    from palpate.validation.judging.versus import judge_versus, read_limits
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators.candidate import candidates_for
+    from palpate.validation.simulators.candidate import Stepping, candidates_for
     from palpate.validation.simulators.seeded import with_fault
 
-    given = candidates_for(simulator, time_limit, element)
+    stepping = Stepping(integrator, time_step, iterations)
+    given = candidates_for(simulator, time_limit, element, stepping)
     candidates = [with_fault(candidate, fault) for candidate in given]
     accepted = read_accepted(since) if since else None
     if quick + every + bool(names) != 1 and not (self_test and quick + every + bool(names) == 0):
@@ -94,14 +116,27 @@ def gate(
             "--expected is about fastsim's verdicts on built-in cases: it takes no --simulator, "
             "--metamorphic or --self-test"
         )
+    if versus is None and limit:
+        raise InputError("--limit goes with --versus; the limits of a gate stand in its case")
+    if versus is not None and (self_test or metamorphic or expected or live or precision):
+        raise InputError(
+            "--versus knows no reference: it takes no --self-test, --metamorphic, --expected, "
+            "--live or --precision"
+        )
+    if law and (expected or record_expected or self_test or metamorphic):
+        raise InputError("--law takes no --expected, --self-test or --metamorphic")
     known = read_expected() if expected else {}
     chosen = QUICK if quick else builtin_cases() if every else names or ()
     loaded = load_cases(chosen)
+    if law:
+        loaded = [case.under(one) for case in loaded for one in dict.fromkeys(law)]
+        if versus is None and any(case.other_law for case in loaded):
+            require_available()
     if expected or record_expected:
         require_builtin(loaded)
     require_outputs(
         {"--json": json, "--junit": junit, "--summary": summary},
-        inputs=input_files(loaded, since, command=simulator),
+        inputs=input_files(loaded, since, command=" ".join(filter(None, (simulator, versus)))),
     )
     progress = progress_lines()
     if self_test:
@@ -112,10 +147,24 @@ def gate(
             together([judge_relations(case, one, progress) for one in candidates])
             for case in loaded
         ]
+    elif versus is not None:
+        (other,), limits = candidates_for(versus, time_limit), read_limits(limit or [])
+        results = [
+            together(
+                [judge_versus(c, o, other, limits=limits, progress=progress) for o in candidates]
+            )
+            for c in loaded
+        ]
     else:
         results = [
-            judge_case(c, live=live, candidate=candidates, precision=precision, progress=progress)
-            for c in loaded
+            judge_case(
+                case,
+                live=live or case.other_law is not None,
+                candidate=candidates,
+                precision=precision,
+                progress=progress,
+            )
+            for case in loaded
         ]
     if accepted is not None:
         results = with_changes(results, accepted)

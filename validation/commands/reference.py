@@ -136,9 +136,10 @@ def renew(
     names: Cases = None,
     is_all: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
 ) -> None:
-    """Take accepted references of version 0.1 over: check them, add a hash, tell what changed.
+    """Check accepted references and bring them up to date; nothing is solved.
 
-    Nothing is solved. Who accepted them and why is kept.
+    Those of version 0.1 get a hash; error bars of adaptive meshes are made anew from their record.
+    Who accepted them and why is kept.
     """
     from palpate.validation.references.renewal import renew_reference
 

@@ -10,12 +10,15 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.gate import require_builtin, tell_unexpected
 from palpate.validation.commands.words import (
+    AskedTimeStep,
     ChosenElements,
     Folder,
     GrantedPrecision,
     OptionalCases,
     SimulatorCommand,
+    StatedIntegrator,
     TimeLimit,
+    ToldIterations,
     progress_lines,
 )
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
@@ -28,6 +31,9 @@ def report(
     element: ChosenElements = None,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
+    integrator: StatedIntegrator = None,
+    time_step: AskedTimeStep = None,
+    iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
     expected: Annotated[
         bool, typer.Option(help="1 where a built-in verdict is not the one expected of fastsim")
@@ -46,7 +52,7 @@ def report(
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
     from palpate.validation.run_folder import RESULTS, require_run_folder, run_folder
-    from palpate.validation.simulators.candidate import candidates_for
+    from palpate.validation.simulators.candidate import Stepping, candidates_for
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")
@@ -63,7 +69,9 @@ def report(
     inputs = input_files(loaded, command=simulator)
     require_run_folder(output, inputs=inputs)
     progress = progress_lines()
-    candidates = candidates_for(simulator, time_limit, element)
+    candidates = candidates_for(
+        simulator, time_limit, element, Stepping(integrator, time_step, iterations)
+    )
     results = [
         judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)
         for c in loaded

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from palpate.meshes.problem import Element
+from palpate.reference.integrators.schemes import Integrator
 from palpate.validation.quoting import for_terminal
 from palpate.validation.states import Elements, Precision, Progress
 
@@ -49,6 +51,16 @@ SimulatorCommand = Annotated[
     str | None, typer.Option(help='judge another simulator: "mysim {case} {result}"')
 ]
 TimeLimit = Annotated[float, typer.Option(help="of the simulator, in seconds")]
+StatedIntegrator = Annotated[
+    Integrator | None,
+    typer.Option(help="how the simulator steps, where its result does not say `integrator`"),
+]
+AskedTimeStep = Annotated[
+    float | None, typer.Option(help="[s] that the simulator is asked for, not the case's")
+]
+ToldIterations = Annotated[
+    int | None, typer.Option(help="for {iterations} in the simulator's command")
+]
 GrantedPrecision = Annotated[
     Precision | None, typer.Option(help="granted to the answers; default: what the case grants")
 ]
@@ -57,4 +69,6 @@ GrantedPrecision = Annotated[
 def progress_lines() -> Progress:
     """A function that prints one dim line."""
     console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:  # a log: nothing to lay out, and many lines
+        return lambda line: print(f"  {for_terminal(line)}", file=sys.stderr, flush=True)
     return lambda line: console.print(Text(f"  {for_terminal(line)}", style="dim"), soft_wrap=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from palpate.meshes.arrays import Points
@@ -15,6 +16,11 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.diagnosis import Diagnosis, diagnose
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
+from palpate.validation.judging.own_steps import (
+    are_the_cases,
+    notes_on_damping,
+    with_own_steps,
+)
 from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.record import all_metrics, case_name, error_lengths, provenance_of
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
@@ -111,11 +117,10 @@ def _judge_one(
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
-    for strain in Strain if judged.has_both_strains else (case.strain,):
-        try:
-            answer = judged.solve(problem, strain, progress)
-        except CandidateFailedError as error:
-            failures[strain] = case.spec.units.in_case_units(str(error))
+    strains = tuple(Strain) if judged.has_both_strains else (case.strain,)
+    for strain, answer in _answers(judged, problem, strains, progress).items():
+        if isinstance(answer, CandidateFailedError):
+            failures[strain] = case.spec.units.in_case_units(str(answer))
             continue
         notes.extend(answer.remarks)
         unmeasurable = unmeasurable_state(answer)
@@ -126,7 +131,9 @@ def _judge_one(
             candidates[strain] = answer
         said.update(answer.says)
         element = answer.element
-    references = references.of_element(element)
+    references = with_own_steps(problem, candidates, references.of_element(element), progress)
+    notes.extend(note for note in references.remarks if note not in notes)
+    notes.extend(notes_on_damping(problem, candidates))
     notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
     if said:
         notes.append(own_words(judged.name, said))
@@ -148,6 +155,8 @@ def _judge_one(
         )
     found: list[Diagnosis] = []
     failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
+    # Slips are looked for with the case's own steps.
+    failed -= {s for s, answer in candidates.items() if not are_the_cases(problem, answer.steps)}
     for strain in (s for s in candidates if diagnoses and s in failed):
         progress(f"diagnosis, {strain} strain")
         found.append(_diagnosed(judge, judged, candidates[strain]))
@@ -174,6 +183,23 @@ def _judge_one(
         unseen=unseen,
         diagnoses=tuple(found),
     )
+
+
+def _answers(
+    judged: Candidate, problem: Problem, strains: Sequence[Strain], progress: Progress
+) -> dict[Strain, State | CandidateFailedError]:
+    """With each strain measure; motions side by side where the candidate can."""
+
+    def answer(strain: Strain) -> State | CandidateFailedError:
+        try:
+            return judged.solve(problem, strain, progress)
+        except CandidateFailedError as error:
+            return error
+
+    if problem.time is None or not judged.steps_without_lock:
+        return {strain: answer(strain) for strain in strains}
+    with ThreadPoolExecutor(len(strains)) as pool:
+        return dict(zip(strains, pool.map(answer, strains), strict=True))
 
 
 def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnosis:
@@ -292,7 +318,12 @@ def _with_geometry(case: Case, found: ReferenceSet, progress: Progress) -> Refer
 
 
 def _load_stored(case: Case) -> ReferenceSet | None:
-    """A built-in case's reference; of one's own case, what lies in `references` beside it."""
+    """A built-in case's reference; of one's own case, what lies in `references` beside it.
+
+    None of a body that follows another law than its case's.
+    """
+    if case.other_law is not None:
+        return None
     folder = references_folder(case.beside)
     if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
         return None

@@ -42,6 +42,12 @@ _OUTCOMES = {
     Verdict.INCONCLUSIVE: ("error", "inconclusive: "),
     Verdict.SKIPPED: ("skipped", ""),
 }
+_AGAINST = {
+    "same_mesh": "same mesh",
+    "truth": "truth",
+    "candidate": "own",
+    "versus": "versus",
+}
 # Job summaries are cut off at 1 MiB; nobody reads more rows than this.
 _MOST_ROWS = 200
 
@@ -192,7 +198,7 @@ def check_name(check: CheckResult) -> str:
     element = [] if check.element is Element.LINEAR else [str(check.element)]
     if check.against in ("relation", "self-test"):
         return ", ".join([check.metric, *element])
-    against = {"same_mesh": "same mesh", "truth": "truth", "candidate": "own"}[check.against]
+    against = _AGAINST[check.against]
     words = [against, str(check.strain), *element]
     if check.precision is not Precision.DOUBLE:
         words.append(f"{check.precision} precision")

@@ -24,7 +24,8 @@ class CheckResult:
     Attributes:
         metric: Name of the metric.
         against: "same_mesh" (P1 on the same mesh), "truth" (P2), "candidate" (on its own),
-            "relation" (of two of its own answers) or "self-test" (of the gate).
+            "relation" (of two of its own answers), "versus" (another candidate) or "self-test"
+            (of the gate).
         strain: Which of the candidate's solutions was judged.
         verdict: The outcome.
         reason: Why this limit, from the case.

@@ -87,6 +87,7 @@ def test_the_front_door_takes_the_word_too():
 
 
 @pytest.mark.dolfinx
+@pytest.mark.once
 def test_the_reference_solves_it_live(monkeypatch, tmp_path):
     path = tmp_path / "r.json"
     run(monkeypatch, "gate", "block", "--live", "--element", "both", "--json", path)

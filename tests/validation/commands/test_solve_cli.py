@@ -39,8 +39,8 @@ def verdicts(case: str, result: Path, folder: Path) -> set[str]:
 @pytest.mark.parametrize(
     ("case", "who", "states"),
     [
-        ("slide", "fastsim", 41),
-        pytest.param("slide", "reference", 41, marks=pytest.mark.dolfinx),
+        ("slide", "fastsim", 16),
+        pytest.param("slide", "reference", 16, marks=pytest.mark.dolfinx),
         pytest.param("block-motion", "reference", 51, marks=pytest.mark.dolfinx),
         pytest.param("press", "reference", 1, marks=pytest.mark.dolfinx),
     ],

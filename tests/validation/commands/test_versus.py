@@ -1,0 +1,137 @@
+"""`palpate gate --versus`: two simulators without a reference; `--law`: another than the case's."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.validation.cli import main
+from palpate.validation.judging.versus import judge_versus, read_limits
+from palpate.validation.simulators import adapters
+from palpate.validation.simulators.candidate import fastsim_candidate, function_candidate
+from palpate.validation.states import Verdict
+
+NUMPY = f"{sys.executable} {Path(adapters.__file__).parent / 'numpy_dense.py'} {{case}} {{result}}"
+
+
+def run(monkeypatch, *arguments):
+    monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code
+
+
+def stretched_by(factor):
+    def mine(problem):
+        return factor * palpate.solve(problem).displacement
+
+    return function_candidate(mine)
+
+
+def checked(result, metric):
+    return next(check for check in result.checks if check.metric == metric)
+
+
+def test_the_difference_is_a_part_of_the_second_answer() -> None:
+    case = palpate.load_case("block")
+    limits = {"displacement_l2": 0.02, "displacement_max": 0.005}
+    result = judge_versus(case, stretched_by(1.01), fastsim_candidate(), limits=limits)
+    assert checked(result, "displacement_l2").value == pytest.approx(0.01, rel=1e-9)
+    assert checked(result, "displacement_l2").verdict is Verdict.PASSED
+    assert checked(result, "displacement_max").verdict is Verdict.FAILED
+    assert result.verdict is Verdict.FAILED
+    # What nobody set a limit for is told, and decides nothing.
+    told = checked(result, "strain_energy")
+    assert told.verdict is Verdict.SKIPPED
+    assert told.value > 0.01
+
+
+def test_the_cases_own_limits_on_the_same_mesh_are_taken_where_none_is_given() -> None:
+    case = palpate.load_case("block")
+    assert judge_versus(case, stretched_by(1.0), fastsim_candidate()).verdict is Verdict.PASSED
+    assert judge_versus(case, stretched_by(1.0 + 1e-6), fastsim_candidate()).verdict == "failed"
+
+
+def test_who_fails_is_named_and_two_that_stand_still_prove_nothing() -> None:
+    case, limits = palpate.load_case("block"), {"displacement_l2": 0.1}
+
+    def broken(_problem):
+        raise RuntimeError("out of rubber")
+
+    for pair in ((broken, np.copy), (np.copy, broken)):
+        one, other = (function_candidate(each) for each in pair)
+        if one.name == "copy":
+            one = fastsim_candidate()
+        else:
+            other = fastsim_candidate()
+        result = judge_versus(case, one, other, limits=limits)
+        assert result.verdict is Verdict.FAILED
+        assert "broken: RuntimeError: out of rubber" in result.checks[0].message
+    still = judge_versus(case, stretched_by(0.0), stretched_by(0.0), limits=limits)
+    assert still.verdict is Verdict.INCONCLUSIVE
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["displacement_l2", "displacement_l2=-1", "displacement_l2=nan", "inverted_cells=1", "x=1"],
+)
+def test_a_limit_that_is_none_is_refused(word) -> None:
+    with pytest.raises(InputError, match="--limit"):
+        read_limits([word])
+    with pytest.raises(InputError, match="already"):
+        read_limits(["volume=1", "volume=2"])
+
+
+def test_the_gate_ends_by_the_limits_of_the_command_line(monkeypatch, tmp_path) -> None:
+    path = tmp_path / "r.json"
+    given = ("gate", "stretch", "--simulator", NUMPY, "--versus", NUMPY, "--json", path)
+    assert run(monkeypatch, *given, "--limit", "volume=1e-9") == 0
+    (case,) = json.loads(path.read_text("utf-8"))["cases"]
+    assert case["checks"][0]["value"] == 0.0
+    # Linear tetrahedra on a bent body are not smoothed ones.
+    block = ("gate", "shear", "--element", "smoothed", "--versus", NUMPY)
+    assert run(monkeypatch, *block, "--limit", "displacement_l2=1e-9", "--fault", "softer") == 1
+    assert run(monkeypatch, *block, "--limit", "trajectory_l2=1e-9") == 2
+    assert run(monkeypatch, "gate", "stretch", "--limit", "volume=1") == 2
+    assert run(monkeypatch, *given, "--live") == 2
+
+
+def test_a_case_under_another_law_keeps_its_moduli_and_drops_published_numbers() -> None:
+    case = palpate.load_case("column")
+    other = case.under(Law.NEO_HOOKEAN)
+    assert other.name == "column-neo-hookean"
+    old, new = case.problem.material, other.problem.material
+    assert (new.youngs_modulus, new.poissons_ratio) == (old.youngs_modulus, old.poissons_ratio)
+    assert new.law is Law.NEO_HOOKEAN
+    assert len(other.checks) == 5
+    assert case.under(Law.SAINT_VENANT_KIRCHHOFF) is case
+    with pytest.raises(InputError, match="c10"):
+        case.under(Law.MOONEY_RIVLIN)
+
+
+def test_no_stored_reference_is_taken_for_another_law(monkeypatch, capsys) -> None:
+    monkeypatch.setattr("palpate.reference.availability.is_available", lambda: False)
+    assert run(monkeypatch, "gate", "block", "--law", "neo-hookean") == 2
+    assert "FEniCSx" in capsys.readouterr().err
+
+
+@pytest.mark.nightly  # two truths: a minute and a half
+@pytest.mark.dolfinx
+def test_one_simulator_is_judged_under_two_laws_side_by_side(
+    monkeypatch, tmp_path, write_case
+) -> None:
+    path = tmp_path / "r.json"
+    laws = ("--law", "neo-hookean", "--law", "saint-venant-kirchhoff")
+    case = write_case(("edge_length = 0.5", "edge_length = 1.0"))
+    code = run(monkeypatch, "gate", case, *laws, "--live", "--simulator", NUMPY, "--json", path)
+    assert code == 1  # it knows but one of them
+    other, own = json.loads(path.read_text("utf-8"))["cases"]
+    assert (other["name"], other["verdict"]) == ("block-neo-hookean", "failed")
+    assert (own["name"], own["verdict"]) == ("block", "passed")
