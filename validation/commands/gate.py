@@ -94,6 +94,7 @@ def gate(
         with_results,
     )
     from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.judging.many_cases import judge_cases
     from palpate.validation.judging.result_changes import read_accepted, with_changes
     from palpate.validation.judging.together import together
     from palpate.validation.judging.versus import judge_versus, read_limits
@@ -155,6 +156,8 @@ def gate(
             )
             for c in loaded
         ]
+    elif simulator is None and fault is Fault.NONE and not (live or law):
+        results = judge_cases(loaded, candidates, precision=precision, progress=progress)
     else:
         results = [
             judge_case(
