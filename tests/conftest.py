@@ -21,9 +21,11 @@ def _has_dolfinx() -> bool:
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses by markers
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip, visibly, what needs FEniCSx where there is none; mark the judge's own tests `once`."""
+    """Skip, visibly, what needs FEniCSx where there is none; mark what runs `once`."""
     judge = ROOT / "tests" / "validation"
     for item in items:
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.once)
         if not item.get_closest_marker("dolfinx"):
             if item.path.is_relative_to(judge):
                 item.add_marker(pytest.mark.once)

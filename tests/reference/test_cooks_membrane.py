@@ -27,7 +27,7 @@ if is_available():
     from palpate.reference.adaptivity.adaptive import solve_adaptively
     from palpate.reference.statics import solve_static
 
-pytestmark = pytest.mark.dolfinx
+pytestmark = [pytest.mark.dolfinx, pytest.mark.slow]
 
 LIMIT = 0.005
 MIDDLE, CORNER = (48.0, 52.0, 0.0), (48.0, 60.0, 0.0)

@@ -143,6 +143,7 @@ def test_a_sphere_feels_what_the_support_gives(box):
 
 
 # Against the stored truth, what a prototype written apart from this measured on the same meshes.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "error"),
     [("csm1", 0.0207), ("csm2", 0.0218), ("cantilever", 0.0131), ("beam", 0.0034)],

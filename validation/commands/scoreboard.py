@@ -27,13 +27,17 @@ def scoreboard(
     ] = None,
     law: Annotated[Law, typer.Option(help="of your own")] = Law.SAINT_VENANT_KIRCHHOFF,
     time_limit: Annotated[float, typer.Option(help="of one run, in seconds")] = TIME_LIMIT,
+    processes: Annotated[
+        int | None, typer.Option(help="how many at once; default: as many as there are cores")
+    ] = None,
     kept: Annotated[
         Path | None, typer.Option(help="folder of answers and truths; default: DIR-runs")
     ] = None,
 ) -> None:
     """Run every simulator that is installed on every case, each under its own law.
 
-    Answers are kept in DIR-runs: a second call only computes what is missing there.
+    Answers are kept in DIR-runs, by all that they hang on: case, law, adapter, versions, time
+    limit. A second call only computes what is missing there.
     PALPATE_BENCH_PYTHON names more interpreters that have simulators, separated like PATH.
     """
     from palpate.validation.case import builtin_cases, load_cases
@@ -52,12 +56,19 @@ def scoreboard(
         everybody = (*everybody, mine)
     if not time_limit > 0.0:
         raise InputError(f"--time-limit {time_limit:g}: needs a value above 0")
+    if processes is not None and processes < 1:
+        raise InputError(f"--processes {processes}: needs at least 1")
     cases = load_cases(names or builtin_cases())
     inputs = input_files(cases, command=simulator)
     require_run_folder(output, inputs=inputs)
     folder = kept or output.with_name(f"{output.name}-runs")
     board = compute_board(
-        everybody, cases, Kept(folder), time_limit=time_limit, progress=progress_lines()
+        everybody,
+        cases,
+        Kept(folder),
+        time_limit=time_limit,
+        progress=progress_lines(),
+        processes=processes,
     )
     with run_folder(output, inputs=inputs) as fresh:
         page = write_board(board, fresh)

@@ -89,12 +89,14 @@ def solve_live(
             at most UNKNOWNS and SECONDS.
         has_stress: Whether P2 on the case's mesh is solved for its stresses, which graded meshes
             do not tell.
-        strains: Of statics.
+        strains: Of which.
     """
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
-        return solve_motion_set(problem, progress, wanted=wanted, stored=stored, elements=elements)
+        return solve_motion_set(
+            problem, progress, wanted=wanted, stored=stored, elements=elements, strains=strains
+        )
     asked = request or TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
     asked = dataclasses.replace(
         asked, seconds=min(asked.seconds, SECONDS), unknowns=UNKNOWNS, parts={}

@@ -48,7 +48,8 @@ def solve_motion_set(
     stored: ReferenceSet | None = None,
     is_for_storing: bool = False,
     elements: Collection[Element] = (Element.LINEAR,),
-    truth_strains: Collection[Strain] = tuple(Strain),
+    strains: Collection[Strain] = tuple(Strain),
+    truth_strains: Collection[Strain] | None = None,
 ) -> ReferenceSet:
     """The explicit runs and the truth of a dynamic case, one for each strain measure.
 
@@ -60,7 +61,8 @@ def solve_motion_set(
         is_for_storing: Three time steps and three meshes for the error bars; otherwise two steps,
             and one mesh refined where the body bends.
         elements: Of the explicit runs.
-        truth_strains: Of the truth.
+        strains: Of which.
+        truth_strains: Of the truth, where those are fewer.
 
     Returns:
         States, bars, and why one is missing: a run that found no answer leaves the others be.
@@ -83,7 +85,7 @@ def solve_motion_set(
             label = OF_ELEMENT[element]
             name = label.removeprefix(f"{REFERENCE} ")
             origin.append(f"{name} in motion by central differences on the case's mesh")
-            for strain in Strain:
+            for strain in strains:
                 with _failure_kept(failures, (label, strain), is_for_storing):
                     states[label, strain] = solve_explicit(
                         problem, strain, progress, element=element
@@ -95,7 +97,7 @@ def solve_motion_set(
         bars |= stored.bars
     elif "truth" in wanted:
         solve = solve_motion_truth if is_for_storing else _truth_here
-        for strain in truth_strains:
+        for strain in strains if truth_strains is None else truth_strains:
             with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
                 truth, made_of, details = solve(problem, strain, progress)
                 states[truth.label, strain] = truth

@@ -1,10 +1,19 @@
-"""Every simulator on every case: nothing that one of them does stops the others."""
+"""Every simulator on every case: nothing that one of them does stops the others.
+
+Simulators of others run side by side, each a process of its own; truths under other laws are
+solved here meanwhile, one after the other. What is quick comes first, so that a call that is
+interrupted has kept most of the answers.
+"""
 
 from __future__ import annotations
 
 import datetime
+import os
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from palpate.meshes.material_law import Law
@@ -12,9 +21,12 @@ from palpate.validation.case import Case
 from palpate.validation.scoreboard.entries import Entry
 from palpate.validation.scoreboard.judge import Score, judge_run
 from palpate.validation.scoreboard.kept import Kept
-from palpate.validation.scoreboard.runs import Run, Status, run_entry
+from palpate.validation.scoreboard.runs import Run, Status, is_kept, run_entry, warm_up
 from palpate.validation.scoreboard.truths import Truth, case_under, find_truth
 from palpate.validation.states import Progress, Verdict
+
+# A motion takes about as long as so many statics of its mesh; only the order hangs on it.
+_STEPS_OF_A_MOTION = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +73,7 @@ def compute_board(
     *,
     time_limit: float,
     progress: Progress,
+    processes: int | None = None,
 ) -> Board:
     """Run what is missing, and judge everything.
 
@@ -70,32 +83,117 @@ def compute_board(
         kept: What is there already, and where new answers go.
         time_limit: Of one run [s].
         progress: Called with one line for each thing done.
+        processes: How many things are done at once; as many as there are cores where None.
     """
     begin = time.monotonic()
-    scores: dict[tuple[str, str], Score] = {}
-    truths: dict[tuple[str, Law], Truth] = {}
     absent = [e for e in entries if e.is_outside and e.command_line() is None]
     for entry in absent:
         progress(f"{entry.name}: {entry.why_missing()}")
     present = [entry for entry in entries if entry not in absent]
-    for case in cases:
+    clock = _Clock(begin, progress)
+    under = _under_laws(cases, present)
+    asked = [(entry, case) for case in sorted(cases, key=_cost) for entry in present]
+    runs: dict[tuple[str, str], Run] = {}
+    for entry, case in asked:  # by this process, whose time is told while it does nothing else
+        if not entry.is_outside:
+            name = case.path.stem
+            runs[entry.name, name] = run_entry(
+                entry, under[name, entry.law], kept, time_limit, clock.say
+            )
+    for entry in (one for one in present if one.compiles):
+        missing = (
+            of
+            for who, case in asked
+            if who is entry
+            and not is_kept(entry, of := under[case.path.stem, entry.law], kept, time_limit)
+        )
+        first = next(missing, None)
+        if first is not None:
+            warm_up(entry, first, clock.say)
+    truths: dict[tuple[str, Law], Truth] = {}
+    rooms = threading.Semaphore(processes or _cores())
+
+    def answer(entry: Entry, case: Case) -> tuple[Case, Run]:
+        with rooms:
+            asked_of = under[case.path.stem, entry.law]
+            return case, run_entry(entry, asked_of, kept, time_limit, clock.say)
+
+    def need(case: Case, law: Law) -> None:
+        of = under[case.path.stem, law]
+        key = case.path.stem, of.problem.material.law
+        if key not in truths:
+            with rooms:
+                clock.say(f"truth of {of.name}")
+                truths[key] = find_truth(of, kept, clock.say)
+
+    with _pool(processes or _cores()) as pool:
+        # Under another law first: its truth is solved here while the others run.
+        outside = [(e, c) for e, c in asked if e.is_outside]
+        outside.sort(key=lambda one: (_cost(one[1]), one[0].law is one[1].spec.material.law))
+        laws = {entry.name: entry.law for entry in present}
+        waiting = [pool.submit(answer, *one) for one in outside]
+        for case in cases:
+            need(case, case.spec.material.law)
+        for future in as_completed(waiting):
+            case, run = future.result()
+            runs[run.entry, case.path.stem] = run
+            if run.status is Status.ANSWERED:
+                need(case, laws[run.entry])
+    scores: dict[tuple[str, str], Score] = {}
+    for entry, case in asked:
         name, own = case.path.stem, case.problem.material.law
-        for entry in present:
-            asked = case_under(case, entry.law)
-            run = run_entry(entry, asked, kept, time_limit, progress)
-            law = asked.problem.material.law
-            needs_truth = run.status is Status.ANSWERED
-            for law_needed, of in ((law, asked), (own, case)):
-                if needs_truth and (name, law_needed) not in truths:
-                    progress(f"truth of {of.name}")
-                    truths[name, law_needed] = find_truth(of, kept, progress)
-            none = Truth(asked, why="nobody asked")
-            truth, of_case = truths.get((name, law), none), truths.get((name, own), none)
-            scores[entry.name, name] = _judged(run, entry, truth, of_case)
-            progress(told(scores[entry.name, name]))
+        of = under[name, entry.law]
+        truth = truths.get((name, of.problem.material.law), Truth(of, why="nobody asked"))
+        scores[entry.name, name] = _judged(
+            runs[entry.name, name], entry, truth, truths.get((name, own), truth)
+        )
+        clock.say(told(scores[entry.name, name]))
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes")
     minutes = (time.monotonic() - begin) / 60.0
     return Board(present, absent, cases, scores, truths, time_limit, date, minutes)
+
+
+def _under_laws(cases: Sequence[Case], entries: Sequence[Entry]) -> dict[tuple[str, Law], Case]:
+    """Every case under every entry's law and under its own; each body is made once."""
+    found: dict[tuple[str, Law], Case] = {}
+    for case in cases:
+        for law in {case.spec.material.law, *(entry.law for entry in entries)}:
+            found[case.path.stem, law] = case_under(case, law)
+    return found
+
+
+class _Clock:
+    """Lines of several threads, each with the minutes since the start."""
+
+    def __init__(self, begin: float, progress: Progress) -> None:
+        self._begin, self._progress, self._lock = begin, progress, threading.Lock()
+
+    def say(self, line: str) -> None:
+        """Tell one line."""
+        minutes, seconds = divmod(int(time.monotonic() - self._begin), 60)
+        with self._lock:
+            self._progress(f"{minutes:2d}:{seconds:02d} {line}")
+
+
+@contextmanager
+def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
+    """One that begins nothing more where something goes wrong here."""
+    pool = ThreadPoolExecutor(threads)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+
+
+def _cost(case: Case) -> float:
+    """What orders cases by how long they take: cells, and of motions many steps of them."""
+    is_motion = case.problem.time is not None
+    return case.problem.mesh.num_cells * (_STEPS_OF_A_MOTION if is_motion else 1.0)
 
 
 def _judged(run: Run, entry: Entry, truth: Truth, of_case: Truth) -> Score:

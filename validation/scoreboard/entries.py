@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import functools
 import hashlib
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -20,7 +21,12 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element
 from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
 from palpate.validation.simulators import adapters
-from palpate.validation.simulators.interpreters import VARIABLE, interpreter_with
+from palpate.validation.simulators.interpreters import (
+    VARIABLE,
+    interpreter_with,
+    version_of_program,
+    versions_with,
+)
 
 FILE = Path(__file__).parent / "entries.toml"
 ADAPTERS = Path(adapters.__file__).parent
@@ -42,10 +48,12 @@ class Entry(BaseModel):
         name: Short, of letters, digits and hyphens: its page and its column.
         title: For people.
         law: That it solves; a case's body follows it in the place of the case's own.
+        compiles: Whether its first run here compiles what later ones find.
         is_quadratic: Whether it has quadratic tetrahedra on the case's mesh.
         adapter: Its file in the folder of adapters, without .py.
         motion: Likewise that of motions, where it is another.
         module: That its interpreter must have; "" for a program on the path.
+        packages: Whose versions its answers hang on; those of the module where none is named.
         program: That must be on the path.
         install: How it is installed.
         homepage: Of the project.
@@ -61,9 +69,11 @@ class Entry(BaseModel):
     title: str = Field(min_length=1)
     law: Law = Law.SAINT_VENANT_KIRCHHOFF
     is_quadratic: bool = False
+    compiles: bool = False
     adapter: str = ""
     motion: str = ""
     module: str = ""
+    packages: tuple[str, ...] = ()
     program: str = ""
     install: str = ""
     homepage: str = ""
@@ -104,10 +114,27 @@ class Entry(BaseModel):
         return f"not installed here: {self.install}{where}"
 
     def sources_hash(self, *, is_motion: bool) -> str:
-        """SHA-256 over what runs it: its adapter and the parts that it shares, or a command."""
+        """SHA-256 over what runs it: its adapter and the parts that it shares, or a command.
+
+        Of a command also the files that it names; of an adapter the versions of what it runs.
+        """
         adapter = self.adapter_for(is_motion)
-        texts = _texts_of(adapter) if adapter else [self.command.encode()]
-        return hashlib.sha256(b"\0".join(texts)).hexdigest()
+        texts = _texts_of(adapter) if adapter else _texts_of_command(self.command)
+        return hashlib.sha256(b"\0".join([*texts, self.versions().encode()])).hexdigest()
+
+    def versions(self) -> str:
+        """What is installed here of it, in its own words."""
+        program = version_of_program(self.program) if self.program else ""
+        interpreter = interpreter_with(self.module) if self.module else None
+        if interpreter is None:
+            return program
+        return program + versions_with(interpreter, self.module, self.packages)
+
+
+def _texts_of_command(command: str) -> list[bytes]:
+    """A command line, and the files among its words."""
+    files = [Path(word) for word in shlex.split(command)]
+    return [command.encode(), *(file.read_bytes() for file in files if file.is_file())]
 
 
 def _file_of(adapter: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import time
 from dataclasses import dataclass, field
@@ -19,6 +20,9 @@ from palpate.validation.simulators.outside import CannotPoseError, OutsideSimula
 from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.versions import version_of
+
+# Time to compile [s].
+_WARM_UP = 900.0
 
 
 class Status(StrEnum):
@@ -73,10 +77,7 @@ def run_entry(entry: Entry, case: Case, kept: Kept, time_limit: float, progress:
     if command is None:
         return Run(entry.name, name, Status.MISSING, entry.why_missing())
     problem = case.problem
-    key = key_of(
-        case_key(problem, case.strain), entry.sources_hash(is_motion=is_motion), f"{time_limit:g}"
-    )
-    label = f"{entry.name}-{case.name}"
+    label, key = _place(entry, case, time_limit)
     found = kept.read(label, key)
     if found is None:
         simulator = OutsideSimulator(command, time_limit)
@@ -109,6 +110,28 @@ def run_entry(entry: Entry, case: Case, kept: Kept, time_limit: float, progress:
     except (CandidateFailedError, InputError) as error:
         return _failed(run, str(error))
     return _judged(run, case, state, dict(answer.about))
+
+
+def is_kept(entry: Entry, case: Case, kept: Kept, time_limit: float) -> bool:
+    """Whether a run has been done already; see `run_entry`."""
+    return kept.read(*_place(entry, case, time_limit)) is not None
+
+
+def warm_up(entry: Entry, case: Case, progress: Progress) -> None:
+    """Run a simulator once for nothing, so that no answer waits for what is compiled at first."""
+    command = entry.command_line(is_motion=case.problem.time is not None)
+    if command is None:
+        return
+    progress(f"{entry.name} runs once for nothing, and compiles")
+    with contextlib.suppress(CandidateFailedError, InputError):
+        OutsideSimulator(command, _WARM_UP).run(case.problem, case.strain, in_silence)
+
+
+def _place(entry: Entry, case: Case, time_limit: float) -> tuple[str, str]:
+    """Where a run is kept: its name, and the key of all that it hangs on."""
+    sources = entry.sources_hash(is_motion=case.problem.time is not None)
+    key = key_of(case_key(case.problem, case.strain), sources, f"{time_limit:g}")
+    return f"{entry.name}-{case.name}", key
 
 
 def _run_fastsim(entry: Entry, case: Case, progress: Progress) -> Run:

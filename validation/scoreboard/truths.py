@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import hashlib
+import json
+import time
 from dataclasses import dataclass
+from pathlib import Path
 
+from palpate import reference
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
+from palpate.reference import availability
 from palpate.reference.errors import ReferenceFailedError
 from palpate.validation.case import Case
 from palpate.validation.judging.judge import find_references
@@ -16,11 +24,12 @@ from palpate.validation.references.live import solve_live
 from palpate.validation.references.reference_files import read_reference, write_reference
 from palpate.validation.references.sets import BOTH, ReferenceSet
 from palpate.validation.references.stored import problem_key
-from palpate.validation.scoreboard.kept import Kept
+from palpate.validation.scoreboard.kept import Kept, key_of
 from palpate.validation.states import Progress
 
 # After which no finer mesh of a truth is begun: a board has many of them [s].
 _SECONDS = 60.0
+_TOLD_SECONDS = "processor_seconds"
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +40,13 @@ class Truth:
         case: Under the law.
         references: States and bars.
         why: There are none.
+        seconds: Of the processor that solving them took, where they were solved for the board.
     """
 
     case: Case
     references: ReferenceSet | None = None
     why: str = ""
+    seconds: float = 0.0
 
     @property
     def law(self) -> Law:
@@ -62,7 +73,7 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
         except InputError as error:
             return Truth(case, why=str(error))
     problem, name = case.problem, f"truth-{case.name}"
-    key = problem_key(problem)
+    key = key_of(problem_key(problem), *_made_by(), f"{_SECONDS:g}")
     failed = kept.read(name, key)
     if failed is not None:
         return Truth(case, why=str(failed[0].get("why", "")))
@@ -70,9 +81,10 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
     try:
         references, made_for, _ = read_reference(path)
         if made_for == key:
-            return Truth(case, references)
+            return Truth(case, references, seconds=_seconds_of(references))
     except (MissingReferenceError, UntrustedReferenceError):
         pass
+    begin = time.thread_time()
     try:
         references = solve_live(
             problem,
@@ -88,8 +100,25 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
     if references.truth(case.strain) is None and references.same_mesh(case.strain) is None:
         why = "; ".join(references.failures.values()) or "the reference found no answer"
         return _keep_failure(case, kept, name, key, why)
-    write_reference(path, case.name, key, references, dict(references.provenance))
-    return Truth(case, references)
+    seconds = time.thread_time() - begin
+    told = {**references.provenance, _TOLD_SECONDS: seconds}
+    references = dataclasses.replace(references, provenance=told)
+    write_reference(path, case.name, key, references, told)
+    return Truth(case, references, seconds=seconds)
+
+
+def _seconds_of(references: ReferenceSet) -> float:
+    told = references.provenance.get(_TOLD_SECONDS, 0.0)
+    return float(told) if isinstance(told, int | float) else 0.0
+
+
+@functools.cache
+def _made_by() -> tuple[str, ...]:
+    """What a truth that is solved here hangs on: FEniCSx, and the sources of the reference."""
+    sources = sorted(Path(reference.__file__).parent.rglob("*.py"))
+    text = b"\0".join(source.read_bytes() for source in sources)
+    installed = json.dumps(availability.versions(), sort_keys=True)
+    return installed, hashlib.sha256(text).hexdigest()
 
 
 def _keep_failure(case: Case, kept: Kept, name: str, key: str, why: str) -> Truth:

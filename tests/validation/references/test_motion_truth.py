@@ -257,6 +257,7 @@ def test_a_motion_without_an_answer_is_told_and_never_stored(
 
 
 @pytest.mark.dolfinx
+@pytest.mark.slow
 def test_the_bar_of_a_live_truth_holds_what_finer_steps_and_cells_find() -> None:
     case = load_case("block-motion")
     span = TimeSpan(0.1, None, 4.0, 20)

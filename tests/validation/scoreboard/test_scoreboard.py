@@ -23,13 +23,15 @@ from palpate.validation.cli import main
 from palpate.validation.evidence.error_budget import farthest_probe
 from palpate.validation.judging.judge import find_references
 from palpate.validation.mechanics.finite_laws import WITH_LOGARITHM, laws_instead_of_law
+from palpate.validation.scoreboard import entries
 from palpate.validation.scoreboard.board import compute_board
 from palpate.validation.scoreboard.entries import Entry, chosen_entries, read_entries
-from palpate.validation.scoreboard.judge import LAW, MESH, SOLVER
+from palpate.validation.scoreboard.judge import LAW, MESH, SOLVER, Score
 from palpate.validation.scoreboard.kept import Kept
 from palpate.validation.scoreboard.page import write_board
 from palpate.validation.scoreboard.runs import Status
 from palpate.validation.simulators import adapters
+from palpate.validation.simulators.interpreters import versions_with
 from palpate.validation.states import Verdict, in_silence
 
 FOLDER = Path(adapters.__file__).parent
@@ -60,10 +62,16 @@ def program(folder: Path, name: str, answer: str | NDArray[np.float64]) -> Entry
     return Entry(name=name, title=name, command=f"{sys.executable} {path} {{case}} {{result}}")
 
 
-def board_of(folder, entries, cases, time_limit=60.0):
+def board_of(folder, entries, cases, time_limit=60.0, processes=None):
     loaded = [load_case(name) for name in cases]
-    kept = Kept(folder / "kept")
-    return compute_board(entries, loaded, kept, time_limit=time_limit, progress=in_silence)
+    return compute_board(
+        entries,
+        loaded,
+        Kept(folder / "kept"),
+        time_limit=time_limit,
+        progress=in_silence,
+        processes=processes,
+    )
 
 
 def seeded(case, displacement):
@@ -102,12 +110,12 @@ def test_a_seeded_error_lands_in_its_own_column(tmp_path, name, cause, answer) -
 
 
 def test_who_fails_refuses_or_hangs_is_shown_and_stops_nobody(tmp_path) -> None:
-    entries = [program(tmp_path, name, answer) for name, answer in FAULTS.items()]
+    everybody = [program(tmp_path, name, answer) for name, answer in FAULTS.items()]
     right = solve_static(load_case("stretch").problem).displacement
-    entries.append(program(tmp_path, "right", right))
-    sleeper = entries.pop(list(FAULTS).index("sleeps"))
+    everybody.append(program(tmp_path, "right", right))
+    sleeper = everybody.pop(list(FAULTS).index("sleeps"))
     (slept,) = board_of(tmp_path, [sleeper], ["stretch"], time_limit=1.0).scores.values()
-    board = board_of(tmp_path, entries, ["stretch"])
+    board = board_of(tmp_path, everybody, ["stretch"])
     crashed, nan, refused, right = board.of_case(board.cases[0])
     assert (crashed.verdict, nan.verdict, slept.verdict) == (Verdict.FAILED,) * 3
     assert "out of rubber" in crashed.why
@@ -123,17 +131,63 @@ def test_who_fails_refuses_or_hangs_is_shown_and_stops_nobody(tmp_path) -> None:
     assert len(re.findall(r'<td class="failed"[^>]*>failed', index)) == 2
 
 
-def test_a_second_call_asks_nobody_again(tmp_path) -> None:
-    entry = program(tmp_path, "right", solve_static(load_case("stretch").problem).displacement)
-    first = board_of(tmp_path, [entry], ["stretch"])
-    (tmp_path / "right.py").write_text("raise SystemExit('asked again')", encoding="utf-8")
-    second = board_of(tmp_path, [entry], ["stretch"])
-    (a,), (b,) = (board.of_case(board.cases[0]) for board in (first, second))
-    assert a.distance == b.distance
-    assert a.run.date == b.run.date
-    # Another time limit, another command: another run.
-    (third,) = board_of(tmp_path, [entry], ["stretch"], time_limit=61.0).scores.values()
-    assert third.verdict is Verdict.FAILED
+def test_a_second_call_asks_nobody_again_but_who_has_changed(tmp_path) -> None:
+    calls, right = tmp_path / "calls", solve_static(load_case("stretch").problem).displacement
+    np.save(tmp_path / "u.npy", right)
+    answer = f"""
+open({str(calls)!r}, "a").write("x")
+import numpy
+u = numpy.load({str(tmp_path / "u.npy")!r})"""
+
+    def asked(answer: str, time_limit: float = 60.0) -> tuple[int, Score]:
+        calls.write_text("")
+        entry = program(tmp_path, "counts", answer)
+        (score,) = board_of(tmp_path, [entry], ["stretch"], time_limit).scores.values()
+        return len(calls.read_text()), score
+
+    first, second = asked(answer), asked(answer)
+    assert (first[0], second[0]) == (1, 0)
+    assert first[1].distance == second[1].distance
+    assert first[1].run.date == second[1].run.date
+    # Another time limit, other sources, other versions: another run.
+    assert asked(answer, 61.0)[0] == 1
+    changed = asked(answer + "; u *= 1.01")
+    assert changed[0] == 1
+    assert changed[1].distance == pytest.approx(0.01, rel=1e-3)
+
+
+def test_other_versions_are_asked_anew(monkeypatch) -> None:
+    entry = next(e for e in read_entries() if e.name == "felupe-tetra4")
+    found = set()
+    for version in ("felupe 11.3.0", "felupe 11.3.1"):
+        monkeypatch.setattr(entries, "interpreter_with", lambda _module: sys.executable)
+        monkeypatch.setattr(entries, "versions_with", lambda *_, said=version: said)
+        found.add(entry.sources_hash(is_motion=False))
+    assert len(found) == 2
+
+
+def test_versions_are_those_of_the_interpreter_that_is_asked() -> None:
+    said = versions_with(sys.executable, "numpy", ("numpy",))
+    assert f"numpy {np.__version__}" in said
+    assert versions_with(sys.executable, "numpy", ()).split()[2] == "numpy"
+
+
+def test_simulators_run_side_by_side(tmp_path) -> None:
+    meet = """
+import pathlib, time
+here = pathlib.Path({folder!r})
+(here / "{name}.there").touch()
+for _ in range(500):
+    if (here / "{other}.there").exists(): break
+    time.sleep(0.02)
+else: sys.exit("alone")
+sys.exit("met")"""
+    pair = [
+        program(tmp_path, name, meet.format(folder=str(tmp_path), name=name, other=other))
+        for name, other in (("a", "b"), ("b", "a"))
+    ]
+    board = board_of(tmp_path, pair, ["stretch"], processes=2)
+    assert all("met" in score.why for score in board.scores.values())
 
 
 class Links(HTMLParser):
@@ -171,9 +225,9 @@ def test_the_command_leaves_pages_that_lead_to_one_another_and_data(tmp_path, mo
 
 
 def test_every_entry_says_how_it_is_set_up_and_by_whose_advice() -> None:
-    entries = [entry for entry in read_entries() if entry.is_outside]
-    assert len({entry.title.split(",")[0].split()[0] for entry in entries}) >= 6
-    for entry in entries:
+    everybody = [entry for entry in read_entries() if entry.is_outside]
+    assert len({entry.title.split(",")[0].split()[0] for entry in everybody}) >= 6
+    for entry in everybody:
         assert entry.settings, entry.name
         assert entry.better, entry.name
         assert entry.install, entry.name

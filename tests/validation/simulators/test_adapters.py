@@ -84,6 +84,11 @@ def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None
     )
     with pytest.raises(SystemExit, match="blew up after 1 steps"):
         mechanics.relax(lambda: None, lambda: np.array([np.nan]), 10.0, force, 1e-6, 7)
+    # No answer then, and the reason is the last line.
+    mechanics.require_rest(1e-6, 1e-6)
+    for left in (1.01e-6, np.inf, np.nan):
+        with pytest.raises(SystemExit, match="not at rest at its last step"):
+            mechanics.require_rest(left, 1e-6)
 
 
 def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:

@@ -122,6 +122,15 @@ def relax(
     return most, residual
 
 
+def require_rest(residual: float, tolerance: float) -> None:
+    """End without an answer where the last step left more than that of the load out of balance."""
+    if not residual <= tolerance:
+        raise SystemExit(
+            f"not at rest at its last step: {residual:.2g} of the load out of balance, which is "
+            f"above {tolerance:g}"
+        )
+
+
 def march(
     step: Callable[[float], None], read: Callable[[], Any], times: Any, largest: float
 ) -> tuple[Any, float]:

@@ -2,8 +2,8 @@
 
     palpate gate CASE --simulator "python mujoco_flex.py {case} {result}"
 
-It knows motion, not equilibrium; the answer holds the residual that was left. What is held, but not
-pinned, is put back after each step: with a diagonal mass that is the same.
+It knows motion alone; what does not come to rest has no answer. What is held, but not pinned, is
+put back after each step: with a diagonal mass that is the same.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mechanics import force_scale, relax, stable_step
+from mechanics import force_scale, relax, require_rest, stable_step
 
 LARGEST = 100_000  # cells; beyond, compiling the model does not end
 TOLERANCE, MOST_STEPS = 1e-7, 200_000
@@ -74,14 +74,13 @@ class Steps(Flex):
 
 
 class Static(Flex):
-    """Stepped until it rests."""
+    """Stepped until it rests, its mass spread evenly over its points."""
 
     tool = "MuJoCo flex"
 
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
-        # Spread evenly over its points.
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
         super().__init__(job, 0.5 * stable_step(job, mass), np.zeros(3))
         self._inertia = mass[0] / self.model.opt.timestep
@@ -106,6 +105,7 @@ class Static(Flex):
                 lambda: self._step(next(shares, 1.0)), lambda: self.data.qvel, self._inertia,
                 self._scale, tolerance, most,
             )  # fmt: skip
+        require_rest(residual, TOLERANCE)
         self.answer = {"displacement": self.at_points(self.data.qpos, 0.0)}
         return {
             "method": f"time steps to rest by kinetic damping, {num_steps} steps",

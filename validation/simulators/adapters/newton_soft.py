@@ -10,7 +10,7 @@ from typing import Any
 import newton
 import numpy as np
 import warp as wp
-from mechanics import force_scale, lame, relax
+from mechanics import force_scale, lame, relax, require_rest
 
 TOLERANCE, MOST_STEPS = 1e-3, 40_000  # single precision carries no more
 RISE = 2000  # steps over which what holds the body is moved to its place
@@ -104,13 +104,13 @@ class Rested(SoftMesh):
         job = self._job
         applied = np.where(self.held, 0.0, job["external_force"]).astype(np.float32)
         inertia = job["lumped_mass"][:, None] / self.time_step
-        rise = RISE if self._moved.any() else 0
-        shares = iter(np.linspace(0.0, 1.0, rise))
+        shares = iter(np.linspace(0.0, 1.0, rise := RISE if self._moved.any() else 0))
         for limit, most in ((-1.0, rise), (TOLERANCE, MOST_STEPS)):
             num_steps, residual = relax(
                 lambda: self.step(applied, next(shares, 1.0)), self._velocity, inertia,
                 force_scale(job), limit, most, self.out_of_balance,
             )  # fmt: skip
+        require_rest(residual, TOLERANCE)
         places = self.now.particle_q.numpy().astype(np.float64)
         self.answer = {"displacement": places - job["points"]}
         return {
