@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +14,10 @@ from palpate.meshes.repair.patches import edges_of
 from palpate.meshes.repair.sheets import Fits
 
 # Loops are paired where there are at most so many: bands are rare, loops of a torn file many.
-_MOST_PAIRED = 30
+_MOST_PAIRED = 200
+# Two loops whose band is larger than their caps by its least width and half its length are left:
+# this part of that, since a band may be narrower in places.
+_SURELY = 0.5
 # Pairs of nearest points that a band may be cut open at.
 _MOST_BRIDGES = 3
 
@@ -106,11 +110,10 @@ def _outlines(
         return loops
     areas = [_area(points, fill_loop(points, loop, taken)) for loop in loops]
     bands = []
-    for i, first in enumerate(loops):
-        for k in range(i + 1, len(loops)):
-            outline, area = _band(points, first, loops[k], taken)
-            if outline is not None and area < areas[i] + areas[k]:
-                bands.append((area - areas[i] - areas[k], i, k, outline))
+    for i, k in _near_pairs(points, loops, areas):
+        outline, area = _band(points, loops[i], loops[k], taken)
+        if outline is not None and area < areas[i] + areas[k]:
+            bands.append((area - areas[i] - areas[k], i, k, outline))
     out: list[list[int]] = []
     joined: set[int] = set()
     for _, i, k, outline in sorted(bands):
@@ -119,6 +122,27 @@ def _outlines(
             out.append(outline)
     out += [loop for i, loop in enumerate(loops) if i not in joined]
     return sorted(out, key=len, reverse=True)
+
+
+def _near_pairs(
+    points: Points, loops: list[list[int]], areas: list[float]
+) -> Iterator[tuple[int, int]]:
+    """Loops so near to each other, beside their lengths, that a band may be smaller than caps."""
+    rings = [points[loop] for loop in loops]
+    length = [float(np.linalg.norm(np.roll(r, 1, axis=0) - r, axis=1).sum()) for r in rings]
+    low = np.array([r.min(axis=0) for r in rings])
+    high = np.array([r.max(axis=0) for r in rings])
+    for i, first in enumerate(rings):
+        gaps = np.maximum(np.maximum(low - high[i], low[i] - high), 0.0)
+        apart = np.linalg.norm(gaps, axis=1)
+        for k in range(i + 1, len(rings)):
+            most = areas[i] + areas[k]
+            across = 0.5 * _SURELY * (length[i] + length[k])
+            if across * apart[k] >= most:
+                continue
+            nearest = np.linalg.norm(first[:, None] - rings[k][None], axis=2).min()
+            if across * float(nearest) < most:
+                yield i, k
 
 
 def _band(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.facet_topology import connected_parts, edge_uses
+from palpate.meshes.repair.patches import parts_by_plain_edges
 
 # A fin has at most this part of the area: a larger sheet may be what was meant.
 _LARGEST_FIN = 0.1
@@ -40,7 +41,7 @@ def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDAr
         rows = np.flatnonzero(~is_fin)
         uses = edge_uses(facets[rows])
         crowd = uses.counts[uses.edge]
-        patch = _patches(uses.edge, uses.owner, crowd, len(rows))
+        patch = parts_by_plain_edges(uses.edge, uses.owner, crowd, len(rows))
         touches = np.bincount(patch[uses.owner], crowd > 2) > 0
         is_free = np.bincount(patch[uses.owner], crowd == 1) > 0
         weight = np.bincount(patch, areas[rows])
@@ -60,15 +61,6 @@ def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDAr
     if (sizes >= _FEWEST_FACETS).any():
         is_fin[rows[sizes[part] < _FEWEST_FACETS]] = True
     return is_fin
-
-
-def _patches(
-    edge: NDArray[np.int64], owner: NDArray[np.int64], crowd: NDArray[np.int64], num_facets: int
-) -> NDArray[np.int64]:
-    """Parts of facets that hang together by edges with two facets."""
-    order = np.argsort(edge, kind="stable")
-    order = order[crowd[order] == 2]
-    return connected_parts(num_facets, owner[order].reshape(-1, 2))
 
 
 def split_touching(
@@ -130,7 +122,7 @@ def _joined_corners(points: Points, facets: Indices) -> NDArray[np.int64] | None
     order = np.argsort(uses.edge, kind="stable")
     order_two = order[uses.counts[uses.edge[order]] == 2].reshape(-1, 2)
     sides = [order_two]
-    patch = _patches(uses.edge, uses.owner, uses.counts[uses.edge], len(facets))
+    patch = parts_by_plain_edges(uses.edge, uses.owner, uses.counts[uses.edge], len(facets))
     by_edge = defaultdict(list)
     for side in order[uses.counts[uses.edge[order]] > 2].tolist():
         by_edge[int(uses.edge[side])].append(side)

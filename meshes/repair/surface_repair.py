@@ -16,7 +16,9 @@ from palpate.meshes.repair.choices import LARGEST_HOLE
 from palpate.meshes.repair.flat_facets import flip_flat_facets
 from palpate.meshes.repair.hole_closing import close_holes
 from palpate.meshes.repair.loose_parts import SMALL, loose_facets, part_sizes
+from palpate.meshes.repair.seams import cut_at_hanging_points, rim_pairs
 from palpate.meshes.repair.sheets import Fits, fins_of, split_touching
+from palpate.meshes.repair.walls import double_walls
 from palpate.meshes.shells import ShellKind, find_shells
 from palpate.meshes.tri_surface import TriSurface
 
@@ -27,6 +29,7 @@ class RepairReport:
 
     Attributes:
         merged_points: Points merged into a near one.
+        cut_edges: Open edges cut at points of other open edges that lie on them.
         dropped_facets: Facets, by their number before, that the merging made flat, or copies.
         fin_facets: Facets, by their number before, of fins, of walls between bodies that
             touch, and of parts too small to close.
@@ -43,6 +46,7 @@ class RepairReport:
     """
 
     merged_points: int = 0
+    cut_edges: int = 0
     dropped_facets: list[int] = field(default_factory=list)
     fin_facets: list[int] = field(default_factory=list)
     loose_facets: list[int] = field(default_factory=list)
@@ -63,6 +67,7 @@ class RepairReport:
         said = (
             (self.unused_points, f"{len(self.unused_points)} point(s) without a facet left out"),
             (self.merged_points, f"{self.merged_points} point(s) merged into a near one"),
+            (self.cut_edges, f"{self.cut_edges} open edge(s) cut at points that lie on them"),
             (self.dropped_facets, f"{len(self.dropped_facets)} flat or repeated facet(s) dropped"),
             (
                 self.fin_facets,
@@ -108,7 +113,7 @@ def repair_surface(
     smallest_shell: float = 0.0,
     fits: Fits | None = None,
 ) -> tuple[TriSurface, RepairReport]:
-    """Merge points, cut fins, part sheets, turn facets, close holes; say what was done.
+    """Merge points, join seams, cut fins, part sheets, turn facets, close holes; say what was done.
 
     Whether the result bounds a solid is for `require_closed` to say. Parts are dropped by choice
     alone; self-intersections are mended by `palpate.fastsim.mending`.
@@ -116,7 +121,7 @@ def repair_surface(
     Args:
         surface: Any surface.
         near: Points within this distance are merged [m]; None takes 1e-6 of the longest side of
-            the bounding box.
+            the bounding box. Along open edges it is a hundredth of the shortest edge as well.
         largest_hole: Most edges of a hole that is closed.
         smallest_shell: Loose parts whose box is shorter than this are dropped [m].
         fits: Says whether points and facets cross nothing at the facets marked; caps and gaps
@@ -132,11 +137,16 @@ def repair_surface(
     report.unused_points = np.setdiff1d(np.arange(len(surface.points)), used).tolist()
     points = surface.points
     facets, kept, is_wall = _merge_points(surface, near, report)
+    facets, cut, report.cut_edges = cut_at_hanging_points(points, facets, near)
+    kept, is_wall = kept[cut], is_wall[cut]
+    is_double = double_walls(points, facets)
+    report.fin_facets = kept[is_double].tolist()
+    facets, kept, is_wall = facets[~is_double], kept[~is_double], is_wall[~is_double]
     is_fin = fins_of(points, facets, is_wall)
-    report.fin_facets = kept[is_fin].tolist()
+    report.fin_facets = np.union1d(report.fin_facets, kept[is_fin]).astype(int).tolist()
     facets, kept = facets[~is_fin], kept[~is_fin]
     is_loose = loose_facets(points, facets, smallest_shell)
-    report.loose_facets = kept[is_loose].tolist()
+    report.loose_facets = np.unique(kept[is_loose]).tolist()
     facets, kept = facets[~is_loose], kept[~is_loose]
     facets, turned = _orient_parts(facets)
     points, facets, report.split_points, report.gap = split_touching(points, facets, fits)
@@ -148,7 +158,7 @@ def repair_surface(
     facets, shells_turned = _orient_shells(TriSurface(closed.points, closed.facets))
     flips = shells_turned.copy()
     flips[: len(kept)] ^= turned
-    report.turned_facets = kept[flips[: len(kept)]].tolist()
+    report.turned_facets = np.unique(kept[flips[: len(kept)]]).tolist()
     report.caps = closed.caps
     # Points in the order of their first appearance; the loops in those numbers.
     corners = facets.reshape(-1)
@@ -179,6 +189,12 @@ def _merge_points(
     pairs = find_near_duplicates(surface.points, near)
     target = connected_parts(len(surface.points), pairs)
     first = np.unique(target, return_index=True)[1]
+    merged = first[target][surface.facets]
+    is_whole = (merged != np.roll(merged, 1, axis=1)).all(axis=1)
+    seams = rim_pairs(surface.points, merged[is_whole].astype(np.int32))
+    if len(seams):
+        target = connected_parts(len(surface.points), np.vstack([pairs, seams]))
+        first = np.unique(target, return_index=True)[1]
     used = np.unique(surface.facets)
     report.merged_points = len(used) - len(np.unique(target[used]))
     facets = first[target][surface.facets].astype(np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -20,6 +21,9 @@ def study(
         ),
     ],
     output: Folder,
+    surfaces: Annotated[
+        Path | None, typer.Option(help="of organs: a folder of surfaces to try as well")
+    ] = None,
 ) -> None:
     """Remake a study of the paper, or one of what the answers depend on."""
     from palpate.validation.run_folder import run_folder
@@ -27,6 +31,6 @@ def study(
 
     progress = progress_lines()
     with run_folder(output) as fresh:
-        code = run_study(name, fresh, progress, Console(highlight=False))
+        code = run_study(name, fresh, progress, Console(highlight=False), surfaces=surfaces)
     print(f"{output / 'report.html'}")
     raise typer.Exit(code)

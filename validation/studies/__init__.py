@@ -32,6 +32,7 @@ STUDIES = {
     "iterations": "eq. 10 as printed beside Newton's tangent and relaxation",
     "kidney": "Fig. 5 and Table I: original, linear and Green strain",
     "meshing": "Fig. 1: traditional beside improved Delaunay meshing, cut open",
+    "organs": "spoiled surfaces repaired and meshed, measured by VTK",
     "sensitivity": "what the inputs are worth beside the mesh: u_val of V&V 20",
     "validity": "where linear strain may stand in for Green strain",
 }
@@ -50,10 +51,31 @@ def load_study(name: str) -> Study[Any]:
     return study
 
 
-def run_study(name: str, folder: Path, progress: Progress, console: Console) -> ExitCode:
+def run_study(
+    name: str,
+    folder: Path,
+    progress: Progress,
+    console: Console,
+    *,
+    surfaces: Path | None = None,
+) -> ExitCode:
     """Run a study into an empty folder; the exit code is its verdict.
 
+    Args:
+        name: Of the study.
+        folder: Empty.
+        progress: Told what is done.
+        console: Where the findings are printed.
+        surfaces: Folder of more surfaces, for the study organs.
+
     Raises:
-        InputError: No such study.
+        InputError: No such study, or one that takes no surfaces.
     """
-    return load_study(name).run(name, folder, progress, console)
+    study = load_study(name)
+    if surfaces is not None:
+        if name != "organs":
+            raise InputError(f"study {name} takes no surfaces; study organs does")
+        from palpate.validation.studies.organs import study_of
+
+        study = study_of(surfaces)
+    return study.run(name, folder, progress, console)

@@ -195,7 +195,7 @@ def touching_boxes(edges: int) -> Spoiled:
     """Two boxes that share the edges along one side, and nothing else."""
     edge = 4e-3
     one = shape_box((8 * edge, edges * edge, 8 * edge), edge_length=edge)
-    other = TriSurface(one.points + [8 * edge, 0.0, 8 * edge], one.facets)
+    other = TriSurface(one.points + np.array([8 * edge, 0.0, 8 * edge]), one.facets)
     return Spoiled(_merged(one, other), joined(one, other), 0.0)
 
 
@@ -235,7 +235,10 @@ def walled(walls: int) -> Spoiled:
     """Boxes in a row whose common faces were left in, facing both ways."""
     edge = 4e-3
     one = shape_box((6 * edge, 6 * edge, 6 * edge), edge_length=edge)
-    row = [TriSurface(one.points + [6 * edge * k, 0.0, 0.0], one.facets) for k in range(walls + 1)]
+    row = [
+        TriSurface(one.points + np.array([6 * edge * k, 0.0, 0.0]), one.facets)
+        for k in range(walls + 1)
+    ]
     whole = shape_box(((walls + 1) * 6 * edge, 6 * edge, 6 * edge), edge_length=edge)
     return Spoiled(_merged(*row), whole, 0.0)
 

@@ -1,0 +1,110 @@
+"""Seams that do not quite meet: points of rims welded, edges cut at points that lie on them.
+
+Bodies made of patches, and files of unconnected facets, have rims that run along each other with
+other points, or with the same ones a little apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.facet_topology import Integers, edge_uses
+from palpate.meshes.near_duplicates import NEAR, find_near_duplicates
+
+# Points on rims are one where they are this near to each other, of the shortest edge at either.
+_WELD = 0.01
+_MOST_PASSES = 10
+
+
+def rim_pairs(points: Points, facets: Indices) -> Integers:
+    """Points on open edges that are so near to each other that they must be one.
+
+    Args:
+        points: [m].
+        facets: Of which none has a point twice.
+
+    Returns:
+        Pairs, shape (num_pairs, 2).
+    """
+    uses = edge_uses(facets)
+    rim = np.unique(uses.edges[uses.counts == 1])
+    if not len(rim):
+        return np.zeros((0, 2), dtype=np.int64)
+    lengths = np.linalg.norm(points[uses.edges[:, 0]] - points[uses.edges[:, 1]], axis=1)
+    shortest = np.full(len(points), np.inf)
+    for end in range(2):
+        np.minimum.at(shortest, uses.edges[:, end], lengths)
+    # Far more points than so many in one place are no seam.
+    reach = _WELD * float(np.median(shortest[rim]))
+    pairs = rim[find_near_duplicates(points[rim], reach)]
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    found: Integers = pairs[apart <= _WELD * shortest[pairs].min(axis=1)]
+    return found
+
+
+def cut_at_hanging_points(
+    points: Points, facets: Indices, near: float | None = None
+) -> tuple[Indices, NDArray[np.int64], int]:
+    """Cut facets whose open edge runs through points of other open edges.
+
+    Args:
+        points: [m].
+        facets: Of which none has a point twice.
+        near: How far such a point may be from the edge [m]; None takes 1e-6 of the box.
+
+    Returns:
+        Facets; of each its number before; and how many edges were cut.
+    """
+    reach = NEAR * float(np.ptp(points, axis=0).max()) if near is None else near
+    kept, count = np.arange(len(facets)), 0
+    for _ in range(_MOST_PASSES):
+        uses = edge_uses(facets)
+        sides = np.flatnonzero(uses.counts[uses.edge] == 1)
+        # One side of each facet at a time.
+        through = _points_within(points, uses.directed[sides], reach)
+        first: dict[int, tuple[int, list[int]]] = {}
+        for side, inner in zip(sides.tolist(), through, strict=True):
+            apex = int(facets[side // 3, (side % 3 + 2) % 3])
+            inner = [v for v in inner if v != apex]
+            if inner and side // 3 not in first:
+                first[side // 3] = side % 3, inner
+        if not first:
+            break
+        rows, owners = [], []
+        for f, (k, inner) in first.items():
+            a, b, c = (int(facets[f, (k + i) % 3]) for i in range(3))
+            chain = [a, *inner, b]
+            rows += [(u, v, c) for u, v in itertools.pairwise(chain)]
+            owners += [int(kept[f])] * (len(chain) - 1)
+        stays = np.ones(len(facets), dtype=bool)
+        stays[list(first)] = False
+        facets = np.vstack([facets[stays], np.array(rows, dtype=np.int32)])
+        kept = np.concatenate([kept[stays], owners])
+        count += len(first)
+    return facets, kept, count
+
+
+def _points_within(points: Points, edges: NDArray[np.int64], reach: float) -> list[list[int]]:
+    """Of each edge the points of other edges on it, from its start to its end."""
+    rim = np.unique(edges)
+    rim = rim[np.argsort(points[rim, 0], kind="stable")]
+    x = points[rim, 0]
+    a, b = points[edges[:, 0]], points[edges[:, 1]]
+    first = np.searchsorted(x, np.minimum(a[:, 0], b[:, 0]) - reach)
+    last = np.searchsorted(x, np.maximum(a[:, 0], b[:, 0]) + reach, side="right")
+    found: list[list[int]] = []
+    for start, along, low, high in zip(a, b - a, first.tolist(), last.tolist(), strict=True):
+        length = float(np.linalg.norm(along))
+        if length <= 4.0 * reach:
+            found.append([])
+            continue
+        offset = points[rim[low:high]] - start
+        part = offset @ along / length
+        off = np.linalg.norm(offset - np.outer(part / length, along), axis=1)
+        on = np.flatnonzero((off <= reach) & (part > 2.0 * reach) & (part < length - 2.0 * reach))
+        found.append(rim[low:high][on[np.argsort(part[on], kind="stable")]].tolist())
+    return found
