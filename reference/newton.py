@@ -270,4 +270,5 @@ class Newton:
         """
         largest = fenicsx.largest(float(np.max(np.abs(u), initial=0.0)))
         length = largest if self.is_linear else max(largest, self._cell_size)
-        return 4.0 * float(np.finfo(float).eps) * float(matrix.norm()) * length  # type: ignore[attr-defined]
+        own = 4.0 * float(np.finfo(float).eps) * float(matrix.norm()) * length  # type: ignore[attr-defined]
+        return own + sum(contact.rounding_error(u) for contact in self._discrete.contacts)

@@ -264,6 +264,14 @@ class ToolContact:
         touching = tractions + self._friction.coefficient * self.pressure
         return blocks, areas * touching > 0.0
 
+    def rounding_error(self, displacement: Floats) -> float:
+        """Norm of the nodal forces that the gaps' roundings alone can leave [N].
+
+        A large round tool that barely touches has gaps far below the digits of its coordinates.
+        """
+        touching = self._tractions(self._distance(displacement)) > 0.0
+        return self._rounding * self._penalty * fenicsx.norm(self.points.areas[touching])
+
     def augment(self, displacement: Floats) -> tuple[float, float]:
         """Take the tractions at an equilibrium as the new multipliers.
 

@@ -110,8 +110,12 @@ def settle(
         if any(count for count, _ in slid):
             outcome = newton.solve(u, 1.0, report=report)
             continue
+        roundings = [contact.rounding_error(u) for contact in contacts]
         changes = [contact.augment(u) for contact in contacts]
-        if all(change <= carried * whole for change, whole in changes):
+        if all(
+            change <= max(carried * whole, rounding)
+            for (change, whole), rounding in zip(changes, roundings, strict=True)
+        ):
             break
         outcome = newton.solve(u, 1.0, report=report)
     else:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box, rollers, side
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import (
@@ -248,3 +249,16 @@ def test_what_is_not_modelled_is_refused(box):
     )
     with pytest.raises(InputError, match="knows no tools"):
         audit_displacement(problem, np.zeros_like(mesh.points))
+
+
+def test_a_large_ball_that_barely_touches_settles_at_the_digits_of_its_place() -> None:
+    """Gaps of 1e-5 m beside a radius of 0.1 m: their last digits are 3e-10 of the force."""
+    mesh = brick_box((4, 4, 3), (8e-3, 8e-3, 6e-3))
+    places = np.array([[0.0, 0.0, 0.106], [0.0, 0.0, 0.10599]])
+    path = ToolPath(np.arange(2.0), places)
+    ball = RigidTool(SphereShape(0.1), path, contact_facets=side(mesh, 2, 6e-3))
+    supports = rollers(mesh, ((0, 0.0), (1, 0.0), (2, 0.0)))
+    problem = Problem(mesh, Material(5e3, 0.3), supports, (), tools=(ball,))
+    (felt,) = solve_static(problem, strain=Strain.LINEAR, degree=2).tools
+    # A quarter of Hertz' force has 1.83e-5 N; a dozen nodes touch, and the block is no half space.
+    assert felt.forces[-1][2] == pytest.approx(1.83e-5, rel=0.1)
