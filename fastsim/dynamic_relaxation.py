@@ -75,6 +75,7 @@ def relax(
     relative_tolerance: float = 1e-10,
     max_steps: int = 1_000_000,
     num_threads: int = 1,
+    device: str = "cpu",
     contact: ContactLaw | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> RelaxationResult:
@@ -89,6 +90,7 @@ def relax(
         relative_tolerance: Residual over the load's norm, or the reactions' where supports move.
         max_steps: Where to give up.
         num_threads: At least 1.
+        device: On which the steps are made; as `ExplicitBody` says.
         contact: How tools are kept out: None is the constraint.
         progress: Called with one line now and then.
 
@@ -106,7 +108,7 @@ def relax(
         lowest frequency, Newton's hardly does.
     """
     require_supported(problem)
-    run = _Relaxation(problem, strain, element, relative_tolerance, num_threads, contact)
+    run = _Relaxation(problem, strain, element, relative_tolerance, num_threads, device, contact)
     blown: BlowUpError | None = None
     ramp = _FIRST_RAMP
     for start in range(1, _MOST_STARTS + 1):
@@ -152,6 +154,7 @@ class _Relaxation:
         element: Element,
         relative_tolerance: float,
         num_threads: int,
+        device: str,
         contact: ContactLaw | None,
     ) -> None:
         self.steps = 0
@@ -161,7 +164,7 @@ class _Relaxation:
         self._strain = strain
         self._element = element
         self._tolerance = relative_tolerance
-        self._num_threads = num_threads
+        self._num_threads, self._device = num_threads, device
         self._supports = HeldPoints(problem)
         self.body = Body.of(problem, strain, element=element)
         self._bound = self._gershgorin()
@@ -197,6 +200,7 @@ class _Relaxation:
             support_amplitude=ramp,
             mass=mass,
             num_threads=self._num_threads,
+            device=self._device,
             tools=tools,
         )
         self.history = []

@@ -74,6 +74,7 @@ def simulate(
     support_amplitude: Amplitudes = None,
     precision: Precision = Precision.DOUBLE,
     num_threads: int = 1,
+    device: str = "cpu",
     tracks_energy: bool = False,
     contact: ContactLaw | None = None,
     body_contact: ContactLaw | None = None,
@@ -96,6 +97,7 @@ def simulate(
         support_amplitude: The same for the prescribed displacements of the supports.
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
+        device: "cpu" is the compiled core; others as `ExplicitBody` says.
         tracks_energy: Sum up work and losses at every step (slower).
         contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
@@ -126,6 +128,7 @@ def simulate(
         support_amplitude=support_amplitude,
         precision=precision,
         num_threads=num_threads,
+        device=device,
         tracks_energy=tracks_energy,
         contact=contact,
         body_contact=body_contact,

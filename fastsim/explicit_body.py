@@ -21,7 +21,7 @@ from palpate.fastsim.contact.explicit_tools import (
 from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_diagnosis import diagnose
 from palpate.fastsim.explicit_loads import ExplicitLoads
-from palpate.fastsim.instruction_sets import chosen_instruction_set
+from palpate.fastsim.explicit_run import make_run
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
@@ -58,6 +58,9 @@ class ExplicitBody:
         support_amplitude: The same for the prescribed displacements of the supports.
         precision: Of the step; loads, states and energies are float64 all the same.
         num_threads: At least 1. A run repeats bit for bit for a given number.
+        device: "cpu" is the compiled core; "cuda:0" a GPU and "warp:cpu" its kernels on the
+            processor, which need the extra `gpu` and do what `palpate.fastsim.gpu` says.
+        is_repeatable: On a device: sums in one order, bit for bit; else as they come.
         tracks_energy: Sum up work and losses at every step (slower).
         contact: How tools are kept out: None is the constraint, for force-driven ones a penalty.
         body_contact: A penalty for bodies that touch each other or themselves (the parts of the
@@ -75,7 +78,8 @@ class ExplicitBody:
         tools: The rigid tools; None without any.
 
     Raises:
-        InputError: A number of threads below 1, or loads or supports that make no sense.
+        InputError: A number of threads below 1, loads or supports that make no sense, or a device
+            that is not there or cannot do this.
         UnstableStepError: The chosen step is above the critical one.
         ToolError: A tool is in the body at the start, slips between its vertices, or is faster
             than they can follow.
@@ -108,6 +112,8 @@ class ExplicitBody:
         support_amplitude: Amplitudes = None,
         precision: Precision = Precision.DOUBLE,
         num_threads: int = 1,
+        device: str = "cpu",
+        is_repeatable: bool = True,
         tracks_energy: bool = False,
         contact: ContactLaw | None = None,
         body_contact: ContactLaw | None = None,
@@ -151,17 +157,18 @@ class ExplicitBody:
             self.time_step, 0.0 if span is None or mass is not None else span.mass_damping
         )
         self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
-        self._run = _core.ExplicitRun.make(
-            self.elastic.core,
+        self._run = make_run(
+            problem,
+            self.elastic,
             self._mass,
             self._loads.is_free,
-            time_step=self.time_step,
-            mass_damping=self._scheme.mass_damping,
+            scheme=self._scheme,
             displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
-            num_threads=num_threads,
-            at_most=chosen_instruction_set(),
             is_single=precision is Precision.SINGLE,
             tracks_energy=tracks_energy,
+            num_threads=num_threads,
+            device=device,
+            is_repeatable=is_repeatable,
         )
         self._loads.attach(self._run)
         if self.tools is not None:

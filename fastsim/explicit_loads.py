@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Amplitudes, Histories
+from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.moving_supports import MovingSupports
 from palpate.fastsim.supports import HeldPoints
@@ -51,7 +51,7 @@ class ExplicitLoads:
             else:
                 self._dead[history] += external_force(self._alone(load))
 
-    def attach(self, run: _core.ExplicitRun) -> None:
+    def attach(self, run: ExplicitRun) -> None:
         """Give all of them to a run."""
         for history, forces in enumerate(self._dead):
             run.set_dead_load(history, forces)
@@ -67,7 +67,7 @@ class ExplicitLoads:
         if self._moving.slides is not None:
             run.set_sliding_supports(*self._moving.slides)
 
-    def apply(self, run: _core.ExplicitRun, force: ArrayLike, points: ArrayLike | None) -> None:
+    def apply(self, run: ExplicitRun, force: ArrayLike, points: ArrayLike | None) -> None:
         """Push with other forces besides, in the place of those applied before."""
         total = np.zeros_like(self._applied)
         rows = np.arange(len(total)) if points is None else np.asarray(points, dtype=np.int64)

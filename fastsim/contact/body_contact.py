@@ -23,6 +23,7 @@ from palpate.fastsim.contact.contact_law import (
     explicit_stiffness,
     layer_stiffness,
 )
+from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.fastsim.forces import lumped_areas
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Indices, Points
@@ -79,7 +80,7 @@ class BodyContact:
             critical_time_step, _PRESSING * self.stiffness / lightest
         )
 
-    def attach(self, run: _core.ExplicitRun) -> None:
+    def attach(self, run: ExplicitRun) -> None:
         """Give the contact to a run."""
         mesh = self._mesh
         run.set_self_contact(

@@ -26,6 +26,7 @@ from palpate.fastsim.contact.tool_checks import (
     require_outside,
 )
 from palpate.fastsim.contact.tool_contact import POSE, ToolContact, core_path
+from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
@@ -140,7 +141,7 @@ class ExplicitTools:
         pairs = zip(self.contacts, self.stiffnesses, strict=True)
         return [(contact, k) for contact, k in pairs if k is not None]
 
-    def attach(self, run: _core.ExplicitRun, time_step: float, *, is_timed: bool) -> None:
+    def attach(self, run: ExplicitRun, time_step: float, *, is_timed: bool) -> None:
         """Give the tools to a run; where times are real, refuse those that are too fast."""
         rest = np.ascontiguousarray(self._problem.mesh.points)
         for number, (contact, k) in enumerate(zip(self.contacts, self.stiffnesses, strict=True)):

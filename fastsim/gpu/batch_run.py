@@ -1,0 +1,342 @@
+"""A batch of bodies on a device: plans in, states out. All steps of a call are one go.
+
+On a GPU a block of `BLOCK` steps with the monitor's look is captured as a CUDA graph once and
+replayed: the rows of the plan are counted on the device, so that a graph knows no step's number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.fastsim import _core
+from palpate.fastsim.body import Body
+from palpate.fastsim.gpu.body_data import BodyData
+from palpate.fastsim.gpu.device_arrays import scheme_arrays
+from palpate.fastsim.gpu.devices import load_warp, warp_name
+from palpate.fastsim.gpu.kernels.stepping import NONE
+from palpate.fastsim.gpu.launches import BLOCK, Launches
+from palpate.fastsim.gpu.mesh_arrays import MeshArrays
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Strain
+
+_REASONS = tuple(_core.StopReason)
+_TOOL_STEP = 13  # numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What drives the steps of a body: a row for the time before each, and one for the end.
+
+    Attributes:
+        factors: Of its histories [-], shape (num_steps + 1, num_histories).
+        tools: Where its tools' paths are, shape (num_steps + 1, 13 num_tools).
+    """
+
+    factors: Floats
+    tools: Floats
+
+    @property
+    def num_steps(self) -> int:
+        """Between the rows."""
+        return len(self.factors) - 1
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Good steps done in a call, why it ended, and the point that moved fastest, or -1."""
+
+    steps_done: int
+    reason: _core.StopReason
+    point: int
+
+
+class BatchRun:
+    """Bodies on one mesh in explicit motion on a device.
+
+    Args:
+        bodies: One or more, with the same mesh, strain and element.
+        device: "warp:cpu" or "cuda:0".
+        precision: "float32" or "float64".
+        is_repeatable: Two runs have the same bits; else forces are added as they come, which
+            takes a launch less and a third of the memory.
+        tracks_energy: Keep the balance of energy.
+
+    Raises:
+        InputError: Bodies that do not go together.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[BodyData],
+        *,
+        device: str,
+        precision: str,
+        is_repeatable: bool = True,
+        tracks_energy: bool = False,
+    ) -> None:
+        first = bodies[0].body
+        for data in bodies:
+            _require_alike(data.body, first)
+        kinds, moduli = moduli_of([b.body for b in bodies])
+        wp = load_warp(device)
+        self._wp, self._bodies = wp, list(bodies)
+        self.device, self.precision = device, precision
+        gradients = first.shape_gradients[:, 1:]
+        is_smoothed = first.element is Element.SMOOTHED
+        self.launches = Launches(
+            wp,
+            warp_name(device),
+            precision,
+            bodies,
+            MeshArrays.of(first.mesh, gradients, kinds, is_smoothed=is_smoothed),
+            moduli,
+            is_green=first.strain is Strain.GREEN,
+            is_atomic=not is_repeatable,
+            tracks_energy=tracks_energy,
+        )
+        self._is_gpu = wp.get_device(warp_name(device)).is_cuda
+        self._graphs: dict[bool, Any] = {}
+        self._room = 0
+
+    def __len__(self) -> int:
+        return len(self._bodies)
+
+    def set_state(self, body: int, displacement: Points, increment: Points, energy: float) -> None:
+        """Start a body afresh. `energy` is what the state holds already [J], for the monitor."""
+        m, held = self.launches.motion, self._bodies[body].is_free == 0
+        start = np.where(held, 0.0, increment)
+        for name, rows in (
+            ("displacement", displacement), ("good_displacement", displacement),
+            ("counted", displacement), ("increment", start), ("good_increment", start),
+        ):  # fmt: skip
+            getattr(m, name)[body].assign(rows)
+        for name in ("pressure", "touch", "force", "external", "given"):
+            getattr(m, name)[body].zero_()
+        m.at_start[body : body + 1].fill_(energy)
+        for name in ("begun", "open_sums"):
+            getattr(m, name)[body : body + 1].zero_()
+        if (t := self.launches.tools) is not None:
+            for name in ("begins", "is_known", "impulses", "increments", "offsets"):
+                getattr(t, name)[body].zero_()
+        if (b := self.launches.balance) is not None:
+            for array in (b.kinetic, b.work, b.loss):
+                array[body].zero_()
+
+    def set_dead_load(self, body: int, history: int, forces: Points) -> None:
+        """Other dead loads of a history [N]."""
+        self._bodies[body].dead[history] = forces.copy()
+        loads = self.launches.loads
+        if history in loads.numbers:
+            loads.dead[body][loads.numbers.index(history)].assign(forces)
+        elif forces.any():
+            from palpate.fastsim.gpu.device_arrays import load_arrays
+
+            self.launches.loads = load_arrays(self.launches.make, self._bodies)
+            self._graphs = {}
+
+    def set_mass_damping(self, body: int, mass_damping: float) -> None:
+        """Change D = mass_damping M [1/s]."""
+        self._bodies[body].mass_damping = mass_damping
+        new, old = scheme_arrays(self.launches.make, self._bodies), self.launches.scheme
+        for name, array in vars(new).items():
+            self._wp.copy(getattr(old, name), array)
+
+    def get_state(self, body: int, displacement: Points, increment: Points) -> None:
+        """Copy a body's state into arrays of the caller's."""
+        m = self.launches.motion
+        displacement[:] = m.displacement[body].numpy()
+        increment[:] = m.increment[body].numpy()
+
+    def advance(self, plans: Sequence[Plan]) -> list[Outcome]:
+        """The steps of each body's plan, or fewer if it leaves its bounds."""
+        counts = [plan.num_steps for plan in plans]
+        self._upload(plans)
+        self._begin(np.array(counts, dtype=np.int32))
+        changes = self._loads_change(plans)
+        if not changes:
+            self.launches.combine_loads()
+        left = max(counts)
+        while left >= BLOCK and self._is_gpu:
+            self._replay(changes)
+            left -= BLOCK
+        while left > 0:
+            self.launches.step_block(min(left, BLOCK), loads_change=changes)
+            left -= BLOCK
+        return self._outcomes()
+
+    def look(self, plans: Sequence[Plan], bodies: Sequence[int]) -> list[Outcome]:
+        """Find all that pushes at the present state of some bodies, for records and energies."""
+        self._upload(plans)
+        going = np.zeros(len(self), dtype=np.int32)
+        going[list(bodies)] = 1
+        self._begin(going)
+        self.launches.find_forces(loads_change=True)
+        self.launches.sum_energies(begins=False)
+        m = self.launches.motion
+        inverted = m.inverted.numpy()
+        found = []
+        for body in bodies:
+            reason = _core.StopReason.none
+            steps = 0
+            if inverted[body] != 0:
+                reason = _core.StopReason.inverted_cell
+                steps = self._step_back(body)
+            found.append(Outcome(steps, reason, -1))
+        return found
+
+    def internal_force(self, body: int) -> Points:
+        """R(a) as the kernels see it [N], shape (num_points, 3)."""
+        self._begin(np.ones(len(self), dtype=np.int32))
+        self.launches.find_internal_force()
+        force: Points = self.launches.motion.force[body].numpy().astype(np.float64)
+        return force
+
+    def contact_force(self, body: int) -> Points:
+        """Of tools on the points [N], shape (num_points, 3)."""
+        force: Points = self.launches.motion.touch[body].numpy().astype(np.float64)
+        return force
+
+    def energies(self, body: int) -> tuple[float, float, float]:
+        """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""
+        if (b := self.launches.balance) is None:
+            return 0.0, 0.0, 0.0
+        kinetic = float(b.kinetic[body].numpy().sum())
+        return (
+            kinetic,
+            float(b.work[body].numpy()[:, 0].sum()),
+            float(b.loss[body].numpy()[:, 0].sum()),
+        )
+
+    def take_tool_records(self, body: int) -> Floats:
+        """What acts on the tools, shape (num_tools, 11) as the core's; impulses begin anew."""
+        if (t := self.launches.tools) is None:
+            return np.zeros((0, 11))
+        records: Floats = np.column_stack(
+            [
+                t.forces[body].numpy(), t.moments[body].numpy(), t.impulses[body].numpy(),
+                t.offsets[body].numpy(), t.gaps[body].numpy(),
+            ]
+        )  # fmt: skip
+        t.impulses[body].zero_()
+        return records
+
+    def _upload(self, plans: Sequence[Plan]) -> None:
+        """The rows of all plans, one below the other; buffers grow, and with them go the graphs."""
+        rows = max(len(plan.factors) for plan in plans)
+        histories = max(plan.factors.shape[1] for plan in plans)
+        num_tools = 0 if self.launches.tools is None else self.launches.tools.count
+        many, make = len(self), self.launches.make
+        if rows > self._room:
+            self._room = max(rows, 2 * self._room, BLOCK + 1)
+            shape = (many, self._room, histories)
+            self.launches.factors = make.zeros(shape, make.real)
+            self.launches.changes = make.zeros(shape, make.real)
+            steps = (many, self._room, num_tools)
+            vec13 = self._wp.types.vector(_TOOL_STEP, self._wp.float64)
+            self.launches.tool_steps = make.zeros(steps, vec13) if num_tools else None
+            self._graphs = {}
+        factors = np.zeros((many, self._room, histories))
+        changes = np.zeros_like(factors)
+        for body, plan in enumerate(plans):
+            factors[body, : len(plan.factors), : plan.factors.shape[1]] = plan.factors
+            changes[body, : plan.num_steps, : plan.factors.shape[1]] = np.diff(plan.factors, axis=0)
+        self.launches.factors.assign(factors)
+        self.launches.changes.assign(changes)
+        if num_tools:
+            steps_of = np.zeros((many, self._room, num_tools, _TOOL_STEP))
+            for body, plan in enumerate(plans):
+                steps_of[body, : len(plan.tools)] = plan.tools.reshape(-1, num_tools, _TOOL_STEP)
+            self.launches.tool_steps.assign(steps_of)
+
+    def _begin(self, counts: Indices) -> None:
+        m = self.launches.motion
+        for name in ("row", "status", "since_good", "inverted", "outside", "unknown"):
+            getattr(m, name).zero_()
+        m.last_row.assign(counts)
+        m.go.assign((counts > 0).astype(np.int32))
+
+    def _loads_change(self, plans: Sequence[Plan]) -> bool:
+        """Does the factor of a dead load differ from one step of a plan to the next?"""
+        numbers = self.launches.loads.numbers
+        return any(
+            (plan.factors[:-1, h] != plan.factors[0, h]).any()
+            for plan in plans
+            for h in numbers
+            if h < plan.factors.shape[1] and plan.num_steps > 0
+        )
+
+    def _replay(self, changes: bool) -> None:
+        """A block of steps as a graph; captured where there is none yet."""
+        wp, device = self._wp, self.launches.device
+        if changes not in self._graphs:
+            for module in self.launches.modules:
+                module.load(wp.get_device(device))  # nothing may be compiled while capturing
+            with wp.ScopedCapture(device=device) as capture:
+                self.launches.step_block(BLOCK, loads_change=changes)
+            self._graphs[changes] = capture.graph
+        wp.capture_launch(self._graphs[changes])
+
+    def _outcomes(self) -> list[Outcome]:
+        m = self.launches.motion
+        status, rows, since = (a.numpy() for a in (m.status, m.row, m.since_good))
+        found = []
+        for body in range(len(self)):
+            done, point = int(rows[body]), -1
+            if status[body] != NONE:
+                if _REASONS[status[body]] is _core.StopReason.inverted_cell:
+                    done += self._step_back(body)
+                else:
+                    point = self._fastest(body)
+                    done -= int(since[body])
+                    self._wp.copy(m.displacement[body], m.good_displacement[body])
+                    self._wp.copy(m.increment[body], m.good_increment[body])
+            found.append(Outcome(done, _REASONS[status[body]], point))
+        return found
+
+    def _step_back(self, body: int) -> int:
+        """To the state before the last step, if one was made; minus the number of steps."""
+        m = self.launches.motion
+        if m.begun.numpy()[body] == 0:
+            return 0
+        back = m.displacement[body].numpy() - m.increment[body].numpy()
+        m.displacement[body].assign(back)
+        return -1
+
+    def _fastest(self, body: int) -> int:
+        """The point that moves fastest; the first NaN counts as such."""
+        d = self.launches.motion.increment[body].numpy().astype(np.float64)
+        return int(np.argmax((d**2 * (self._bodies[body].is_free != 0)).sum(axis=1)))
+
+
+def moduli_of(bodies: Sequence[Body]) -> tuple[Indices, Floats]:
+    """Kinds of cells, alike in all bodies, and of each body and kind lmbda and mu [Pa].
+
+    Raises:
+        InputError: Smoothed cells that are of one material in a body and of two in another.
+    """
+    moduli = np.array([np.column_stack([b.lmbda, b.mu]) for b in bodies])
+    columns = moduli.transpose(1, 0, 2).reshape(moduli.shape[1], -1)
+    table, kinds = np.unique(columns, axis=0, return_inverse=True)
+    if bodies[0].element is Element.SMOOTHED:
+        for body in moduli:
+            if len(np.unique(body, axis=0)) != len(table):
+                raise InputError(
+                    "smoothed cells are averaged within one material: bodies of a batch need "
+                    "their inclusions in the same cells"
+                )
+    of_bodies = table.reshape(len(table), len(bodies), 2).transpose(1, 0, 2)
+    return kinds.reshape(-1).astype(np.int32), of_bodies.reshape(len(bodies), -1)
+
+
+def _require_alike(body: Body, first: Body) -> None:
+    same_mesh = body.mesh is first.mesh or (
+        np.array_equal(body.mesh.points, first.mesh.points)
+        and np.array_equal(body.mesh.cells, first.mesh.cells)
+    )
+    if not (same_mesh and body.strain is first.strain and body.element is first.element):
+        raise InputError("bodies of a batch need the same mesh, strain and element")

@@ -1,0 +1,276 @@
+"""The arrays of a run on its device: the mesh's, and those of all bodies of a batch.
+
+An array of bodies has a row for each; a vector of three numbers is one entry of Warp's. What no
+body of the batch has (pressure, moving supports, tools) has no arrays and no launches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.fastsim.gpu.body_data import BodyData
+from palpate.fastsim.gpu.kernels.touching import CHUNK
+from palpate.fastsim.gpu.mesh_arrays import Groups, MeshArrays
+from palpate.meshes.arrays import Floats
+from palpate.meshes.errors import InputError
+
+
+class Maker:
+    """Makes arrays of one precision on one device."""
+
+    def __init__(self, wp: Any, device: str, precision: str) -> None:
+        self.wp, self.device = wp, device
+        self.real = getattr(wp, precision)
+        self.vec3 = wp.types.vector(3, self.real)
+        self.vec6 = wp.types.vector(6, self.real)
+        self.mat33 = wp.types.matrix((3, 3), self.real)
+
+    def array(self, numbers: ArrayLike, dtype: Any) -> Any:
+        """A copy on the device."""
+        return self.wp.array(np.ascontiguousarray(numbers), dtype=dtype, device=self.device)
+
+    def zeros(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
+        """All zero."""
+        return self.wp.zeros(shape, dtype=dtype, device=self.device)
+
+    def groups(self, groups: Groups) -> tuple[Any, Any]:
+        """Starts and members."""
+        return self.array(groups.start, int), self.array(groups.members, int)
+
+
+def mesh_arrays(make: Maker, mesh: MeshArrays, num_bodies: int, *, is_atomic: bool) -> Any:
+    """What the forces of cells need: the mesh, and room for what passes between launches."""
+    wp = make.wp
+    found = SimpleNamespace(
+        corners=make.array(mesh.corners, wp.vec4i),
+        gradients=make.array(mesh.gradients, make.mat33),
+        volumes=make.array(mesh.volumes, make.real),
+        kinds=make.array(mesh.kinds, int),
+        num_kinds=int(mesh.kinds.max()) + 1,
+        patches=None,
+    )
+    found.gather = make.groups(mesh.gather)
+    count = 0 if is_atomic else 4 * len(mesh.corners)
+    found.cell_forces = make.zeros((num_bodies, count), make.vec3)
+    if mesh.patches is not None:
+        p = mesh.patches
+        found.patches = SimpleNamespace(
+            cell_edges=make.array(p.cell_edges, wp.types.vector(6, int)),
+            cell_nodes=make.array(p.cell_nodes, wp.vec4i),
+            edges=make.groups(p.edges),
+            nodes=make.groups(p.nodes),
+            edge_weights=make.array(p.edge_weights, make.real),
+            node_weights=make.array(p.node_weights, make.real),
+            edge_kinds=make.array(p.edge_kinds, int),
+            node_kinds=make.array(p.node_kinds, int),
+            num_edges=len(p.edge_weights),
+            num_nodes=len(p.node_weights),
+            strains=make.zeros((num_bodies, len(mesh.corners)), make.vec6),
+            stresses=make.zeros((num_bodies, len(p.edge_weights)), make.vec6),
+            pressures=make.zeros((num_bodies, len(p.node_weights)), make.real),
+        )
+    return found
+
+
+def motion_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
+    """State, loads, masses and counts of all bodies."""
+    wp, real, vec3 = make.wp, make.real, make.vec3
+    many, num_points = len(bodies), len(bodies[0].mass)
+    shape = (many, num_points)
+    names = ("displacement", "increment", "force", "external", "pressure", "touch", "counted",
+             "good_displacement", "good_increment")  # fmt: skip
+    found = SimpleNamespace(**{name: make.zeros(shape, vec3) for name in names})
+    found.is_free = make.array([b.is_free for b in bodies], vec3)
+    found.mass = make.array([b.mass for b in bodies], wp.float64)
+    found.given = make.zeros(shape, real)
+    found.total_mass = make.array([b.mass.sum() for b in bodies], wp.float64)
+    found.time_step = make.array([b.time_step for b in bodies], wp.float64)
+    found.at_start = make.zeros(many, wp.float64)
+    for name in ("go", "status", "row", "last_row", "since_good", "begun", "inverted", "outside",
+                 "unknown", "is_good", "open_sums"):  # fmt: skip
+        setattr(found, name, make.zeros(many, int))
+    found.num_chunks = max(1, min(1024, num_points // 32))
+    found.sums = make.zeros((many, found.num_chunks), wp.vec3d)
+    return found
+
+
+def scheme_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
+    """What changes with the damping."""
+    return SimpleNamespace(
+        keep=make.array([b.keep for b in bodies], make.real),
+        mobility=make.array([b.mobility for b in bodies], make.vec3),
+        damping=make.array([b.mass_damping for b in bodies], make.wp.float64),
+        # Of the wall's speed into energy over a mobility: half m (d / dt)^2.
+        speed_share=make.array([0.5 / (1.0 + b.half_damping) for b in bodies], make.real),
+    )
+
+
+def load_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any:
+    """Dead loads of the histories that have one in some body."""
+    histories = sorted({h for b in bodies for h, force in b.dead.items() if force.any()})
+    shape = (len(bodies), len(histories), len(bodies[0].mass), 3)
+    dead = np.zeros(shape)
+    for k, body in enumerate(bodies):
+        for n, history in enumerate(histories):
+            if history in body.dead:
+                dead[k, n] = body.dead[history]
+    return SimpleNamespace(
+        numbers=histories,
+        histories=make.array(np.array(histories, dtype=np.int32), int),
+        dead=make.array(dead, make.vec3),
+    )
+
+
+def pressure_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
+    """Facets of all bodies one after another; those of others press a body with zero."""
+    counts = [len(b.pressures) for b in bodies]
+    if not any(counts):
+        return None
+    lists = [b.facets for b in bodies]
+    if all(len(f) == len(lists[0]) and (f == lists[0]).all() for f in lists):
+        facets, starts = lists[0], [0] * len(bodies)
+    else:
+        facets, starts = np.concatenate(lists), [0, *np.cumsum(counts)[:-1].tolist()]
+    pressures = np.zeros((len(bodies), len(facets)))
+    histories = np.full((len(bodies), len(facets)), -1, dtype=np.int32)
+    for k, (body, start) in enumerate(zip(bodies, starts, strict=True)):
+        pressures[k, start : start + counts[k]] = body.pressures
+        histories[k, start : start + counts[k]] = body.pressure_histories
+    pressed, numbers = np.unique(facets, return_inverse=True)
+    places = Groups.of(numbers, len(pressed))
+    return SimpleNamespace(
+        pressed=pressed,
+        points=make.array(bodies[0].body.mesh.points, make.vec3),
+        facets=make.array(facets, make.wp.vec3i),
+        pressures=make.array(pressures, make.real),
+        histories=make.array(histories, int),
+        on=make.array(pressed, int),
+        at=make.groups(Groups(places.start, (places.members // 3).astype(np.int32))),
+        shares=make.zeros((len(bodies), len(facets)), make.vec3),
+    )
+
+
+def support_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
+    """Points that some body's supports move; where another's do not, no history is named."""
+    num_points = len(bodies[0].mass)
+    tables = []
+    for body in bodies:
+        values, histories = body.support_values, body.support_histories
+        if values is None or histories is None:
+            values, histories = np.zeros((num_points, 3)), np.full((num_points, 3), -1)
+        tables.append((values.reshape(-1, num_points, 3), histories.reshape(-1, num_points, 3)))
+    moves = np.any([(h >= 0).any(axis=(0, 2)) for _, h in tables], axis=0)
+    moving = np.flatnonzero(moves).astype(np.int32)
+    if not len(moving):
+        return None
+    terms = max(len(values) for values, _ in tables)
+    of_values = np.zeros((len(bodies), len(moving), terms, 3))
+    of_histories = np.full((len(bodies), len(moving), terms, 3), -1, dtype=np.int32)
+    for k, (values, histories) in enumerate(tables):
+        of_values[k, :, : len(values)] = values[:, moving].transpose(1, 0, 2)
+        of_histories[k, :, : len(values)] = histories[:, moving].transpose(1, 0, 2)
+    shape = (len(bodies), len(moving))
+    flat = (len(bodies), len(moving) * terms, 3)
+    return SimpleNamespace(
+        moving=make.array(moving, int),
+        num_terms=terms,
+        values=make.array(of_values.reshape(flat), make.vec3),
+        histories=make.array(of_histories.reshape(flat), make.wp.vec3i),
+        last=make.zeros(shape, make.vec3),
+        ahead=make.zeros(shape, make.vec3),
+        inner=make.zeros(shape, make.vec3),
+    )
+
+
+def slide_arrays(make: Maker, bodies: Sequence[BodyData]) -> Any | None:
+    """Points that slide in some body."""
+    given = [b.slides for b in bodies]
+    found = [g[0] for g in given if g is not None and len(g[0])]
+    if not found:
+        return None
+    points = np.unique(np.concatenate(found)).astype(np.int32)
+    many = len(bodies)
+    directions = np.zeros((many, 2 * len(points), 3))
+    values = np.zeros((many, 2 * len(points)))
+    histories = np.full((many, 2 * len(points)), -1, dtype=np.int32)
+    for k, slides in enumerate(given):
+        if slides is None:
+            continue
+        rows = 2 * np.searchsorted(points, slides[0])[:, None] + np.arange(2)
+        directions[k, rows] = slides[1].reshape(-1, 2, 3)
+        values[k, rows], histories[k, rows] = slides[2], slides[3]
+    return SimpleNamespace(
+        points=make.array(points, int),
+        directions=make.array(directions, make.vec3),
+        values=make.array(values, make.real),
+        histories=make.array(histories, int),
+        last=make.zeros((many, 2 * len(points)), make.real),
+        ahead=make.zeros((many, 2 * len(points)), make.real),
+        pull=make.zeros((many, 2 * len(points)), make.real),
+    )
+
+
+def tool_arrays(make: Maker, bodies: Sequence[BodyData], Tool: Any) -> Any | None:
+    """Tools, each with the vertices it may touch, the same in all bodies.
+
+    Raises:
+        InputError: Bodies of a batch with other tools, or tools on other vertices.
+    """
+    tools = bodies[0].tools
+    same = all(
+        len(b.tools) == len(tools)
+        and all(np.array_equal(x.vertices, y.vertices) for x, y in zip(b.tools, tools, strict=True))
+        for b in bodies
+    )
+    if not same:
+        raise InputError("bodies of a batch need as many tools, each on the same vertices")
+    if not tools:
+        return None
+    wp, f64 = make.wp, make.wp.float64
+    rows = []
+    for body in bodies:
+        for tool in body.tools:
+            row = Tool()
+            row.shape, row.size = tool.shape, wp.vec3d(*tool.size)
+            row.is_constraint, row.friction = int(tool.is_constraint), tool.friction
+            row.reach, row.deepest, row.mass = tool.reach, tool.deepest, tool.mass
+            row.direction = wp.vec3d(*tool.direction)
+            rows.append(row)
+    first = np.concatenate([[0], np.cumsum([len(t.vertices) for t in tools])]).tolist()
+    vertices = np.concatenate([t.vertices for t in tools])
+    many, count, total = len(bodies), len(tools), len(vertices)
+    stiffness = np.array([np.concatenate([t.stiffnesses for t in b.tools]) for b in bodies])
+    most = max(1, -(-max(len(t.vertices) for t in tools) // CHUNK))
+    return SimpleNamespace(
+        count=count,
+        first=first,
+        touched=np.unique(vertices),
+        tools=wp.array(rows, dtype=Tool, device=make.device).reshape((many, count)),
+        vertices=make.array(vertices, int),
+        stiffness=make.array(stiffness, f64),
+        rest=make.array(bodies[0].body.mesh.points, wp.vec3d),
+        begins=make.zeros((many, total), wp.vec3d),
+        is_known=make.zeros((many, total), int),
+        acting=make.zeros((many, total), wp.vec3d),
+        vertex_moments=make.zeros((many, total), wp.vec3d),
+        extremes=make.zeros((many, total), wp.vec2d),
+        chunk_forces=make.zeros((many, most), wp.vec3d),
+        chunk_moments=make.zeros((many, most), wp.vec3d),
+        chunk_extremes=make.zeros((many, most), wp.vec2d),
+        forces=make.zeros((many, count), wp.vec3d),
+        moments=make.zeros((many, count), wp.vec3d),
+        gaps=make.zeros((many, count), f64),
+        impulses=make.zeros((many, count), wp.vec3d),
+        increments=make.zeros((many, count), f64),
+        offsets=make.zeros((many, count), f64),
+    )
+
+
+def moduli_array(make: Maker, moduli: Floats) -> Any:
+    """Of each body and kind lmbda and mu, shape (num_bodies, 2 num_kinds)."""
+    return make.array(moduli, make.real)

@@ -1,0 +1,182 @@
+"""One body on a device, behind the words of the core's explicit run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim import _core
+from palpate.fastsim.gpu.batch_run import BatchRun, Plan
+from palpate.fastsim.gpu.body_data import BodyData, ToolData, require_supported, shape_numbers
+from palpate.fastsim.gpu.errors import UnsupportedOnDeviceError
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.problem import Problem
+
+if TYPE_CHECKING:
+    from palpate.fastsim.body import Body
+
+
+class DeviceRun:
+    """Collects what it is told, and becomes a batch of one at the first `set_state`.
+
+    In a batch of several, `join` gives it its place instead.
+
+    Args:
+        problem: Whose tools these are.
+        body: At rest.
+        mass: Lumped [kg], shape (num_points,).
+        is_free: 1 where free, shape (num_points, 3).
+        device, precision, is_repeatable, tracks_energy: See `BatchRun`.
+        time_step, mass_damping, displacement_limit: [s], [1/s], [m].
+
+    Raises:
+        UnsupportedOnDeviceError: A law, contact or tool that only the core has.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        body: Body,
+        mass: Floats,
+        is_free: NDArray[np.uint8],
+        *,
+        device: str,
+        precision: str,
+        is_repeatable: bool,
+        tracks_energy: bool,
+        time_step: float,
+        mass_damping: float,
+        displacement_limit: float,
+    ) -> None:
+        require_supported(body, device)
+        self._problem, self._device = problem, device
+        self.options = {
+            "device": device,
+            "precision": precision,
+            "is_repeatable": is_repeatable,
+            "tracks_energy": tracks_energy,
+        }
+        self.data = BodyData(
+            body, mass, is_free.astype(np.float64), time_step, mass_damping, displacement_limit
+        )
+        self._batch: BatchRun | None = None
+        self._number = 0
+        self.instruction_set = device
+
+    @property
+    def batch(self) -> BatchRun:
+        """Where it runs; made when first asked for."""
+        if self._batch is None:
+            self._batch = BatchRun([self.data], **self.options)  # type: ignore[arg-type]
+        return self._batch
+
+    def join(self, batch: BatchRun, number: int) -> None:
+        """Run in a batch of several, as one of them."""
+        self._batch, self._number = batch, number
+
+    def set_state(self, displacement: Points, increment: Points, energy: float) -> None:
+        """See `BatchRun.set_state`."""
+        self.batch.set_state(self._number, displacement, increment, energy)
+
+    def get_state(self, displacement: Points, increment: Points) -> None:
+        """Copy the state into arrays of the caller's."""
+        self.batch.get_state(self._number, displacement, increment)
+
+    def set_dead_load(self, history: int, forces: Points) -> None:
+        """Forces of a history [N]."""
+        if self._batch is None:
+            self.data.dead[history] = forces.copy()
+        else:
+            self._batch.set_dead_load(self._number, history, forces)
+
+    def set_pressure(
+        self,
+        points: Points,  # noqa: ARG002
+        facets: NDArray[np.int32],
+        pressures: Floats,
+        histories: NDArray[np.int32],
+    ) -> None:
+        """Follower pressures [Pa]."""
+        self.data.facets = facets
+        self.data.pressures, self.data.pressure_histories = pressures, histories
+
+    def set_moving_supports(self, values: Floats, histories: NDArray[np.int32]) -> None:
+        """Terms for all points, one after another; history -1 for components without."""
+        self.data.support_values, self.data.support_histories = values, histories
+
+    def set_sliding_supports(
+        self,
+        points: NDArray[np.int32],
+        directions: Floats,
+        values: Floats,
+        histories: NDArray[np.int32],
+    ) -> None:
+        """Points held along one or two directions."""
+        self.data.slides = (points, directions, values, histories)
+
+    def set_mass_damping(self, mass_damping: float) -> None:
+        """Change D = mass_damping M [1/s]."""
+        self.data.mass_damping = mass_damping
+        if self._batch is not None:
+            self._batch.set_mass_damping(self._number, mass_damping)
+
+    def add_tool(
+        self,
+        shape: _core.ToolShape,  # noqa: ARG002
+        *,
+        is_constraint: bool,
+        friction: float,
+        reach: float,
+        deepest: float,
+        direction: tuple[float, float, float],
+        mass: float,
+        points: Points,  # noqa: ARG002
+        vertices: NDArray[np.int32],
+        stiffnesses: Floats,
+    ) -> None:
+        """The problem's next tool."""
+        given = self._problem.tools[len(self.data.tools)].shape
+        kind, size = shape_numbers(given, self._device)
+        self.data.tools.append(
+            ToolData(
+                kind, size, is_constraint, friction, reach, deepest, direction, mass, vertices,
+                np.asarray(stiffnesses, dtype=np.float64),
+            )
+        )  # fmt: skip
+
+    def set_self_contact(self, *args: object, **kwargs: object) -> None:  # noqa: ARG002
+        """Only the core has it."""
+        raise UnsupportedOnDeviceError("contact of a body with itself", self._device)
+
+    def advance(self, factors: Floats, tools: Floats) -> tuple[int, _core.StopReason, int]:
+        """The steps between the rows, or fewer if the run leaves its bounds."""
+        (outcome,) = self.batch.advance([Plan(factors, tools)])
+        return outcome.steps_done, outcome.reason, outcome.point
+
+    def look(self, factors: Floats, tools: Floats) -> tuple[int, _core.StopReason, int]:
+        """Find all that pushes at the present state."""
+        plans = [Plan(factors, tools)] * len(self.batch)
+        (outcome,) = self.batch.look(plans, [self._number])
+        return outcome.steps_done, outcome.reason, outcome.point
+
+    def energies(self) -> tuple[float, float, float]:
+        """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""
+        return self.batch.energies(self._number)
+
+    def take_tool_records(self) -> Floats:
+        """What acts on the tools; impulses begin anew."""
+        return self.batch.take_tool_records(self._number)
+
+    def get_contact_force(self, force: Points) -> None:
+        """Of tools [N]."""
+        force[:] = self.batch.contact_force(self._number)
+
+    def self_overlap(self) -> tuple[int, float]:
+        """None: see `set_self_contact`."""
+        return 0, 0.0
+
+    def internal_force(self, force: Points) -> None:
+        """R(a) as the kernels see it [N]."""
+        force[:] = self.batch.internal_force(self._number)

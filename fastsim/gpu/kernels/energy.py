@@ -1,0 +1,237 @@
+"""The balance of energy step by step, and the monitor of its growth: core/explicit/energy.hpp.
+
+Sums are kept in double precision, whatever the body's: they are what a run is judged by. The
+monitor takes what loads and supports have given by magnitudes, point by point, which is never less
+than what the core counts.
+"""
+
+from typing import Any
+
+from palpate.fastsim.gpu.kernels.kit import Kit
+from palpate.fastsim.gpu.kernels.stepping import ENERGY_GROWTH
+
+# Rows of what a chunk of points adds up to: kinetic energy, what was given, how far.
+NUM_SUMS = 3
+
+
+def make(kit: Kit) -> dict[str, Any]:
+    """The kernels over bodies and points, chunks or supports, and over bodies."""
+    wp, real, vec3 = kit.wp, kit.real, kit.vec3
+    # As in core/explicit/energy.cpp, where it is said why.
+    growth_limit = wp.constant(wp.float64(10.0))
+    energy_growth = wp.constant(ENERGY_GROWTH)
+
+    @wp.func(module=kit.module)
+    def double(v: vec3):
+        return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
+
+    @wp.kernel(module=kit.module)
+    def balance_points(
+        go: wp.array(dtype=int),
+        open_sums: wp.array(dtype=int),
+        begins: int,
+        time_step: wp.array(dtype=wp.float64),
+        damping: wp.array(dtype=wp.float64),
+        mass: wp.array2d(dtype=wp.float64),
+        keep: wp.array(dtype=real),
+        is_free: wp.array2d(dtype=vec3),
+        external: wp.array2d(dtype=vec3),
+        pressure: wp.array2d(dtype=vec3),
+        touch: wp.array2d(dtype=vec3),
+        force: wp.array2d(dtype=vec3),
+        mobility: wp.array2d(dtype=vec3),
+        increment: wp.array2d(dtype=vec3),
+        kinetic: wp.array2d(dtype=wp.float64),
+        work: wp.array2d(dtype=wp.vec2d),
+        loss: wp.array2d(dtype=wp.vec2d),
+    ):
+        body, point = wp.tid()
+        if go[body] == 0:
+            return
+        free = is_free[body, point]
+        push = external[body, point] - force[body, point]
+        step = keep[body] * increment[body, point] + wp.cw_mul(mobility[body, point], push)
+        ahead = double(wp.cw_mul(free, step))
+        behind = double(wp.cw_mul(free, increment[body, point]))
+        load = double(external[body, point])
+        load += double(pressure[body, point]) + double(touch[body, point])
+        dt = time_step[body]
+        speed = (behind + ahead) / (wp.float64(2.0) * dt)
+        squared = mass[body, point] * wp.dot(speed, speed)
+        half_loss = wp.float64(0.5) * dt * damping[body] * squared
+        kinetic[body, point] = wp.float64(0.5) * squared
+        # (what is done, what will be once the step ahead is made)
+        w = work[body, point]
+        o = loss[body, point]
+        if open_sums[body] != 0:
+            w[0] = w[0] + w[1] + wp.float64(0.5) * wp.dot(load, behind)
+            o[0] = o[0] + o[1] + half_loss
+        w[1] = wp.float64(0.0)
+        o[1] = wp.float64(0.0)
+        if begins != 0:
+            w[1] = wp.float64(0.5) * wp.dot(load, ahead)
+            o[1] = half_loss
+        work[body, point] = w
+        loss[body, point] = o
+
+    @wp.kernel(module=kit.module)
+    def balance_supports(
+        go: wp.array(dtype=int),
+        open_sums: wp.array(dtype=int),
+        begins: int,
+        time_step: wp.array(dtype=wp.float64),
+        damping: wp.array(dtype=wp.float64),
+        mass: wp.array2d(dtype=wp.float64),
+        moving: wp.array(dtype=int),
+        last: wp.array2d(dtype=vec3),
+        ahead: wp.array2d(dtype=vec3),
+        inner: wp.array2d(dtype=vec3),
+        kinetic: wp.array2d(dtype=wp.float64),
+        work: wp.array2d(dtype=wp.vec2d),
+        loss: wp.array2d(dtype=wp.vec2d),
+    ):
+        body, k = wp.tid()
+        if go[body] == 0:
+            return
+        point = moving[k]
+        dt = time_step[body]
+        behind = double(last[body, k])
+        next = double(ahead[body, k])
+        m = mass[body, point]
+        speed = (behind + next) / (wp.float64(2.0) * dt)
+        pull = double(inner[body, k]) + m * ((next - behind) / (dt * dt) + damping[body] * speed)
+        squared = m * wp.dot(speed, speed)
+        half_loss = wp.float64(0.5) * dt * damping[body] * squared
+        kinetic[body, point] = kinetic[body, point] + wp.float64(0.5) * squared
+        w = work[body, point]
+        o = loss[body, point]
+        if open_sums[body] != 0:
+            w[0] = w[0] + wp.float64(0.5) * wp.dot(pull, behind)
+            o[0] = o[0] + half_loss
+        if begins != 0:
+            w[1] = w[1] + wp.float64(0.5) * wp.dot(pull, next)
+            o[1] = o[1] + half_loss
+        work[body, point] = w
+        loss[body, point] = o
+
+    @wp.kernel(module=kit.module)
+    def balance_slides(
+        go: wp.array(dtype=int),
+        open_sums: wp.array(dtype=int),
+        begins: int,
+        points: wp.array(dtype=int),
+        last: wp.array2d(dtype=real),
+        ahead: wp.array2d(dtype=real),
+        pull: wp.array2d(dtype=real),
+        work: wp.array2d(dtype=wp.vec2d),
+    ):
+        body, k = wp.tid()
+        if go[body] == 0:
+            return
+        w = work[body, points[k]]
+        for s in range(2 * k, 2 * k + 2):
+            half = wp.float64(0.5) * wp.float64(pull[body, s])
+            if open_sums[body] != 0:
+                w[0] = w[0] + half * wp.float64(last[body, s])
+            if begins != 0:
+                w[1] = w[1] + half * wp.float64(ahead[body, s])
+        work[body, points[k]] = w
+
+    @wp.kernel(module=kit.module)
+    def open_balance(go: wp.array(dtype=int), begins: int, open_sums: wp.array(dtype=int)):
+        body = wp.tid()
+        if go[body] != 0:
+            open_sums[body] = begins
+
+    @wp.kernel(module=kit.module)
+    def sum_chunks(
+        status: wp.array(dtype=int),
+        num_chunks: int,
+        num_points: int,
+        mass: wp.array2d(dtype=wp.float64),
+        is_free: wp.array2d(dtype=vec3),
+        external: wp.array2d(dtype=vec3),
+        increment: wp.array2d(dtype=vec3),
+        displacement: wp.array2d(dtype=vec3),
+        counted: wp.array2d(dtype=vec3),
+        given: wp.array2d(dtype=real),
+        sums: wp.array2d(dtype=wp.vec3d),
+    ):
+        body, chunk = wp.tid()
+        if status[body] != 0:
+            return
+        squared = wp.float64(0.0)
+        total = wp.float64(0.0)
+        furthest = wp.float64(0.0)
+        for point in range(chunk, num_points, num_chunks):
+            free = is_free[body, point]
+            place = displacement[body, point]
+            work = wp.dot(external[body, point], wp.cw_mul(free, place - counted[body, point]))
+            counted[body, point] = place
+            sum = given[body, point] + wp.abs(work)
+            given[body, point] = sum
+            total += wp.float64(sum)
+            d = double(wp.cw_mul(free, increment[body, point]))
+            squared += mass[body, point] * wp.dot(d, d)
+            furthest = wp.max(furthest, wp.float64(wp.max(wp.abs(place))))
+        sums[body, chunk] = wp.vec3d(squared, total, furthest)
+
+    @wp.kernel(module=kit.module)
+    def judge_growth(
+        num_chunks: int,
+        sums: wp.array2d(dtype=wp.vec3d),
+        time_step: wp.array(dtype=wp.float64),
+        at_start: wp.array(dtype=wp.float64),
+        total_mass: wp.array(dtype=wp.float64),
+        rounding: wp.float64,
+        status: wp.array(dtype=int),
+        since_good: wp.array(dtype=int),
+        go: wp.array(dtype=int),
+        is_good: wp.array(dtype=int),
+    ):
+        body = wp.tid()
+        is_good[body] = 0
+        if status[body] != 0:
+            return
+        squared = wp.float64(0.0)
+        total = at_start[body]
+        furthest = wp.float64(0.0)
+        for chunk in range(num_chunks):
+            s = sums[body, chunk]
+            squared += s[0]
+            total += s[1]
+            furthest = wp.max(furthest, s[2])
+        dt = time_step[body]
+        half = wp.float64(0.5)
+        speed = rounding * furthest / dt
+        # NaN counts as growth: the comparison is false for it.
+        allowed = growth_limit * total + half * total_mass[body] * speed * speed
+        if half * squared / (dt * dt) <= allowed:
+            is_good[body] = 1
+            since_good[body] = 0
+        else:
+            status[body] = energy_growth
+            go[body] = 0
+
+    @wp.kernel(module=kit.module)
+    def keep_good(
+        is_good: wp.array(dtype=int),
+        increment: wp.array2d(dtype=vec3),
+        displacement: wp.array2d(dtype=vec3),
+        good_increment: wp.array2d(dtype=vec3),
+        good_displacement: wp.array2d(dtype=vec3),
+    ):
+        body, point = wp.tid()
+        if is_good[body] != 0:
+            good_increment[body, point] = increment[body, point]
+            good_displacement[body, point] = displacement[body, point]
+
+    return {
+        "balance_points": balance_points,
+        "balance_supports": balance_supports,
+        "balance_slides": balance_slides,
+        "open_balance": open_balance,
+        "sum_chunks": sum_chunks,
+        "judge_growth": judge_growth,
+        "keep_good": keep_good,
+    }

@@ -1,0 +1,28 @@
+"""Forces of cells summed at points, in the order of the cells: the same bits in every run."""
+
+from typing import Any
+
+from palpate.fastsim.gpu.kernels.kit import Kit
+
+
+def make(kit: Kit) -> dict[str, Any]:
+    """The kernel, over bodies and points."""
+    wp, vec3 = kit.wp, kit.vec3
+
+    @wp.kernel(module=kit.module)
+    def gather_forces(
+        go: wp.array(dtype=int),
+        start: wp.array(dtype=int),
+        entries: wp.array(dtype=int),
+        cell_forces: wp.array2d(dtype=vec3),
+        force: wp.array2d(dtype=vec3),
+    ):
+        body, point = wp.tid()
+        if go[body] == 0:
+            return
+        total = vec3()
+        for k in range(start[point], start[point + 1]):
+            total += cell_forces[body, entries[k]]
+        force[body, point] = total
+
+    return {"gather_forces": gather_forces}

@@ -1,0 +1,139 @@
+"""Forces of smoothed tetrahedra: (S1) to (S5) of core/mechanics/smoothed_tet4.hpp.
+
+1. each cell's 2 V_c E_c
+2. at each edge mu / (36 V_e) times the sum of its cells': a sixth of 2 mu E_e
+3. at each node lmbda / (32 V_n) times the sum of their traces: a quarter of lmbda theta_n
+4. each cell's S_c, the sum of six edges' and of four nodes' on its diagonal, and its forces
+
+Edges and nodes sum their cells always in the same order.
+"""
+
+from typing import Any
+
+from palpate.fastsim.gpu.kernels.elasticity import make_det, make_formulas
+from palpate.fastsim.gpu.kernels.kit import Kit
+
+
+def make(kit: Kit) -> dict[str, Any]:
+    """The four kernels, over bodies and cells, edges or nodes."""
+    wp, real, vec3, vec6, mat33 = kit.wp, kit.real, kit.vec3, kit.vec6, kit.mat33
+    gradient_of, twice_strain, first_stress = make_formulas(kit)
+    det_of = make_det(kit)
+    vec6i = wp.types.vector(6, int)
+
+    @wp.kernel(module=kit.module)
+    def strain_cells(
+        go: wp.array(dtype=int),
+        displacement: wp.array2d(dtype=vec3),
+        corners: wp.array(dtype=wp.vec4i),
+        gradients: wp.array(dtype=mat33),
+        volumes: wp.array(dtype=real),
+        is_green: int,
+        strains: wp.array2d(dtype=vec6),
+        inverted: wp.array(dtype=int),
+    ):
+        body, cell = wp.tid()
+        if go[body] == 0:
+            return
+        h = gradient_of(displacement, body, corners[cell], gradients[cell])
+        e = volumes[cell] * twice_strain(h, is_green)
+        strains[body, cell] = vec6(e[0, 0], e[1, 1], e[2, 2], e[0, 1], e[0, 2], e[1, 2])
+        if is_green != 0 and not det_of(h) > real(0.0):
+            inverted[body] = 1
+
+    @wp.kernel(module=kit.module)
+    def smooth_edges(
+        go: wp.array(dtype=int),
+        strains: wp.array2d(dtype=vec6),
+        start: wp.array(dtype=int),
+        cells: wp.array(dtype=int),
+        weights: wp.array(dtype=real),
+        kinds: wp.array(dtype=int),
+        moduli: wp.array2d(dtype=real),
+        stresses: wp.array2d(dtype=vec6),
+    ):
+        body, edge = wp.tid()
+        if go[body] == 0:
+            return
+        total = vec6()
+        for k in range(start[edge], start[edge + 1]):
+            total += strains[body, cells[k]]
+        stresses[body, edge] = (weights[edge] * moduli[body, 2 * kinds[edge] + 1]) * total
+
+    @wp.kernel(module=kit.module)
+    def smooth_nodes(
+        go: wp.array(dtype=int),
+        strains: wp.array2d(dtype=vec6),
+        start: wp.array(dtype=int),
+        cells: wp.array(dtype=int),
+        weights: wp.array(dtype=real),
+        kinds: wp.array(dtype=int),
+        moduli: wp.array2d(dtype=real),
+        pressures: wp.array2d(dtype=real),
+    ):
+        body, node = wp.tid()
+        if go[body] == 0:
+            return
+        total = real(0.0)
+        for k in range(start[node], start[node + 1]):
+            e = strains[body, cells[k]]
+            total += e[0] + e[1] + e[2]
+        pressures[body, node] = weights[node] * moduli[body, 2 * kinds[node]] * total
+
+    @wp.kernel(module=kit.module)
+    def force_smoothed_cells(
+        go: wp.array(dtype=int),
+        displacement: wp.array2d(dtype=vec3),
+        corners: wp.array(dtype=wp.vec4i),
+        gradients: wp.array(dtype=mat33),
+        volumes: wp.array(dtype=real),
+        cell_edges: wp.array(dtype=vec6i),
+        cell_nodes: wp.array(dtype=wp.vec4i),
+        stresses: wp.array2d(dtype=vec6),
+        pressures: wp.array2d(dtype=real),
+        is_green: int,
+        is_atomic: int,
+        cell_forces: wp.array2d(dtype=vec3),
+        force: wp.array2d(dtype=vec3),
+    ):
+        body, cell = wp.tid()
+        if go[body] == 0:
+            return
+        total = vec6()
+        edges = cell_edges[cell]
+        for k in range(6):
+            total += stresses[body, edges[k]]
+        spread = real(0.0)
+        nodes = cell_nodes[cell]
+        for k in range(4):
+            spread += pressures[body, nodes[k]]
+        s = volumes[cell] * mat33(
+            total[0] + spread, total[3], total[4],
+            total[3], total[1] + spread, total[5],
+            total[4], total[5], total[2] + spread,
+        )  # fmt: skip
+        c = corners[cell]
+        g = gradients[cell]
+        h = gradient_of(displacement, body, c, g)
+        f = first_stress(h, s, is_green) * wp.transpose(g)
+        f1 = vec3(f[0, 0], f[1, 0], f[2, 0])
+        f2 = vec3(f[0, 1], f[1, 1], f[2, 1])
+        f3 = vec3(f[0, 2], f[1, 2], f[2, 2])
+        f0 = -(f1 + f2 + f3)
+        if is_atomic != 0:
+            wp.atomic_add(force, body, c[0], f0)
+            wp.atomic_add(force, body, c[1], f1)
+            wp.atomic_add(force, body, c[2], f2)
+            wp.atomic_add(force, body, c[3], f3)
+        else:
+            cell_forces[body, 4 * cell] = f0
+            cell_forces[body, 4 * cell + 1] = f1
+            cell_forces[body, 4 * cell + 2] = f2
+            cell_forces[body, 4 * cell + 3] = f3
+
+    return {
+        "strain_cells": strain_cells,
+        "smooth_edges": smooth_edges,
+        "smooth_nodes": smooth_nodes,
+        "force_smoothed_cells": force_smoothed_cells,
+    }

@@ -1,0 +1,79 @@
+"""Eq. 12 at each point, and the count of good steps of each body.
+
+    (1 + c) d(t+dt) = (1 - c) d(t) + dt^2 M^-1 (F - R(a(t))),   a(t+dt) = a(t) + d(t+dt)
+
+with c half the mass damping times dt, as core/explicit/central_difference.hpp. A body that has
+stopped, or has done all its steps, is passed over (`go` is 0).
+"""
+
+from typing import Any
+
+from palpate.fastsim.gpu.kernels.kit import Kit
+
+# Why a body stopped, as the core's StopReason counts.
+NONE, INVERTED_CELL, OUT_OF_BOUNDS, ENERGY_GROWTH, DEEP_IN_TOOL = range(5)
+
+
+def make(kit: Kit) -> dict[str, Any]:
+    """The kernels over bodies and points, and over bodies."""
+    wp, real, vec3 = kit.wp, kit.real, kit.vec3
+    inverted_cell = wp.constant(INVERTED_CELL)
+    out_of_bounds = wp.constant(OUT_OF_BOUNDS)
+    deep_in_tool = wp.constant(DEEP_IN_TOOL)
+
+    @wp.kernel(module=kit.module)
+    def move_points(
+        go: wp.array(dtype=int),
+        inverted: wp.array(dtype=int),
+        keep: wp.array(dtype=real),
+        limit: real,
+        external: wp.array2d(dtype=vec3),
+        force: wp.array2d(dtype=vec3),
+        mobility: wp.array2d(dtype=vec3),
+        increment: wp.array2d(dtype=vec3),
+        displacement: wp.array2d(dtype=vec3),
+        outside: wp.array(dtype=int),
+    ):
+        body, point = wp.tid()
+        if go[body] == 0 or inverted[body] != 0:
+            return
+        push = external[body, point] - force[body, point]
+        ahead = keep[body] * increment[body, point] + wp.cw_mul(mobility[body, point], push)
+        place = displacement[body, point] + ahead
+        increment[body, point] = ahead
+        displacement[body, point] = place
+        # NaN counts as out of bounds: the comparison is false for it.
+        if not (
+            wp.abs(place[0]) <= limit and wp.abs(place[1]) <= limit and wp.abs(place[2]) <= limit
+        ):
+            outside[body] = 1
+
+    @wp.kernel(module=kit.module)
+    def finish_step(
+        go: wp.array(dtype=int),
+        inverted: wp.array(dtype=int),
+        outside: wp.array(dtype=int),
+        unknown: wp.array(dtype=int),
+        row: wp.array(dtype=int),
+        last_row: wp.array(dtype=int),
+        since_good: wp.array(dtype=int),
+        begun: wp.array(dtype=int),
+        status: wp.array(dtype=int),
+    ):
+        body = wp.tid()
+        if go[body] == 0:
+            return
+        if inverted[body] != 0:
+            status[body] = inverted_cell
+        else:
+            row[body] = row[body] + 1
+            since_good[body] = since_good[body] + 1
+            begun[body] = 1
+            if outside[body] != 0:
+                status[body] = out_of_bounds
+            elif unknown[body] != 0:
+                status[body] = deep_in_tool
+        if status[body] != 0 or row[body] >= last_row[body]:
+            go[body] = 0
+
+    return {"move_points": move_points, "finish_step": finish_step}
