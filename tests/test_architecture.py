@@ -99,6 +99,18 @@ def test_the_judge_imports_the_solver_side_of_the_reference_only_when_it_needs_i
         assert names <= light, file
 
 
+def test_only_one_place_of_the_simulator_knows_warp_and_not_before_it_is_needed() -> None:
+    users = {
+        file.relative_to(ROOT).parts[:2]
+        for room in ("meshes", "fastsim", "reference")
+        for file in python_files(room)
+        if any(name.split(".")[0] == "warp" for name in imported_names(file.read_text("utf-8")))
+    }
+    assert users == {("fastsim", "gpu")}
+    for file in python_files("fastsim/gpu"):
+        assert not {n for n in eager_imports(file.read_text("utf-8")) if n.startswith("warp")}
+
+
 def packages_imported(source: str) -> set[str]:
     """Packages and single files of validation that a source text imports, wherever in it."""
     names = (name.split(".") for name in imported_names(source))
