@@ -176,7 +176,8 @@ class SurfaceMesh:
 
 def mesh_surface(
     points: Floats, facets: Ints, lattice: Lattice, edge_length: float, jitter: float,
-    clearance: float, seed: int, sliver_target: float, sliver_passes: int, sizes: SizeGrid
+    clearance: float, seed: int, grows_inwards: bool, sliver_target: float, sliver_passes: int,
+    sizes: SizeGrid
 ) -> SurfaceMesh: ...
 
 class InstructionSet(Enum):

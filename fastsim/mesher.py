@@ -39,6 +39,8 @@ _ATTEMPTS = (
 )
 # Cells with a dihedral angle below about 33 degrees are worked on: sin 32.7 = 0.54.
 _SLIVER_TARGET = 0.54
+# Of a graded interior where no length is asked for: the largest edge, in mean edges of the surface.
+LARGEST_GRADED = 8.0
 # Pairs of facets that an error names at most: a surface on itself has millions.
 _MOST_PAIRS = 1000
 
@@ -95,6 +97,13 @@ class FlatCellError(MeshingError):
         )
 
 
+class Interior(StrEnum):
+    """How cells change away from the surface."""
+
+    UNIFORM = "uniform"
+    GRADED = "graded"
+
+
 class Lattice(StrEnum):
     """Where the candidates for inner points lie."""
 
@@ -141,6 +150,7 @@ def mesh_surface(
     *,
     edge_length: float | None = None,
     size_field: SizeField | None = None,
+    interior: Interior = Interior.UNIFORM,
     lattice: Lattice = Lattice.BODY_CENTRED,
     improve: bool = True,
     boundary: Boundary = Boundary.KEPT,
@@ -158,6 +168,9 @@ def mesh_surface(
         size_field: Smaller edge lengths here and there, from places [m], shape (n, 3), to lengths
             [m], shape (n,); see `grading.size_fields`. Facets that are kept bound it near the
             surface; a free boundary follows it.
+        interior: Graded: from the surface inwards cells grow by layers, each twice the last, to
+            `edge_length`, or where that is None to eight of the surface's mean edges.
+            Uniform: as fine as the surface throughout, unless `edge_length` asks for other.
         lattice: The paper's cubes, or body-centred ones, whose cells are better shaped.
         improve: Re-mesh slivers with their neighbours (the paper's last step).
         boundary: Whether the surface's facets are kept, or may be replaced by better ones.
@@ -194,6 +207,12 @@ def mesh_surface(
     require_no_self_intersection(points, facets, most=_MOST_PAIRS)
     if size_field is not None and lattice is Lattice.PAPER:
         raise InputError("the paper's cubes are all alike; a size field needs body-centred ones")
+    grows_inwards = interior is Interior.GRADED
+    if grows_inwards:
+        if lattice is Lattice.PAPER:
+            raise InputError("the paper's cubes are all alike; a graded interior needs the others")
+        if edge_length is None:
+            size *= LARGEST_GRADED
     sizes = grid_of_sizes(points, size, size_field)
     kind = _core.Lattice.cubic if lattice is Lattice.PAPER else _core.Lattice.body_centred
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
@@ -211,6 +230,7 @@ def mesh_surface(
             jitter,
             clearance,
             seed + shift,
+            grows_inwards,
             _SLIVER_TARGET,
             20 if improve else 0,
             sizes,
@@ -239,6 +259,11 @@ def mesh_surface(
     if report:
         report(best[1])
     return best[0]
+
+
+def largest_edge(surface: TriSurface) -> float:
+    """Of a graded interior where no length is asked for [m]."""
+    return LARGEST_GRADED * mean_edge_length(surface.points, surface.facets)
 
 
 def delaunay(points: Points) -> tuple[Indices, list[int]]:

@@ -99,17 +99,19 @@ void bind_mesher(nb::module_ &module) {
     module.def(
         "mesh_surface",
         [](Points points, Facets facets, Lattice lattice, double edge_length, double jitter,
-           double clearance, std::uint64_t seed, double sliver_target, int sliver_passes,
-           const SizeGrid &sizes) {
+           double clearance, std::uint64_t seed, bool grows_inwards, double sliver_target,
+           int sliver_passes, const SizeGrid &sizes) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<Triple>(facets);
             nb::gil_scoped_release release;
-            return mesh_surface(
-                point_rows, facet_rows,
-                {{lattice, edge_length, jitter, clearance, seed}, sliver_target, sliver_passes},
-                sizes);
+            return mesh_surface(point_rows, facet_rows,
+                                {{lattice, edge_length, jitter, clearance, seed, grows_inwards},
+                                 sliver_target,
+                                 sliver_passes},
+                                sizes);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),
-        nb::arg("sliver_target"), nb::arg("sliver_passes"), nb::arg("sizes"));
+        nb::arg("grows_inwards"), nb::arg("sliver_target"), nb::arg("sliver_passes"),
+        nb::arg("sizes"));
 }

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.fastsim import _core
-from palpate.fastsim.mesher import DuplicatePointError, Lattice, mesh_surface
-from palpate.meshes.errors import OpenSurfaceError, SelfIntersectionError
+from palpate.fastsim.mesher import DuplicatePointError, Interior, Lattice, mesh_surface
+from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import dihedral_angles, edge_lengths, measure_quality
 from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_sphere
@@ -53,6 +53,22 @@ def test_built_in_shapes(name: str) -> None:
 def test_the_papers_lattice_keeps_the_surface_too() -> None:
     surface = SHAPES["sphere"]()
     _require_kept(surface, mesh_surface(surface, lattice=Lattice.PAPER))
+
+
+def test_a_graded_interior_has_few_cells_and_keeps_the_surface() -> None:
+    surface = shape_sphere(0.05, edge_length=0.004)
+    fine = mesh_surface(surface)
+    graded = mesh_surface(surface, interior=Interior.GRADED)
+    _require_kept(surface, graded)
+    # 6 cells to a facet at most, whatever the number of facets: the inside costs next to nothing.
+    assert graded.num_cells < 6 * surface.num_facets < 0.5 * fine.num_cells
+    assert measure_quality(graded).smallest_dihedral_deg > 20.0
+    # A stated length bounds it: no cell is much longer.
+    lengths = edge_lengths(graded.points, graded.cells)
+    bounded = mesh_surface(surface, interior=Interior.GRADED, edge_length=0.01)
+    assert lengths.max() > 0.02 > edge_lengths(bounded.points, bounded.cells).max()
+    with pytest.raises(InputError, match="cubes"):
+        mesh_surface(surface, interior=Interior.GRADED, lattice=Lattice.PAPER)
 
 
 def test_slivers_are_there_without_the_clean_up() -> None:

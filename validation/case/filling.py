@@ -17,7 +17,14 @@ from palpate.fastsim.grading.size_fields import (
     grow_with_distance,
     refine_to_size,
 )
-from palpate.fastsim.mesher import Boundary, MeshingError, MeshingReport, mesh_surface
+from palpate.fastsim.mesher import (
+    Boundary,
+    Interior,
+    MeshingError,
+    MeshingReport,
+    largest_edge,
+    mesh_surface,
+)
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
@@ -126,6 +133,8 @@ def _filled(surface: TriSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
             surface, distance=units.metres(spec.boundary_distance), edge_length=size
         )
         done.append(report.line())
+        # That was the surface's length; a graded interior grows from there.
+        size = None if spec.interior == "graded" else size
     built = _fill_kept(surface, spec, size)
     mesh = built.mesh
     if spec.grade:
@@ -186,7 +195,12 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> Built
     if spec.mesher in ("auto", "fastsim"):
         try:
             done: list[MeshingReport] = []
-            mesh = mesh_surface(surface, edge_length=size, report=done.append)
+            mesh = mesh_surface(
+                surface,
+                edge_length=size,
+                interior=Interior(spec.interior),
+                report=done.append,
+            )
             cut = done[0].boundary_steiner_points
             added = f", {cut} point(s) added on the surface's facets" if cut else ""
             return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells{added}")
@@ -194,6 +208,8 @@ def _fill_kept(surface: TriSurface, spec: MeshSpec, size: float | None) -> Built
             if spec.mesher == "fastsim":
                 raise
             refusal = str(error)
+    if size is None and spec.interior == "graded":
+        size = largest_edge(surface)
     try:
         mesh = mesh_with_gmsh(surface, edge_length=size)
     except MeshError as error:

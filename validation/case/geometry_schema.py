@@ -120,6 +120,8 @@ class MeshSpec(Table):
     """Who fills the surface; auto is fastsim's mesher, and gmsh where that gives up."""
     edge_length: Positive | None = None
     """Wanted inside [units.length]; the mean of the surface's where nothing is said."""
+    interior: Literal["uniform", "graded"] = "uniform"
+    """Or cells that grow from the surface inwards, to edge_length or eight of its mean edges."""
     boundary: Literal["kept", "free"] = "kept"
     """The given facets, or better ones within a distance of them."""
     boundary_distance: Positive | None = None

@@ -27,7 +27,12 @@ class Mesher(StrEnum):
 def mesh(
     surface: Annotated[str, typer.Argument(help="surface file, or kidney")],
     output: Annotated[Path, typer.Option("--output", "-o", help=".vtu, .vtk or .msh")],
-    size: Annotated[float | None, typer.Option(help="edge length, in the file's unit")] = None,
+    size: Annotated[
+        float | None, typer.Option(help="largest edge length inside, in the file's unit")
+    ] = None,
+    uniform: Annotated[
+        bool, typer.Option(help="as fine inside as the surface; else cells grow inwards")
+    ] = False,
     mesher: Annotated[Mesher, typer.Option()] = Mesher.FASTSIM,
     unit: Annotated[str, typer.Option(help="unit of file and size: m, cm or mm")] = "mm",
     repair: Annotated[
@@ -101,7 +106,9 @@ def mesh(
     spec = MeshSpec.model_validate(
         {
             "mesher": mesher.value,
-            "edge_length": size,
+            # The kidney's surface has that length already, and cells grow from there.
+            "edge_length": size if uniform or surface != "kidney" else None,
+            "interior": "uniform" if uniform else "graded",
             "boundary": "kept" if free is None else "free",
             "boundary_distance": free,
             "grade": []

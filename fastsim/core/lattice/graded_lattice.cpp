@@ -8,12 +8,6 @@ namespace fastsim {
 
 namespace {
 
-// A cube may be larger than wanted by as much; sizes of cubes go by octaves anyway. Less would
-// halve cubes all along a surface whose edges only scatter.
-constexpr double tolerance = 2.0;
-// Cubes are halved within this many wanted edges of a wide place.
-constexpr double reach = 1.5;
-
 // Three coordinates of 21 bits, kept positive by the offset.
 constexpr int key_bits = 21;
 constexpr Index key_offset = 1 << (key_bits - 1);
@@ -47,7 +41,8 @@ Point GradedLattice::corner(const Cube &cube, double edge, double shift) const {
 }
 
 GradedLattice::GradedLattice(const CubeGrid &grid, std::span<const Point> places,
-                             std::span<const double> wanted_edges, std::size_t num_wide)
+                             std::span<const double> wanted_edges, std::size_t num_wide,
+                             Halving halving)
     : _grid(grid) {
     std::size_t deepest = 0;
     const Index longest = *std::max_element(grid.count.begin(), grid.count.end()) + 2;
@@ -57,7 +52,7 @@ GradedLattice::GradedLattice(const CubeGrid &grid, std::span<const Point> places
     for (std::size_t p = 0; p < places.size(); ++p) {
         std::size_t level = 0;
         double edge = grid.edge;
-        while (level < deepest && edge > tolerance * wanted_edges[p]) {
+        while (level < deepest && edge > halving.tolerance * wanted_edges[p]) {
             ++level;
             edge /= 2.0;
         }
@@ -67,7 +62,7 @@ GradedLattice::GradedLattice(const CubeGrid &grid, std::span<const Point> places
         Cube first, last;
         for (std::size_t i = 0; i < 3; ++i) {
             const double x = places[p][i] - grid.low[i],
-                         radius = p < num_wide ? reach * wanted_edges[p] : 0.0;
+                         radius = p < num_wide ? halving.reach * wanted_edges[p] : 0.0;
             first[i] = static_cast<Index>(std::floor((x - radius) / (2.0 * edge)));
             last[i] = static_cast<Index>(std::floor((x + radius) / (2.0 * edge)));
         }

@@ -18,12 +18,25 @@ struct CubeGrid {
     std::array<Index, 3> count; // cubes along each axis
 };
 
+/// When cubes are halved.
+struct Halving {
+    double tolerance; // a cube may be larger than wanted by as much; sizes go by octaves
+    double reach;     // around a wide place, in wanted edges
+};
+
+/// For cells that are nearly all alike: less would halve cubes all along a surface whose edges
+/// only scatter.
+constexpr Halving for_uniform{2.0, 1.5};
+/// For cells that grow inwards: the first cubes are up to twice as large as the surface's edges,
+/// and lie in as thin a layer as neighbours allow.
+constexpr Halving for_growing{2.6, 0.5};
+
 class GradedLattice {
   public:
     /// Halves cubes until they are about as large as wanted at each of some places; around the
     /// first `num_wide` of them within a reach, at the others only where they lie.
     GradedLattice(const CubeGrid &grid, std::span<const Point> places,
-                  std::span<const double> wanted_edges, std::size_t num_wide);
+                  std::span<const double> wanted_edges, std::size_t num_wide, Halving halving);
 
     /// Calls with every corner of a cube, and with every centre where `has_centres`, and the edge
     /// of a cube there; in an order that depends on nothing else.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace fastsim {
 
@@ -232,9 +233,12 @@ std::vector<Point> interior_points(std::span<const Point> surface_points,
         places.push_back(place);
         wanted.push_back(size / body_centred_edge);
     });
-    const GradedLattice lattice(grid, places, wanted, surface_points.size());
+    const GradedLattice lattice(grid, places, wanted, surface_points.size(),
+                                settings.grows_inwards ? for_growing : for_uniform);
     const Guards guards = guard_surface(surface_points, facets, sizes, settings.clearance);
-    const Columns columns(surface_points, facets, h);
+    const double mean =
+        std::accumulate(sizes.begin(), sizes.end(), 0.0) / static_cast<double>(sizes.size());
+    const Columns columns(surface_points, facets, mean);
     Random random(settings.seed);
     std::vector<Point> points;
     lattice.visit(is_graded, [&](const Point &place, double edge) {

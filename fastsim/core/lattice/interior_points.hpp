@@ -20,6 +20,8 @@ struct LatticeSettings {
     double jitter;      // largest shift along each axis, in parts of the edge length
     double clearance;   // smallest distance from surface points, in parts of the edge length
     std::uint64_t seed;
+    // Cells grow from the surface's edges to the wanted length as quickly as the lattice lets them.
+    bool grows_inwards = false;
 };
 
 /// `sizes` may ask for less than the lattice's edge length here and there (body-centred only).
