@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Support, Traction
 from palpate.meshes.bricks import brick_box
+from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Material, Problem
 
 BLOCK = """
@@ -82,3 +83,47 @@ def problem() -> Problem:
 @pytest.fixture(scope="session")
 def answer(problem: Problem) -> NDArray[np.float64]:
     return solve_static(problem).displacement
+
+
+LET_GO = """
+schema = 1
+title = "Let go"
+
+[units]
+length = "m"
+stress = "Pa"
+
+[geometry]
+mesh = "bar.vtu"
+
+[material]
+youngs_modulus = 2e4
+poissons_ratio = 0.4
+density = 1000.0
+
+[time]
+end_time = 0.04
+time_step = 5e-4
+mass_damping = 1.0
+num_outputs = 5
+
+[[support]]
+region = { half_space = { point = [1e-6, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
+
+[[load]]
+kind = "gravity"
+acceleration = [0.0, 0.0, -5.0]
+
+[[check]]
+metric = "trajectory_l2"
+limit = 1e-6
+reason = "the same scheme and step on the same mesh: what is left is the solver's"
+"""
+
+
+@pytest.fixture
+def let_go(tmp_path: Path) -> Path:
+    """A bar in motion of 18 cells, let go under its weight; its case file."""
+    write_mesh(tmp_path / "bar.vtu", brick_box((3, 1, 1), (0.06, 0.02, 0.02)))
+    (tmp_path / "bar.toml").write_text(LET_GO, "utf-8")
+    return tmp_path / "bar.toml"

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from typing import Any
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.integrators.result import SteppedResult
 from palpate.reference.integrators.schemes import Integrator, Steps
-from palpate.reference.result import Formulation
+from palpate.reference.result import ExplicitResult, Formulation
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH, solve_state
 from palpate.validation.states import REFERENCE, Progress, State, Trajectory
@@ -49,6 +51,25 @@ def solve_explicit(
     progress(f"{OF_ELEMENT[element]} in motion, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     found = run_task(ExplicitTask(strain, element), problem)
+    return _on_the_mesh(
+        problem,
+        strain,
+        element,
+        found,
+        seconds=time.perf_counter() - start,
+        details={"time_step": found.time_step, "num_steps": found.num_steps},
+        tool_forces=found.tool_forces if problem.tools else None,
+    )
+
+
+def _on_the_mesh(
+    problem: Problem,
+    strain: Strain,
+    element: Element,
+    found: ExplicitResult | SteppedResult,
+    **more: Any,
+) -> State:
+    """A run of the case's tetrahedra as a state."""
     return make_state(
         problem.mesh,
         found.displacements[-1],
@@ -56,10 +77,8 @@ def solve_explicit(
         element=element,
         simulator=REFERENCE,
         strain=strain,
-        seconds=time.perf_counter() - start,
-        details={"time_step": found.time_step, "num_steps": found.num_steps},
-        tool_forces=found.tool_forces if problem.tools else None,
         trajectory=Trajectory(found.times, found.displacements),
+        **more,
     )
 
 
@@ -103,13 +122,11 @@ def solve_by_steps(
     result = run_task(
         SteppedTask(steps.integrator, strain, element), stepped, time_limit=_TIME_LIMIT
     )
-    return make_state(
-        problem.mesh,
-        result.displacements[-1],
-        label=OF_ELEMENT[element],
-        element=element,
-        simulator=REFERENCE,
-        strain=strain,
+    return _on_the_mesh(
+        problem,
+        strain,
+        element,
+        result,
         seconds=time.perf_counter() - start,
         details={
             "integrator": str(steps.integrator),
@@ -119,7 +136,6 @@ def solve_by_steps(
             "largest_residual": result.largest_residual,
         },
         versions=dict(result.versions),
-        trajectory=Trajectory(result.times, result.displacements),
         steps=steps,
     )
 

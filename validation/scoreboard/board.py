@@ -21,6 +21,7 @@ from palpate.validation.case import Case
 from palpate.validation.scoreboard.entries import Entry
 from palpate.validation.scoreboard.judge import Score, judge_run
 from palpate.validation.scoreboard.kept import Kept
+from palpate.validation.scoreboard.own_steps import OwnSteps
 from palpate.validation.scoreboard.runs import Run, Status, is_kept, run_entry, warm_up
 from palpate.validation.scoreboard.truths import Truth, case_under, find_truth
 from palpate.validation.states import Progress, Verdict
@@ -140,12 +141,13 @@ def compute_board(
             if run.status is Status.ANSWERED:
                 need(case, laws[run.entry])
     scores: dict[tuple[str, str], Score] = {}
+    own_steps = OwnSteps(kept, clock.say)
     for entry, case in asked:
         name, own = case.path.stem, case.problem.material.law
         of = under[name, entry.law]
         truth = truths.get((name, of.problem.material.law), Truth(of, why="nobody asked"))
         scores[entry.name, name] = _judged(
-            runs[entry.name, name], entry, truth, truths.get((name, own), truth)
+            runs[entry.name, name], entry, truth, truths.get((name, own), truth), own_steps
         )
         clock.say(told(scores[entry.name, name]))
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes")
@@ -196,10 +198,10 @@ def _cost(case: Case) -> float:
     return case.problem.mesh.num_cells * (_STEPS_OF_A_MOTION if is_motion else 1.0)
 
 
-def _judged(run: Run, entry: Entry, truth: Truth, of_case: Truth) -> Score:
+def _judged(run: Run, entry: Entry, truth: Truth, of_case: Truth, own_steps: OwnSteps) -> Score:
     """A score; what cannot be judged is shown as that, and stops nobody."""
     try:
-        return judge_run(run, entry, truth, of_case)
+        return judge_run(run, entry, truth, of_case, own_steps)
     except Exception as error:
         why = f"could not be judged ({type(error).__name__}: {error})"
         return Score(run, truth.law, verdict=Verdict.INCONCLUSIVE, why=why)

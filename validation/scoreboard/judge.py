@@ -6,8 +6,9 @@ there, over that displacement; with their signs they add up to its error:
     law      the law that the answer follows in the place of the one that the simulator states
     mesh     the reference on the same mesh, linear or quadratic, less the truth
     solver   the answer less the equilibrium of its own law on its own mesh
-    step     of motions, at the time when that is: the answer less the reference on the same mesh in
-             the case's steps; what steps and solver of the simulator add together
+    step     of motions, at the time when that is: the reference on the same mesh by the scheme and
+             step that the simulator states, less that in the case's steps; where it states none,
+             what steps and solver add together
 
 That the case's own law would have moved the body otherwise is no error here; it is told beside
 (`law_apart`).
@@ -28,10 +29,12 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.answers import distance
 from palpate.validation.evidence.error_budget import farthest_probe
 from palpate.validation.judging.checks import decide
+from palpate.validation.judging.own_steps import are_the_cases
 from palpate.validation.metrics import measure
 from palpate.validation.references.sets import QUADRATIC
 from palpate.validation.scoreboard.entries import Entry
 from palpate.validation.scoreboard.followed_law import followed_law
+from palpate.validation.scoreboard.own_steps import OwnSteps
 from palpate.validation.scoreboard.runs import Run, Status
 from palpate.validation.scoreboard.truths import Truth
 from palpate.validation.states import State, Verdict
@@ -77,7 +80,9 @@ class Score:
     smallest_det_f: float | None = None
 
 
-def judge_run(run: Run, entry: Entry, truth: Truth, of_case: Truth) -> Score:
+def judge_run(
+    run: Run, entry: Entry, truth: Truth, of_case: Truth, own_steps: OwnSteps | None = None
+) -> Score:
     """Hold a run against the truth of its law.
 
     Args:
@@ -85,6 +90,7 @@ def judge_run(run: Run, entry: Entry, truth: Truth, of_case: Truth) -> Score:
         entry: The simulator.
         truth: Of the case under the simulator's law.
         of_case: Of the case as it stands.
+        own_steps: Of motions by their own steps; these are not looked at where None.
     """
     case = truth.case
     metric = "displacement_l2" if case.problem.time is None else "trajectory_l2"
@@ -119,7 +125,10 @@ def judge_run(run: Run, entry: Entry, truth: Truth, of_case: Truth) -> Score:
     found = measure(metric, case.problem, state, best)
     bar = references.bars.get((metric, case.strain), np.inf) + found.uncertainty
     verdict = Verdict.SKIPPED if limit is None else decide(found.value, bar, limit)
-    causes, follows = _causes(case.problem, case.strain, state, best, same, entry)
+    if case.problem.time is None:
+        causes, follows = _causes(case.problem, case.strain, state, best, same, entry)
+    else:
+        causes, follows = _causes_of_motion(case.problem, state, best, same, own_steps)
     return dataclasses.replace(
         score,
         distance=float(found.value),
@@ -143,8 +152,6 @@ def _causes(
     """Parts of an answer's error, and the law that it follows where that is another."""
     if same is None:
         return {}, ""
-    if problem.time is not None:
-        return _causes_of_motion(state, truth, same), ""
     try:
         probe = farthest_probe(truth.displacement)
     except InputError:
@@ -167,19 +174,30 @@ def _causes(
     }, follows
 
 
-def _causes_of_motion(state: State, truth: State, same: State) -> dict[str, float]:
-    """Parts where and when the truth moves most."""
+def _causes_of_motion(
+    problem: Problem, state: State, truth: State, same: State | None, own_steps: OwnSteps | None
+) -> tuple[dict[str, float], str]:
+    """Parts where and when the truth moves most, and the law that the answer follows likewise."""
     lengths = np.linalg.norm(truth.displacements, axis=2)
     place = np.unravel_index(int(lengths.argmax()), lengths.shape)
     direction = truth.displacements[place]
     scale = float(direction @ direction)
-    if not scale > 0.0:
-        return {}
+    if same is None or not scale > 0.0:
+        return {}, ""
 
     def at(of: State) -> float:
         return float(of.displacements[place] @ direction) / scale
 
-    return {MESH: at(same) - at(truth), STEP: at(state) - at(same)}
+    stepped = own_steps.of(problem, state) if own_steps else None
+    in_steps = stepped or same
+    found = own_steps.followed(problem, state, in_steps) if own_steps else None
+    follows, own = found or ("", in_steps)
+    causes = {LAW: at(own) - at(in_steps)} if found else {}
+    causes[MESH] = at(same) - at(truth)
+    is_known = state.steps is not None and are_the_cases(problem, state.steps)
+    if stepped is None and not is_known:
+        return {**causes, STEP: at(state) - at(own)}, follows
+    return {**causes, STEP: at(in_steps) - at(same), SOLVER: at(state) - at(own)}, follows
 
 
 def _law_apart(truth: Truth, of_case: Truth) -> float | None:

@@ -73,7 +73,7 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
         except InputError as error:
             return Truth(case, why=str(error))
     problem, name = case.problem, f"truth-{case.name}"
-    key = key_of(problem_key(problem), *_made_by(), f"{_SECONDS:g}")
+    key = key_of(problem_key(problem), *made_by(), f"{_SECONDS:g}")
     failed = kept.read(name, key)
     if failed is not None:
         return Truth(case, why=str(failed[0].get("why", "")))
@@ -113,7 +113,7 @@ def _seconds_of(references: ReferenceSet) -> float:
 
 
 @functools.cache
-def _made_by() -> tuple[str, ...]:
+def made_by() -> tuple[str, ...]:
     """What a truth that is solved here hangs on: FEniCSx, and the sources of the reference."""
     sources = sorted(Path(reference.__file__).parent.rglob("*.py"))
     text = b"\0".join(source.read_bytes() for source in sources)

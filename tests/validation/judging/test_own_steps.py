@@ -10,9 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import palpate.validation
-from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
-from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Strain
 from palpate.reference.integrators.schemes import Integrator
 from palpate.validation.case import load_case
@@ -30,47 +28,11 @@ ADAPTERS = Path(palpate.validation.__file__).parent / "simulators/adapters"
 DESCENT = f"{sys.executable} {ADAPTERS / 'vertex_block_descent.py'} {{case}} {{result}}"
 XPBD = f"{sys.executable} {ADAPTERS / 'xpbd.py'} {{case}} {{result}}"
 STEP = 2e-3
-CASE = """
-schema = 1
-title = "Let go"
-
-[units]
-length = "m"
-stress = "Pa"
-
-[geometry]
-mesh = "bar.vtu"
-
-[material]
-youngs_modulus = 2e4
-poissons_ratio = 0.4
-density = 1000.0
-
-[time]
-end_time = 0.04
-time_step = 5e-4
-mass_damping = 1.0
-num_outputs = 5
-
-[[support]]
-region = { half_space = { point = [1e-6, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
-
-[[load]]
-kind = "gravity"
-acceleration = [0.0, 0.0, -5.0]
-
-[[check]]
-metric = "trajectory_l2"
-limit = 1e-6
-reason = "the same scheme and step on the same mesh: what is left is the solver's"
-"""
 
 
 @pytest.fixture
-def case(tmp_path: Path) -> Case:
-    write_mesh(tmp_path / "bar.vtu", brick_box((3, 1, 1), (0.06, 0.02, 0.02)))
-    (tmp_path / "bar.toml").write_text(CASE, "utf-8")
-    return load_case(tmp_path / "bar.toml")
+def case(let_go: Path) -> Case:
+    return load_case(let_go)
 
 
 def judged(case: Case, command: str, stepping: Stepping) -> tuple[CaseResult, float]:

@@ -10,9 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import palpate.validation
-from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
-from palpate.meshes.files import write_mesh
 from palpate.validation.cli import app
 from palpate.validation.states import Verdict
 from palpate.validation.sweeps.iterations import Trial, judge, read_moves, remarks_on, table
@@ -20,41 +18,6 @@ from palpate.validation.sweeps.variants import VaryError
 
 PROGRAM = Path(palpate.validation.__file__).parent / "simulators/adapters/vertex_block_descent.py"
 COMMAND = f"{sys.executable} {PROGRAM} {{case}} {{result}} {{iterations}}"
-CASE = """
-schema = 1
-title = "Let go"
-
-[units]
-length = "m"
-stress = "Pa"
-
-[geometry]
-mesh = "bar.vtu"
-
-[material]
-youngs_modulus = 2e4
-poissons_ratio = 0.4
-density = 1000.0
-
-[time]
-end_time = 0.04
-mass_damping = 1.0
-num_outputs = 5
-
-[[support]]
-region = { half_space = { point = [1e-6, 0.0, 0.0], normal = [-1.0, 0.0, 0.0] } }
-
-[[load]]
-kind = "gravity"
-acceleration = [0.0, 0.0, -5.0]
-"""
-
-
-@pytest.fixture
-def case(tmp_path: Path) -> Path:
-    write_mesh(tmp_path / "bar.vtu", brick_box((3, 1, 1), (0.06, 0.02, 0.02)))
-    (tmp_path / "bar.toml").write_text(CASE, "utf-8")
-    return tmp_path / "bar.toml"
 
 
 def trials(errors: dict[tuple[float, int], float]) -> list[Trial]:
@@ -118,9 +81,9 @@ def test_moves_are_read_and_others_refused() -> None:
 
 
 @pytest.mark.dolfinx
-def test_block_descent_converges_and_leaves_a_figure(case: Path, tmp_path: Path) -> None:
+def test_block_descent_converges_and_leaves_a_figure(let_go: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ["sweep", str(case), "--simulator", COMMAND, "-o", str(out)]
+    words = ["sweep", str(let_go), "--simulator", COMMAND, "-o", str(out)]
     words += ["--vary", "iterations=3,60", "--vary", "time_step=8e-3"]
     found = CliRunner().invoke(app, words)
     assert found.exit_code == 0, found.output
@@ -131,7 +94,7 @@ def test_block_descent_converges_and_leaves_a_figure(case: Path, tmp_path: Path)
         assert (out / name).is_file()
 
 
-def test_what_does_not_go_together_is_refused(case: Path, tmp_path: Path) -> None:
+def test_what_does_not_go_together_is_refused(let_go: Path, tmp_path: Path) -> None:
     moved = ["--vary", "load[0].factor=1,2"]
     for words, message in (
         (["--simulator", COMMAND, *moved], "is varied by iterations and time_step"),
@@ -139,7 +102,7 @@ def test_what_does_not_go_together_is_refused(case: Path, tmp_path: Path) -> Non
         (["--simulator", COMMAND, "--vary", "iterations=1", "--with", "reference"], "takes no"),
         (["--integrator", "bdf2", *moved], "give --simulator"),
     ):
-        given = ["sweep", str(case), "-o", str(tmp_path / "out"), *words]
+        given = ["sweep", str(let_go), "-o", str(tmp_path / "out"), *words]
         found = CliRunner().invoke(app, given)
         assert isinstance(found.exception, InputError)
         assert message in str(found.exception)

@@ -46,7 +46,8 @@ class Motion(Flex):  # type: ignore[misc]
             self.model.opt.timestep,
         )  # fmt: skip
         self.answer = {"displacement": states, "times": self._times}
-        return {"method": "semi-implicit Euler", "time_step": time_step}
+        scheme = {"integrator": "semi-implicit-euler", "time_step": time_step}
+        return {"method": "semi-implicit Euler", **scheme}
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ class Motion(newton_motion.Motion):  # type: ignore[misc]
     def advance(self, num_steps: int) -> dict[str, Any]:
         """From rest, or the initial velocity, to the end."""
         says: dict[str, Any] = super().advance(num_steps)
-        return {**says, "iterations_per_step": newton_vbd.ITERATIONS}
+        scheme = {"integrator": "backward-euler"}
+        return {**says, **scheme, "iterations_per_step": newton_vbd.ITERATIONS}
 
 
 if __name__ == "__main__":
