@@ -1,4 +1,7 @@
-"""Nodes, tetrahedra, node sets and surfaces of FEBio's <Geometry> (2.5) and <Mesh> (3.0, 4.0)."""
+"""Nodes, cells, node sets and surfaces of FEBio's <Geometry> (2.5) and <Mesh> (3.0, 4.0).
+
+Cells that are no tetrahedra, and their faces, are cut into some.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
+from palpate.validation.importing.cutting import cut_cells, cut_face
 from palpate.validation.importing.xml_tree import Element
 
 # Nodes of each kind of element, and its corners among them.
-_CELLS = {"tet4": 4, "tet10": 10}
-_FACETS = {"tri3": 3, "tri6": 6}
+_CELLS = {"tet4": 4, "tet10": 10, "hex8": 8, "penta6": 6, "pyra5": 5}
+_FACETS = {"tri3": 3, "tri6": 6, "quad4": 4}
 _LISTED = (
     "Nodes",
     "Elements",
@@ -63,7 +67,7 @@ def read_mesh_sections(sections: dict[str, list[Element]], version: str) -> Febi
     """Read the mesh.
 
     Raises:
-        ImportRefusedError: Other elements than tetrahedra, or what cannot be read.
+        ImportRefusedError: Elements that cannot be cut into tetrahedra, or what cannot be read.
     """
     parts = [*sections.get("Geometry", []), *sections.get("Mesh", [])]
     for part in parts:
@@ -73,13 +77,21 @@ def read_mesh_sections(sections: dict[str, list[Element]], version: str) -> Febi
                 raise child.refuse("<Part>: a mesh of instances; write it out as one mesh")
     labels, nodes, node_sets = _nodes([c for part in parts for c in part if c.tag == "Nodes"])
     row_of = {label: row for row, label in enumerate(labels)}
-    corners, middles, blocks = [], [], {}
+    corners, middles, blocks, counts, told = [], [], {}, [], []
     elements = [c for part in parts for c in part if c.tag == "Elements"]
     for block in elements:
         rows = _rows(block, _CELLS, "elem", row_of)
+        name, kind = block.attributes.get("name", f"at line {block.line}"), block.require("type")
+        if not kind.startswith("tet"):
+            given, rows = len(rows), cut_cells(rows)
+            told.append(
+                f"{given} cells of type {kind} ({name}) are cut into {len(rows)} tetrahedra: the "
+                "same body where faces are flat, on another mesh"
+            )
         corners.append(rows[:, :4])
         middles.append(rows[:, 4:] if rows.shape[1] == 10 else np.full((len(rows), 6), -1))
-        blocks[block.attributes.get("name", f"at line {block.line}")] = len(rows)
+        blocks[name] = len(rows)
+        counts.append(len(rows))
     mesh = FebioMesh(
         nodes,
         np.array(labels, dtype=np.int64),
@@ -88,7 +100,8 @@ def read_mesh_sections(sections: dict[str, list[Element]], version: str) -> Febi
         node_sets,
         {},
         blocks,
-        _materials_of(sections, elements, version),
+        _materials_of(sections, elements, counts, version),
+        told,
     )
     for part in parts:
         for child in part:
@@ -132,7 +145,10 @@ def _rows(
 ) -> NDArray[np.int64]:
     kind = block.require("type")
     if kind not in kinds:
-        raise block.refuse(f"elements of type {kind[:20]!r}; a case has tetrahedra: tet4, tet10")
+        raise block.refuse(
+            f"elements of type {kind[:20]!r}; a case has tetrahedra: tet4 and tet10, and hex8, "
+            "penta6 and pyra5, which can be cut into them"
+        )
     block.only(tag, "e")
     rows = [_found(element, element.wholes(), kinds[kind], row_of) for element in block]
     return np.array(rows, dtype=np.int64).reshape(-1, kinds[kind])
@@ -173,21 +189,21 @@ def _surface(element: Element, row_of: dict[int, int]) -> NDArray[np.int64]:
     rows = []
     for facet in element:
         if facet.tag not in _FACETS:
-            raise facet.refuse(f"<{facet.tag}> in <Surface>; tetrahedra have tri3 and tri6")
+            raise facet.refuse(f"<{facet.tag}> in <Surface>; known are {', '.join(_FACETS)}")
         found = _found(facet, facet.wholes(), _FACETS[facet.tag], row_of)
-        rows.append(found if len(found) == 6 else [*found, *found])
+        cut = [found] if len(found) == 6 else [[*t, *t] for t in cut_face(found)]
+        rows += cut
     if not rows:
         raise element.refuse("a surface without facets")
     return np.array(rows, dtype=np.int64)
 
 
 def _materials_of(
-    sections: dict[str, list[Element]], elements: list[Element], version: str
+    sections: dict[str, list[Element]], elements: list[Element], counts: list[int], version: str
 ) -> list[tuple[Element, str, int]]:
-    """Of each block of cells what names its material."""
-    counts = [(block, len(block.children)) for block in elements]
+    """Of each block of cells what names its material, and how many they are."""
     if version == "2.5":
-        return [(block, block.require("mat"), count) for block, count in counts]
+        return [(block, block.require("mat"), n) for block, n in zip(elements, counts, strict=True)]
     domains: dict[str, Element] = {}
     for section in sections.get("MeshDomains", []):
         for domain in section:
@@ -195,7 +211,7 @@ def _materials_of(
                 raise domain.refuse(f"<{domain.tag}> in <MeshDomains>; a case is of solids")
             domains[domain.require("name")] = domain
     found = []
-    for block, count in counts:
+    for block, count in zip(elements, counts, strict=True):
         name = block.require("name")
         if name not in domains:
             raise block.refuse(f"no <SolidDomain> for the elements {name[:60]!r}")

@@ -182,7 +182,7 @@ def test_two_materials_are_a_body_and_an_inclusion(bring: Bring, bars: ModuleTyp
         ("<v>0.4</v>", "<v>0.4</v><k>3</k>", "<k> in <material> is not known"),
         ("<E>0.1", '<E type="map">0.1', "<E> varies in place or time"),
         ("<E>0.1", "<E>stiff", "'stiff' is no number"),
-        ('type="tet4"', 'type="hex8"', "elements of type 'hex8'; a case has tetrahedra"),
+        ('type="tet4"', 'type="hex20"', "elements of type 'hex20'; a case has tetrahedra"),
         ("SolidDomain", "ShellDomain", "<ShellDomain> in <MeshDomains>"),
         ('mat="Tissue"', 'mat="Bone"', "no material 'Bone' .known: "),
         ("<Loads>", "<Contact><contact/></Contact><Loads>", "<contact> in <Contact>"),
