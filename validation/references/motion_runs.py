@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.integrators.result import SteppedResult
 from palpate.reference.integrators.schemes import Integrator, Steps
-from palpate.reference.result import ExplicitResult, Formulation
+from palpate.reference.result import Formulation
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH, solve_state
 from palpate.validation.states import REFERENCE, Progress, State, Trajectory
+
+if TYPE_CHECKING:
+    from palpate.reference.integrators.result import SteppedResult
+    from palpate.reference.result import ExplicitResult
 
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
 _SPECTRAL_RADIUS = 0.9
