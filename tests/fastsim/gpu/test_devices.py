@@ -55,7 +55,7 @@ def test_cpu_is_the_core(ragged_box: TetMesh) -> None:
 def test_what_only_the_core_does_is_refused(ragged_box: TetMesh) -> None:
     pytest.importorskip("warp")
     neo = Problem(ragged_box, Material(1e4, 0.3, 1000.0, Law.NEO_HOOKEAN), (), (), SPAN)
-    with pytest.raises(UnsupportedOnDeviceError, match="neo_hookean|neo-hookean"):
+    with pytest.raises(UnsupportedOnDeviceError, match=r"neo_hookean|neo-hookean"):
         ExplicitBody(neo, device="warp:cpu")
     ExplicitBody(neo, strain=Strain.LINEAR, device="warp:cpu")  # all laws are Hooke's there
     plain = Problem(ragged_box, SOFT, (), (), SPAN)
