@@ -28,6 +28,7 @@ STUDIES = {
     "elements": "linear beside smoothed tetrahedra: error against time",
     "frontier": "error against run time of every simulator that is installed",
     "grading": "section V: graded meshes, the same answer with fewer cells",
+    "half-space": "the truth of a tool against Hertz and the flat punch",
     "hard-loads": "loads up to where the material ends, and who says why",
     "iterations": "eq. 10 as printed beside Newton's tangent and relaxation",
     "kidney": "Fig. 5 and Table I: original, linear and Green strain",

@@ -8,7 +8,8 @@ Stretch of Saint-Venant-Kirchhoff, free or confined: P / stiffness = l (l^2 - 1)
 extreme -1 / (3 sqrt 3) = -0.19245 at l = 1 / sqrt 3.
 
 A rigid sphere on a half space (Hertz): F = 4/3 E* sqrt(R) d^1.5, E* = E / (1 - nu^2), contact
-radius a = sqrt(R d), for small a / R (Johnson 1985, "Contact Mechanics", section 4.2).
+radius a = sqrt(R d), for small a / R (Johnson 1985, "Contact Mechanics", section 4.2). A flat round
+punch of radius a without friction: F = 2 E* a d (ibid., section 3.5).
 """
 
 from __future__ import annotations
@@ -101,6 +102,12 @@ def hertz_force(depth: float, material: Material, radius: float) -> float:
     """Force of Hertz at a depth [N]."""
     stiffness = material.youngs_modulus / (1.0 - material.poissons_ratio**2)
     return 4.0 / 3.0 * stiffness * math.sqrt(radius) * math.pow(depth, 1.5)
+
+
+def punch_force(depth: float, material: Material, radius: float) -> float:
+    """Force of a flat round punch without friction at a depth [N]."""
+    stiffness = material.youngs_modulus / (1.0 - material.poissons_ratio**2)
+    return 2.0 * stiffness * radius * depth
 
 
 def contact_radius(depth: float, radius: float) -> float:

@@ -1,0 +1,231 @@
+"""A sphere or a flat round punch in round blocks, and the half space that the blocks lead to.
+
+A round block of radius and height W carries the whole force F at the middle of its top. What its
+sides and its bottom add to the half space's field there is, far from the tool, that of a force on
+a point: the same k F / (E W) of settlement for any tool, exactly by scaling, and what is left over
+the contact of radius a is of order (a / W)^2 of that (the field's curvature; its slope is zero by
+symmetry). So with d the depth
+
+    punch:  d / F       = 1 / (2 E* a)               - (k / E) / W
+    sphere: d / F^(2/3) = (3 / (4 E* R^(1/2)))^(2/3)  - (k / E) F^(1/3) / W
+
+both linear in the last factor x but for O(x^3) (the half space: K. L. Johnson, Contact Mechanics,
+1985, sections 3.5 and 4.2). Two blocks give the half space, a third one what x^3 leaves, and k must
+be the same for both tools.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats
+from palpate.meshes.bricks import brick_box, rollers, side
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.references.adaptive_truth import TruthRequest, refine_truth
+from palpate.validation.states import Progress
+from palpate.validation.studies.closed_forms import hertz_force, punch_force
+
+CONTACT_RADIUS = 1e-3
+MATERIAL = Material(5000.0, 0.3)
+# Sphere over contact radius: the sphere's roundness counts for 0.8 depth / radius = 8e-5 at most.
+FLATNESS = 100.0
+# Of the block, over the contact radius; each four times the last.
+SIZES = (4.0, 16.0, 64.0)
+STEP = 4.0
+# Over a quarter turn. At the same area a square has 2 % more force than a circle (its capacity is
+# 0.3667 of its side, J. C. Maxwell's problem); 24 sides have 0.01 % more, if it goes as n^-3.
+SEGMENTS = 6
+BAR = 0.003
+_GROWTH = 2.5
+# How often the cells are halved towards the edge of the contact: at a punch's the pressure has no
+# bound, at a sphere's it is nothing, and where that lies the block's size decides.
+_HALVED = {"punch": 4, "sphere": 2}
+
+
+class Block(NamedTuple):
+    """One block: its size over the contact radius, the force of a quarter [N] and its bar [-]."""
+
+    size: float
+    force: float
+    bar: float
+    cells: int
+    unknowns: int
+    meshes: int
+    touching: float
+
+
+class HalfSpace(NamedTuple):
+    """What a tool's blocks say of the half space.
+
+    Attributes:
+        tool: Punch or sphere.
+        blocks: Each STEP times the last.
+        ratio: Force at the depth over the closed form's [-].
+        bar: Of that, from the truths' own bars [-].
+        remainder: What x^3 leaves [-].
+        settlement: k [-].
+        settlement_bar: Its bar, from the truths' and from what x^3 adds [-].
+    """
+
+    tool: str
+    blocks: tuple[Block, ...]
+    ratio: float
+    bar: float
+    remainder: float
+    settlement: float
+    settlement_bar: float
+
+
+def round_block(size: float, halved: int) -> TetMesh:
+    """A quarter of a round block, graded towards the middle of its top, where z = 0.
+
+    Args:
+        size: Radius and height over the contact radius, > 2.
+        halved: How often cells are halved towards the contact's edge, >= 1.
+    """
+    count = math.ceil(math.log(size) / math.log(_GROWTH))
+    outer = np.geomspace(1.0, size, count + 1)
+    to_edge = 0.5 ** np.arange(1, halved + 1)
+    across = np.concatenate([[0.0], 1.0 - to_edge, [1.0], 1.0 + to_edge[::-1], outer[1:]])
+    down = np.concatenate([[0.0], to_edge[::-1], outer])
+    grid = brick_box((len(across) - 1, SEGMENTS, len(down) - 1), (1.0, 1.0, 1.0))
+    i, j, k = np.rint(grid.points * [len(across) - 1, SEGMENTS, len(down) - 1]).astype(int).T
+    angle = 0.5 * math.pi * j / SEGMENTS
+    radius = CONTACT_RADIUS * _same_area() * across[i]
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    # The planes of symmetry to the last bit.
+    x[j == SEGMENTS], y[j == 0] = 0.0, 0.0
+    height = CONTACT_RADIUS * down[len(down) - 1 - k]
+    first = np.where(i == 0, k, np.arange(len(i)) + len(down))
+    kept, rows = np.unique(first, return_index=True)
+    cells = np.searchsorted(kept, first)[grid.cells].astype(np.int32)
+    points = np.column_stack([x, y, -height])[rows]
+    # On the axis bricks are wedges.
+    whole = [len(set(cell)) == 4 for cell in cells.tolist()]
+    cells = cells[whole]
+    flipped = signed_volumes(points, cells) < 0.0
+    cells[flipped] = cells[flipped][:, [0, 1, 3, 2]]
+    return TetMesh(points, cells)
+
+
+def _same_area() -> float:
+    """Radius of the corners of a polygon over that of the circle of its area."""
+    sides = 4 * SEGMENTS
+    return math.sqrt(2.0 * math.pi / (sides * math.sin(2.0 * math.pi / sides)))
+
+
+def pressed_block(tool: str, size: float) -> Problem:
+    """A punch or a sphere, pressed into a quarter of a round block.
+
+    The planes of symmetry and the bottom slide in themselves; the round side is free.
+
+    Args:
+        tool: "punch" or "sphere".
+        size: Of the block over the contact radius, > 1.
+    """
+    mesh = round_block(size, _HALVED[tool])
+    top = side(mesh, 2, 0.0)
+    distance = np.linalg.norm(mesh.points[top][:, :, :2], axis=2)
+    # The punch touches all that lies below it, and the sphere no more than twice its contact.
+    reach = _same_area() * CONTACT_RADIUS * (1.0 if tool == "punch" else _GROWTH) * (1.0 + 1e-9)
+    near = top[(distance <= reach).all(axis=1)]
+    depth = pressed_depth(tool)
+    shape = PlaneShape() if tool == "punch" else SphereShape(FLATNESS * CONTACT_RADIUS)
+    places = np.zeros((2, 3))
+    places[:, 2] = 0.0 if tool == "punch" else FLATNESS * CONTACT_RADIUS
+    places[1, 2] -= depth
+    # Half a turn about x: the plane's half space lies above.
+    turned = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
+    path = ToolPath(np.arange(2.0), places, turned)
+    supports = rollers(mesh, ((0, 0.0), (1, 0.0), (2, float(mesh.points[:, 2].min()))))
+    pressed = RigidTool(shape, path, contact_facets=near)
+    return Problem(mesh, MATERIAL, supports, (), tools=(pressed,))
+
+
+def pressed_depth(tool: str) -> float:
+    """How deep [m]: the sphere's contact has the contact radius on the half space."""
+    return CONTACT_RADIUS / FLATNESS if tool == "sphere" else 1e-3 * CONTACT_RADIUS
+
+
+def solve_block(tool: str, size: float, bar: float, progress: Progress) -> Block:
+    """The truth of the force on a tool, of the whole block."""
+    problem = pressed_block(tool, size)
+    request = TruthRequest(bar, 600.0, 8.0, {Strain.LINEAR: ("tool_force",)}, unknowns=150_000)
+    label = f"{tool} in a block of {size:g} contact radii"
+    found = refine_truth(problem, Strain.LINEAR, request, progress, label=label)
+    (felt,) = found.tools
+    return Block(
+        size,
+        4.0 * float(felt.forces[-1][2]),
+        found.bar("tool_force"),
+        int(found.num_cells[-1]),
+        int(found.num_unknowns[-1]),
+        len(found.num_cells),
+        2.0 * math.sqrt(felt.active_areas[-1] / math.pi),
+    )
+
+
+def extrapolate(tool: str, blocks: Sequence[Block]) -> HalfSpace:
+    """The half space from three blocks.
+
+    Args:
+        tool: "punch" or "sphere".
+        blocks: Three, smallest first, each STEP times the last.
+    """
+    depth = pressed_depth(tool)
+    closed = closed_force(tool)
+    power = 1.0 if tool == "punch" else 2.0 / 3.0
+    force = np.array([block.force for block in blocks])
+    y = depth / force**power
+    x = force ** (1.0 - power) / (CONTACT_RADIUS * np.array([block.size for block in blocks]))
+
+    def half_space(values: Floats, first: int) -> float:
+        a, b = first, first + 1
+        return float(values[b] + (values[b] - values[a]) * x[b] / (x[a] - x[b]))
+
+    def slope(values: Floats) -> float:
+        return float((values[0] - values[1]) / (x[0] - x[1]))
+
+    limit = half_space(y, 1)
+    # Each truth may be off by its bar: all against the fit at once.
+    each = [np.where(np.arange(len(y)) == k, y * power * b.bar, 0.0) for k, b in enumerate(blocks)]
+    off = sum(abs(half_space(one, 1)) for one in each)
+    apart = abs(limit - half_space(y, 0)) / (STEP**3 - 1.0)
+    E = MATERIAL.youngs_modulus
+    # The two smallest, between which it is large: O(x^3) beside x.
+    settlement = -E * slope(y)
+    curved = abs(settlement) / blocks[0].size ** 2
+    return HalfSpace(
+        tool,
+        tuple(blocks),
+        (depth / limit) ** (1.0 / power) / closed,
+        off / limit / power,
+        apart / limit / power,
+        settlement,
+        E * sum(abs(slope(one)) for one in each) + curved,
+    )
+
+
+def closed_force(tool: str) -> float:
+    """Force of the closed form on the half space at the depth [N]."""
+    depth = pressed_depth(tool)
+    if tool == "punch":
+        return punch_force(depth, MATERIAL, CONTACT_RADIUS)
+    return hertz_force(depth, MATERIAL, FLATNESS * CONTACT_RADIUS)
+
+
+def hertz_radius(force: float) -> float:
+    """Contact radius of Hertz of a force on the sphere [m]."""
+    E, nu = MATERIAL.youngs_modulus, MATERIAL.poissons_ratio
+    return math.cbrt(0.75 * force * FLATNESS * CONTACT_RADIUS * (1.0 - nu**2) / E)
+
+
+def solve_half_space(tool: str, progress: Progress) -> HalfSpace:
+    """All blocks of a tool, and what they say of the half space."""
+    return extrapolate(tool, [solve_block(tool, size, BAR, progress) for size in SIZES])
