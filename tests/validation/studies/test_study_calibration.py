@@ -9,11 +9,13 @@ import tomllib
 import numpy as np
 import pytest
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Strain
 from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies.calibration import LOG, Found, judge, present
 from palpate.validation.studies.calibration.bars import column_problem, motion_problem
 from palpate.validation.studies.calibration.drawn import TABLE, draw_problems
+from palpate.validation.studies.calibration.kept import file_of, load_rows, save_rows
 from palpate.validation.studies.calibration.layers import layer_problem
 from palpate.validation.studies.calibration.measured import (
     STORED,
@@ -23,6 +25,8 @@ from palpate.validation.studies.calibration.measured import (
     hold_all,
     summarise,
 )
+from palpate.validation.studies.calibration.plane import Plane, PlaneLoads
+from palpate.validation.studies.calibration.plane_grid import Section
 from palpate.validation.studies.calibration.smooth import smooth_problem
 from palpate.validation.studies.closed_forms import confined_modulus
 
@@ -41,6 +45,8 @@ def test_half_of_every_family_is_set_apart_by_its_names() -> None:
 
 def test_another_generation_leaves_the_open_half_and_draws_the_rest_anew() -> None:
     table = tomllib.loads(TABLE.read_text("utf-8"))
+    for family in table["family"]:
+        family.pop("generation", None)
     first, second = (
         draw_problems(table | {"generation": 1}),
         draw_problems(table | {"generation": 2}),
@@ -53,7 +59,8 @@ def test_another_generation_leaves_the_open_half_and_draws_the_rest_anew() -> No
 
 def test_the_log_is_of_generations_that_were() -> None:
     runs = tomllib.loads(LOG.read_text("utf-8")).get("run", [])
-    generation = tomllib.loads(TABLE.read_text("utf-8"))["generation"]
+    table = tomllib.loads(TABLE.read_text("utf-8"))
+    generation = max([table["generation"], *(f.get("generation", 1) for f in table["family"])])
     assert all(1 <= run["generation"] <= generation and run["truth"] in WAYS for run in runs)
 
 
@@ -136,6 +143,106 @@ def test_a_bar_that_is_pulled_slowly_at_the_end_swings_about_its_rest() -> None:
     last = motion.times > motion.times[-1] - 4.0 + 1e-9
     mean = motion.displacements[last].mean(axis=0)
     np.testing.assert_allclose(mean[:, 1].max(), 0.02, rtol=2e-3, atol=0.0)
+
+
+def williams(angle: float, nu: float, guess: float):
+    """The first singular field of a wedge, clamped at theta = 0 and free at `angle`.
+
+    2 mu (u_r + i u_t) from the Airy function r^(l + 1) f(theta) (M. L. Williams, J. Appl. Mech. 19,
+    1952), f of sines and cosines of (l + 1) theta and (l - 1) theta.
+
+    Returns:
+        The exponent l, and the displacement (..., 2) at places (..., 2), mu = 1.
+    """
+    kappa = 3.0 - 4.0 * nu
+
+    def rows(power, t):
+        p, m = power + 1.0, power - 1.0
+        s, c = np.sin, np.cos
+        f = np.array([c(p * t), s(p * t), c(m * t), s(m * t)])
+        d = np.array([-p * s(p * t), p * c(p * t), -m * s(m * t), m * c(m * t)])
+        g = kappa + 1.0
+        u_r = 0.5 * (-p * f + g * np.array([0 * t, 0 * t, c(m * t), s(m * t)]))
+        u_t = 0.5 * (-d + g * np.array([0 * t, 0 * t, s(m * t), -c(m * t)]))
+        return f, d, u_r, u_t
+
+    def system(power):
+        f, d, _, _ = rows(power, angle)
+        _, _, u_r, u_t = rows(power, 0.0)
+        return np.array([u_r, u_t, f, d])
+
+    def squared(power):
+        wave = np.sin(power * angle) ** 2
+        return wave - ((kappa + 1.0) ** 2 - 4.0 * (power * np.sin(angle)) ** 2) / (4.0 * kappa)
+
+    low, high = guess - 0.1, guess + 0.1
+    assert squared(low) * squared(high) < 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if squared(low) * squared(middle) > 0.0 else (low, middle)
+    power = 0.5 * (low + high)
+    _, values, right = np.linalg.svd(system(power))
+    assert values[-1] < 1e-10 * values[0]
+
+    def exact(places):
+        r, t = np.hypot(*places.T).T, np.arctan2(places[..., 1], places[..., 0])
+        _, _, u_r, u_t = (np.einsum("k,k...->...", right[-1], part) for part in rows(power, t))
+        scale = r**power
+        c, s = np.cos(t), np.sin(t)
+        return np.stack([scale * (c * u_r - s * u_t), scale * (s * u_r + c * u_t)], axis=-1)
+
+    return power, exact
+
+
+@pytest.mark.parametrize(("lean", "nu"), [(0.0, 0.3), (0.4, 0.499)])
+def test_two_dimensions_find_the_singular_field_of_a_clamped_edge(lean: float, nu: float) -> None:
+    # Clamped below, free at the left: displacement given at the right and on top.
+    angle = 0.5 * np.pi - np.arctan(lean)
+    power, exact = williams(angle, nu, 0.7)
+    lines = np.array([0.0, 1.0])
+    section = Section(lines, lines, np.ones((1, 1), dtype=bool),
+                      lambda grid: grid + lean * grid[..., 1:] * [1.0, 0.0])  # fmt: skip
+    held = dict.fromkeys(("far", "top"), lambda X, s: s * exact(X))
+    loads = PlaneLoads({"under": lambda X, s: 0.0 * s * X, **held})
+    off = []
+    for degree, layers in ((4, 3), (8, 7)):
+        plane = Plane(section, Material(2.0 * (1.0 + nu), nu, 1.0), Strain.LINEAR, loads,
+                      degree=degree, layers=layers)  # fmt: skip
+        u, right = plane.solve(), exact(plane.places)
+        off.append(np.abs(u - right).max() / np.abs(right).max())
+    assert 0.5 < power < 1.0
+    assert off[1] < 2e-5
+    assert off[1] < 0.05 * off[0]
+
+
+@pytest.mark.parametrize("law", [Law.SAINT_VENANT_KIRCHHOFF, Law.NEO_HOOKEAN_STABLE])
+def test_tangents_in_two_dimensions_are_the_slope_of_the_forces(law: Law) -> None:
+    section = Section(np.array([0.0, 1.0]), np.array([0.0, 0.7]), np.ones((1, 1), dtype=bool),
+                      lambda grid: grid + 0.3 * grid[..., 1:] * [1.0, 0.0])  # fmt: skip
+    loads = PlaneLoads({}, pressures={"top": 0.2, "far": 0.1})
+    plane = Plane(section, Material(1.0, 0.4, 1.0, law), Strain.GREEN, loads, degree=3, layers=1)
+    rng = np.random.default_rng(0)
+    u, along = (0.1 * rng.standard_normal(plane.places.shape) for _ in range(2))
+    K, _ = plane._elements(0, u, 1.0)
+    h = 1e-6
+    rise = (
+        plane._elements(0, u + h * along, 1.0)[1] - plane._elements(0, u - h * along, 1.0)[1]
+    ) / (2.0 * h)
+    wanted = -np.einsum("eij,ej->ei", K, plane._local(along, 0).reshape(len(K), -1))
+    np.testing.assert_allclose(rise, wanted, rtol=0.0, atol=1e-7 * np.abs(wanted).max())
+
+
+def test_numbers_are_kept_by_what_was_run(tmp_path) -> None:
+    one, other = draw_problems()[:2]
+    rows = [number(1.0, 0.5), number(math.inf, 0.5)]
+    file = file_of(tmp_path, one, STORED)
+    save_rows(file, rows)
+    assert hold_all([one], in_silence, ways=(STORED,), kept=tmp_path) == rows
+    changed = dataclasses.replace(one, given={**one.given, "nu": 0.123})
+    names = {file_of(tmp_path, p, way) for p in (one, other, changed) for way in WAYS}
+    assert len(names) == 6
+    file.write_text("[[1, ")
+    assert load_rows(file) is None
 
 
 @pytest.mark.dolfinx

@@ -13,12 +13,13 @@ from typing import Any
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.studies.calibration.answers import Answer
 from palpate.validation.studies.calibration.bars import column_problem, motion_problem
-from palpate.validation.studies.calibration.clamped import (
-    clamped_problem,
+from palpate.validation.studies.calibration.extruded import extruded_problem
+from palpate.validation.studies.calibration.layers import layer_problem
+from palpate.validation.studies.calibration.slender import (
     find_answer,
     kept_answer,
+    slender_problem,
 )
-from palpate.validation.studies.calibration.layers import layer_problem
 from palpate.validation.studies.calibration.smooth import smooth_problem
 
 TABLE = Path(__file__).with_name("problems.toml")
@@ -27,6 +28,7 @@ _EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer]]] = {
     "layer": layer_problem,
     "column": column_problem,
     "motion": motion_problem,
+    "extruded": extruded_problem,
 }
 
 
@@ -52,7 +54,7 @@ class Drawn:
         """The problem, its strain measure and what is known of it; None where it must be found."""
         if self.maker in _EXACT:
             return _EXACT[self.maker](**self.given)
-        problem, strain = clamped_problem(**self.given)
+        problem, strain = slender_problem(**self.given)
         return problem, strain, kept_answer(self.name, problem, strain)
 
 
@@ -65,9 +67,10 @@ def draw_problems(table: Mapping[str, Any] | None = None) -> list[Drawn]:
         apart = set(sorted(names, key=_digest)[: len(names) // 2])
         given = _drawn(family["draw"], names, [])
         full = dict(zip(names, names, strict=True))
-        if table["generation"] > 1:
+        generation = max(table["generation"], family.get("generation", 1))
+        if generation > 1:
             # The open half is that of the first generation, and no fresh problem is one of it.
-            full |= {name: f"{name}.{table['generation']}" for name in apart}
+            full |= {name: f"{name}.{generation}" for name in apart}
             open_half = {name: given[name] for name in names if name not in apart}
             fresh = _drawn(family["draw"], [full[n] for n in names if n in apart],
                            list(open_half.values()))  # fmt: skip
@@ -103,6 +106,6 @@ def find_missing() -> None:
     """Find and keep the answers that are missing: some five minutes each."""
     for one in draw_problems():
         if one.maker not in _EXACT:
-            problem, strain = clamped_problem(**one.given)
+            problem, strain = slender_problem(**one.given)
             if kept_answer(one.name, problem, strain) is None:
                 find_answer(one.name, problem, strain)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +22,13 @@ from palpate.validation.references.sets import TRUTH, ReferenceSet
 from palpate.validation.states import Progress, State
 from palpate.validation.studies.calibration.answers import Answer
 from palpate.validation.studies.calibration.drawn import Drawn
+from palpate.validation.studies.calibration.kept import file_of, load_rows, save_rows
 
 STORED, LIVE = "stored", "live"
 WAYS = (STORED, LIVE)
 # What is asked of every truth: bars this small, or the budget spent, which is the same on every
 # machine.
-_BAR, _SECONDS, _UNKNOWNS = 0.02, 300.0, 50_000.0
+_BAR, _SECONDS, _UNKNOWNS = 0.02, 1800.0, 50_000.0
 # An answer is known where its own doubt is at most this part of the bar.
 KNOWN = 0.1
 # Both below this are equal: what solvers leave.
@@ -105,12 +108,12 @@ def hold(
     problem, strain, known = drawn.make()
     answer = answer or known
     if answer is None:
-        progress(f"{drawn.name}: its answer has not been found")
+        progress("its answer has not been found")
         return []
     try:
         truth, bars = (_stored if way == STORED else _live)(problem, strain, progress)
     except ReferenceFailedError as failure:
-        progress(f"{drawn.name}, {way}: no truth: {failure}")
+        progress(f"no truth: {failure}")
         return []
     found = []
     for metric, bar in bars.items():
@@ -126,10 +129,41 @@ def hold(
 
 
 def hold_all(
-    problems: Iterable[Drawn], progress: Progress, *, ways: Sequence[str] = WAYS
+    problems: Iterable[Drawn],
+    progress: Progress,
+    *,
+    ways: Sequence[str] = WAYS,
+    kept: Path | None = None,
+    jobs: int = 1,
 ) -> list[Number]:
-    """The numbers of problems, stored and live."""
-    return [number for one in problems for way in ways for number in hold(one, way, progress)]
+    """The numbers of problems, stored and live.
+
+    Args:
+        problems: Which.
+        progress: Called with one line now and then.
+        ways: STORED, LIVE or both.
+        kept: Folder of numbers that were found before, and where new ones go; see `kept`.
+        jobs: How many are solved at once, each in a process of its own.
+    """
+
+    def one(drawn: Drawn, way: str) -> list[Number]:
+        file = None if kept is None else file_of(kept, drawn, way)
+        rows = None if file is None else load_rows(file)
+        if rows is not None:
+            progress(f"{drawn.name}, {way}: kept")
+            return [Number(*row) for row in rows]
+        found = hold(drawn, way, lambda line: progress(f"{drawn.name}, {way}: {line}"))
+        if file is not None and found:
+            save_rows(file, found)
+        return found
+
+    with ThreadPoolExecutor(jobs) as pool:  # truths are solved in child processes
+        lists = [pool.submit(one, drawn, way) for drawn in problems for way in ways]
+        try:
+            return [number for each in lists for number in each.result()]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _error(metric: str, problem: Problem, truth: State, answer: Answer) -> float:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.bricks import brick_box, side
+from palpate.meshes.bricks import brick_box
 from palpate.meshes.tet_mesh import TetMesh
 
+BAR_THICKNESS = 0.125
 # Of the arch, inside and outside, and how far round it goes.
 _INNER, _OUTER, _ANGLE = 0.6, 1.0, 0.75 * np.pi
 
@@ -31,10 +32,10 @@ def _arch() -> TetMesh:
     return TetMesh(points, box.cells)
 
 
-def _elbow() -> TetMesh:
-    """An L: its inner edge, along y, is re-entrant."""
+def _elbow(ragged: float = 0.15) -> TetMesh:
+    """An L: its inner edge, along y, is re-entrant; ragged, the faces beside it are uneven."""
     return _part_of(
-        brick_box((4, 2, 4), (1.0, 0.5, 1.0), ragged=0.15),
+        brick_box((4, 2, 4), (1.0, 0.5, 1.0), ragged=ragged),
         lambda c: (c[:, 0] < 0.5) | (c[:, 2] < 0.5),
     )
 
@@ -56,9 +57,10 @@ _SHAPES: dict[str, Callable[[], TetMesh]] = {
     "box": lambda: brick_box((3, 2, 2), (1.0, 0.7, 0.6), ragged=0.2),
     "cube": lambda: brick_box((3, 3, 3), (1.0, 1.0, 1.0), ragged=0.25),
     "thin": lambda: brick_box((5, 4, 1), (1.0, 0.8, 0.1)),
-    "bar": lambda: brick_box((8, 1, 1), (1.0, 0.125, 0.125)),
+    "bar": lambda: brick_box((8, 1, 1), (1.0, BAR_THICKNESS, BAR_THICKNESS)),
     "sliver": _sliver,
     "elbow": _elbow,
+    "bracket": lambda: _elbow(0.0),
     "notched": _notched,
     "arch": _arch,
 }
@@ -79,20 +81,3 @@ def planes(mesh: TetMesh) -> list[tuple[Floats, Indices]]:
         (normals[which.ravel() == k][0], mesh.boundary_facets[which.ravel() == k])
         for k in range(len(keys))
     ]
-
-
-def far_side(mesh: TetMesh, name: str) -> Indices:
-    """Facets at the other end than x = 0."""
-    if name != "arch":
-        return side(mesh, 0, float(mesh.points[:, 0].max()))
-    normal = np.array([np.cos(_ANGLE), 0.0, -np.sin(_ANGLE)])
-    across = np.abs(mesh.points[mesh.boundary_facets] @ normal)
-    far: Indices = mesh.boundary_facets[(across < 1e-9).all(axis=1)]
-    return far
-
-
-def upper_side(mesh: TetMesh, name: str) -> Indices:
-    """The flat top; of the arch what faces upwards."""
-    if name != "arch":
-        return side(mesh, 2, float(mesh.points[:, 2].max()))
-    return np.concatenate([facets for normal, facets in planes(mesh) if normal[2] > 0.6])

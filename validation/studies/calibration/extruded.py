@@ -1,0 +1,191 @@
+"""Bodies with clamped and re-entrant edges, extruded along y between smooth walls.
+
+Of these the section in plane strain tells all, and that is solved in two dimensions by polynomials
+of high degree (`plane`) until the answer is known to some 1e-5; how well is what the last rise of
+degree and layers changed. Edges and their singular stresses are those of any clamped or re-entrant
+body; the corners where three faces meet are not, as the walls are smooth: those has "slender".
+
+Where a law gives way at a pressed corner (see `plane`) the finest grid that has an equilibrium, and
+that the one before led to, has the word: it changes at most half of what that one did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    Load,
+    Pressure,
+    Rotation,
+    Support,
+    Traction,
+)
+from palpate.meshes.bricks import held, rollers, side
+from palpate.meshes.field_norms import size_of_change
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.studies.calibration.answers import Answer, told
+from palpate.validation.studies.calibration.plane import (
+    Plane,
+    PlaneLoads,
+    PlaneNotConvergedError,
+)
+from palpate.validation.studies.calibration.plane_grid import Section
+from palpate.validation.studies.calibration.shapes import shape_mesh
+
+# Height in which a section bends, and the lines between its bricks on which corners lie.
+_HEIGHT = {"box": 0.6, "cube": 1.0, "thin": 0.1, "sliver": 0.25, "bracket": 0.5, "notched": 0.5}
+_LINES = {
+    "bracket": ((0.0, 0.5, 1.0), (0.0, 0.5, 1.0)),
+    "notched": ((0.0, 0.5, 0.75, 1.25), (0.0, 0.5, 0.75)),
+}
+_LEFT_OUT = {"bracket": (1, 1), "notched": (1, 1)}
+# Strain far from corners; and degrees with layers, each of which begins where the last one ended.
+_STRAIN = {"linear": 0.05, Law.SAINT_VENANT_KIRCHHOFF: 0.015, Law.NEO_HOOKEAN_STABLE: 0.03}
+_LINEAR_LEVELS = ((6, 5), (8, 7))
+_ROUNDING = 1e-7
+_LEVELS = ((4, 2), (6, 3), (6, 4), (6, 5))
+
+
+@cache
+def extruded_problem(
+    *, shape: str, nu: float, load: str, law: str, lean: float
+) -> tuple[Problem, Strain, Answer]:
+    """A body of Young's modulus 1 Pa, held where x is smallest, and its answer.
+
+    Args:
+        shape: "box", "cube", "thin", "sliver", or with re-entrant edges "bracket", "notched".
+        nu: Poisson's ratio.
+        load: "pull" or "bend" at the far end, "press" on top, "weight"; "bed": pressed and rubbed
+            on top, held below instead; with the far end held as well "sag" (weight), "shift" (that
+            end is moved), "turn" (it is turned).
+        law: "linear" for linear strain, or that of a `Material`.
+        lean: How far x moves by z: angles of 90 degrees become others.
+
+    Raises:
+        PlaneNotConvergedError: The load is more than the section bears.
+    """
+    rest = shape_mesh(shape)
+    mesh = TetMesh(rest.points + lean * rest.points[:, 2:] * [1.0, 0.0, 0.0], rest.cells)
+    strain = Strain.LINEAR if law == "linear" else Strain.GREEN
+    material = Material(1.0, nu, 1.0)
+    if law != "linear":
+        material = replace(material, law=Law(law))
+    top, length, width = (float(rest.points[:, k].max()) for k in (2, 0, 1))
+    h, e = _HEIGHT[shape], _STRAIN[law]
+    facets = {
+        "near": side(rest, 0, 0.0),
+        "far": side(rest, 0, length),
+        "under": side(rest, 2, 0.0),
+        "top": side(rest, 2, top),
+    }
+    base = "under" if load == "bed" else "near"
+    supports: list[Support] = [held(facets[base]), *rollers(mesh, ((1, 0.0), (1, width)))]
+    loads: tuple[Load, ...] = ()
+    plane = PlaneLoads({base: _stay})
+    if load in ("pull", "bend", "bed"):
+        on, push = {
+            "pull": ("far", (e, 0.1 * e * h**2)),
+            "bend": ("far", (0.0, -e * h / 6.0)),
+            "bed": ("top", (0.5 * e, -0.5 * e)),
+        }[load]
+        plane.tractions[on] = push
+        loads = (Traction(facets[on], (push[0], 0.0, push[1])),)
+    elif load == "press":
+        plane.pressures["top"] = e * h**2 / 3.0
+        loads = (Pressure(facets["top"], plane.pressures["top"]),)
+    elif load in ("weight", "sag"):
+        weight = (0.0, -e * h * (1.0 if load == "sag" else 1.0 / 3.0))
+        plane = PlaneLoads(plane.held, body=weight)
+        loads = (BodyForce((0.0, 0.0, weight[1])),)
+    if load == "sag":
+        plane.held["far"] = _stay
+        supports.append(held(facets["far"]))
+    elif load == "shift":
+        moved = (0.2 * e, -min(e / (3.0 * h), 0.15))
+        plane.held["far"] = lambda X, s: s * np.broadcast_to(moved, X.shape)
+        supports.append(held(facets["far"], displacement=(moved[0], 0.0, moved[1])))
+    elif load == "turn":
+        angle = min(e / (2.0 * h), 0.4)
+        on_far = np.unique(facets["far"])
+        x, _, z = mesh.points[on_far].mean(axis=0).tolist()
+        plane.held["far"] = lambda X, s: (X - (x, z)) @ (_turn(s * angle) - np.eye(2)).T
+        turn = Rotation((0.0, 1.0, 0.0), (x, 0.0, z), angle)
+        supports.append(Support(on_far, facets["far"], rotation=turn))
+    problem = Problem(mesh, material, tuple(supports), loads)
+    section = _section(shape, rest.points, lean)
+    return problem, strain, _answer(section, problem, strain, plane, rest.points[:, ::2], width)
+
+
+def _stay(X: Floats, factor: float) -> Floats:
+    del factor
+    return np.zeros_like(X)
+
+
+def _turn(angle: float) -> Floats:
+    """About y, right-handed, of x and z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s], [-s, c]])
+
+
+def _section(shape: str, points: Points, lean: float) -> Section:
+    whole = tuple((0.0, float(points[:, k].max())) for k in (0, 2))
+    x, z = (np.array(lines) for lines in _LINES.get(shape, whole))
+    is_solid = np.ones((len(x) - 1, len(z) - 1), dtype=bool)
+    if shape in _LEFT_OUT:
+        is_solid[_LEFT_OUT[shape]] = False
+    return Section(x, z, is_solid, lambda grid: grid + lean * grid[..., 1:] * [1.0, 0.0])
+
+
+def _answer(
+    section: Section,
+    problem: Problem,
+    strain: Strain,
+    loads: PlaneLoads,
+    grid: Floats,
+    width: float,
+) -> Answer:
+    """The last two levels that have an equilibrium, and what is between them."""
+    mesh, levels = problem.mesh, _LINEAR_LEVELS if strain is Strain.LINEAR else _LEVELS
+    found: list[tuple[Floats, float, float]] = []
+    steps: list[float] = []
+    start: tuple[Plane, Floats] | None = None
+    for degree, layers in levels:
+        plane = Plane(section, problem.material, strain, loads, degree=degree, layers=layers)
+        near = None
+        if start is not None:
+            near = start[0].at(start[1], plane.grid.reshape(-1, 2)).reshape(plane.grid.shape)
+        try:
+            start = plane, plane.solve(near)
+        except PlaneNotConvergedError:
+            if len(found) < 2:
+                raise
+            break
+        area, outline = plane.sizes(start[1])
+        moved = plane.at(start[1], grid)
+        if found:
+            steps.append(_apart(moved, found[-1][0]))
+        if len(steps) > 1 and steps[-1] > max(0.5 * steps[-2], _ROUNDING):
+            break
+        found.append((moved, width * area, 2.0 * area + width * outline))
+    (before, *sizes_before), (moved, volume, surface_area) = found[-2:]
+    displacement = np.insert(moved, 1, 0.0, axis=1)
+    off = _apart(moved, before)
+    doubts = dict.fromkeys(("displacement_l2", "displacement_max", "max_displacement"), off)
+    rests = {"volume": mesh.volume, "surface_area": mesh.surface_area}
+    for (metric, rest), new, old in zip(
+        rests.items(), (volume, surface_area), sizes_before, strict=True
+    ):
+        doubts[metric] = abs(new - old) / size_of_change(new, rest)
+    return told(mesh, displacement, (volume, surface_area), strain, doubts)
+
+
+def _apart(new: Floats, old: Floats) -> float:
+    """Largest difference of a point over the largest displacement."""
+    return float(np.linalg.norm(new - old, axis=1).max() / np.linalg.norm(new, axis=1).max())
