@@ -23,7 +23,7 @@ from palpate.validation.studies.calibration.slender import (
 from palpate.validation.studies.calibration.smooth import smooth_problem
 
 TABLE = Path(__file__).with_name("problems.toml")
-_EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer]]] = {
+_EXACT: dict[str, Callable[..., tuple[Problem, Strain, Answer | None]]] = {
     "smooth": smooth_problem,
     "layer": layer_problem,
     "column": column_problem,
@@ -51,7 +51,7 @@ class Drawn:
     is_apart: bool
 
     def make(self) -> tuple[Problem, Strain, Answer | None]:
-        """The problem, its strain measure and what is known of it; None where it must be found."""
+        """The problem, its strain measure and what is known of it; None where nothing is."""
         if self.maker in _EXACT:
             return _EXACT[self.maker](**self.given)
         problem, strain = slender_problem(**self.given)

@@ -56,7 +56,7 @@ _LEVELS = ((4, 2), (6, 3), (6, 4), (6, 5))
 @cache
 def extruded_problem(
     *, shape: str, nu: float, load: str, law: str, lean: float
-) -> tuple[Problem, Strain, Answer]:
+) -> tuple[Problem, Strain, Answer | None]:
     """A body of Young's modulus 1 Pa, held where x is smallest, and its answer.
 
     Args:
@@ -68,8 +68,9 @@ def extruded_problem(
         law: "linear" for linear strain, or that of a `Material`.
         lean: How far x moves by z: angles of 90 degrees become others.
 
-    Raises:
-        PlaneNotConvergedError: The load is more than the section bears.
+    Returns:
+        The problem, its strain measure and its answer: None where the load is more than the
+        section bears.
     """
     rest = shape_mesh(shape)
     mesh = TetMesh(rest.points + lean * rest.points[:, 2:] * [1.0, 0.0, 0.0], rest.cells)
@@ -150,8 +151,8 @@ def _answer(
     loads: PlaneLoads,
     grid: Floats,
     width: float,
-) -> Answer:
-    """The last two levels that have an equilibrium, and what is between them."""
+) -> Answer | None:
+    """The last two levels that have an equilibrium, and what is between them; None of fewer."""
     mesh, levels = problem.mesh, _LINEAR_LEVELS if strain is Strain.LINEAR else _LEVELS
     found: list[tuple[Floats, float, float]] = []
     steps: list[float] = []
@@ -164,8 +165,6 @@ def _answer(
         try:
             start = plane, plane.solve(near)
         except PlaneNotConvergedError:
-            if len(found) < 2:
-                raise
             break
         area, outline = plane.sizes(start[1])
         moved = plane.at(start[1], grid)
@@ -174,6 +173,8 @@ def _answer(
         if len(steps) > 1 and steps[-1] > max(0.5 * steps[-2], _ROUNDING):
             break
         found.append((moved, width * area, 2.0 * area + width * outline))
+    if len(found) < 2:
+        return None
     (before, *sizes_before), (moved, volume, surface_area) = found[-2:]
     displacement = np.insert(moved, 1, 0.0, axis=1)
     off = _apart(moved, before)
