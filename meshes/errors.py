@@ -6,12 +6,32 @@ Every class derives from InputError; the command line turns it into exit code 2.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from palpate.meshes.tri_surface import TriSurface
 
 
 def _first(items: Sequence[object], limit: int = 5) -> str:
     """Show the first few entries of a list of guilty things."""
     shown = ", ".join(str(item) for item in items[:limit])
     return shown if len(items) <= limit else f"{shown} and {len(items) - limit} more"
+
+
+def _count_loops(edges: Sequence[tuple[int, int]]) -> int:
+    """Loops of a graph: edges less points plus connected parts; two that touch are two."""
+    parent: dict[int, int] = {}
+
+    def root(v: int) -> int:
+        while parent.setdefault(v, v) != v:
+            parent[v] = parent[parent[v]]
+            v = parent[v]
+        return v
+
+    for a, b in edges:
+        parent[root(a)] = root(b)
+    parts = sum(root(v) == v for v in list(parent))
+    return len(edges) - len(parent) + parts
 
 
 class InputError(ValueError):
@@ -118,10 +138,20 @@ class InvertedCellError(MeshError):
 
 
 class SurfaceError(MeshError):
-    """A surface that bounds no solid; `.facets` holds the guilty facets."""
+    """A surface that bounds no solid; `.facets` holds the guilty facets.
 
-    def __init__(self, message: str, facets: Sequence[int] = ()) -> None:
+    `.summary` says what is wrong without their numbers, `.surface` is the one that has these
+    numbers where it is known, `.done` is what a repair had done before, `.hint` what would help.
+    """
+
+    def __init__(
+        self, message: str, facets: Sequence[int] = (), *, summary: str | None = None
+    ) -> None:
         self.facets = [int(i) for i in facets]
+        self.summary = message if summary is None else summary
+        self.surface: TriSurface | None = None
+        self.done: list[str] = []
+        self.hint = ""
         super().__init__(message)
 
 
@@ -130,14 +160,30 @@ class EmptySurfaceError(SurfaceError):
 
 
 class OpenSurfaceError(SurfaceError):
-    """Edges with one facet only; `.edges` holds them as pairs of points."""
+    """Edges with one facet only: `.edges`, pairs of points; `.num_holes` counts their loops."""
 
     def __init__(self, edges: Sequence[tuple[int, int]], facets: Sequence[int]) -> None:
         self.edges = [(int(a), int(b)) for a, b in edges]
+        self.num_holes = _count_loops(self.edges)
+        summary = (
+            f"the surface is open: {self.num_holes} hole(s), {len(self.edges)} edge(s) with one "
+            "facet only"
+        )
         super().__init__(
-            f"the surface is open: {len(self.edges)} edge(s) with one facet only, at points "
-            f"{_first(self.edges, 3)}; close the holes",
+            f"{summary}, at points {_first(self.edges, 3)}; close the holes",
             facets,
+            summary=summary,
+        )
+
+
+class FinError(SurfaceError):
+    """Sheets that hang on the surface and end free; there is no hole."""
+
+    def __init__(self, facets: Sequence[int], num_fins: int) -> None:
+        self.num_fins = num_fins
+        summary = f"{num_fins} fin(s) of {len(facets)} facet(s) stand on the surface and end free"
+        super().__init__(
+            f"{summary}: {_first(list(facets))}; cut them off", facets, summary=summary
         )
 
 
@@ -152,12 +198,13 @@ class NonManifoldError(SurfaceError):
     ) -> None:
         self.edges = [(int(a), int(b)) for a, b in edges]
         self.vertices = [int(v) for v in vertices]
-        what = (
-            f"{len(self.edges)} edge(s) with more than two facets: {_first(self.edges, 3)}"
+        what, which = (
+            (f"{len(self.edges)} edge(s) with more than two facets", _first(self.edges, 3))
             if self.edges
-            else f"{len(self.vertices)} vertex(es) where sheets touch: {_first(self.vertices)}"
+            else (f"{len(self.vertices)} vertex(es) where sheets touch", _first(self.vertices))
         )
-        super().__init__(f"the surface is not manifold: {what}; separate the sheets", facets)
+        summary = f"the surface is not manifold: {what}"
+        super().__init__(f"{summary}: {which}; separate the sheets", facets, summary=summary)
 
 
 class OrientationError(SurfaceError):
@@ -168,9 +215,9 @@ class DegenerateFacetError(SurfaceError):
     """Facets of zero area or with a repeated point."""
 
     def __init__(self, facets: Sequence[int]) -> None:
+        summary = f"{len(facets)} facet(s) of zero area"
         super().__init__(
-            f"{len(facets)} facet(s) of zero area: {_first(list(facets))}; remove or re-mesh them",
-            facets,
+            f"{summary}: {_first(list(facets))}; remove or re-mesh them", facets, summary=summary
         )
 
 
@@ -178,9 +225,9 @@ class DuplicateFacetError(SurfaceError):
     """The same three points make more than one facet."""
 
     def __init__(self, facets: Sequence[int]) -> None:
+        summary = f"{len(facets)} facet(s) given more than once"
         super().__init__(
-            f"{len(facets)} facet(s) given more than once: {_first(list(facets))}; remove copies",
-            facets,
+            f"{summary}: {_first(list(facets))}; remove copies", facets, summary=summary
         )
 
 
@@ -189,8 +236,9 @@ class SelfIntersectionError(SurfaceError):
 
     def __init__(self, pairs: Sequence[tuple[int, int]]) -> None:
         self.pairs = [(int(a), int(b)) for a, b in pairs]
+        summary = f"the surface intersects itself: {len(self.pairs)} pair(s) of facets"
         super().__init__(
-            f"the surface intersects itself: {len(self.pairs)} pair(s) of facets, "
-            f"{_first(self.pairs, 3)}; repair it before meshing",
-            sorted({f for pair in self.pairs for f in pair}),
+            f"{summary}, {_first(self.pairs, 3)}; repair it before meshing",
+            list(dict.fromkeys(f for pair in self.pairs for f in pair)),
+            summary=summary,
         )

@@ -82,6 +82,15 @@ def facet_parts(facets: Indices) -> Integers:
     return connected_parts(len(facets), np.column_stack([owner[:-1], owner[1:]])[same])
 
 
+def parts_by_plain_edges(
+    edge: Integers, owner: Integers, crowd: Integers, num_facets: int
+) -> Integers:
+    """Parts of facets that hang together by edges with two facets."""
+    order = np.argsort(edge, kind="stable")
+    order = order[crowd[order] == 2]
+    return connected_parts(num_facets, owner[order].reshape(-1, 2))
+
+
 def points_with_several_fans(facets: Indices) -> Integers:
     """Points at which sheets touch: their facets form more than one closed fan.
 

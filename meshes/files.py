@@ -45,7 +45,11 @@ _HARMLESS = {"vertex", "line", "triangle", "tetra"}
 
 
 def read_surface(
-    path: str | Path, *, scale: float = 1.0, tell: Callable[[str], None] | None = None
+    path: str | Path,
+    *,
+    scale: float = 1.0,
+    tell: Callable[[str], None] | None = None,
+    given: Callable[[Points], None] | None = None,
 ) -> TriSurface:
     """Read a triangulated surface; points that are equal bit for bit are merged.
 
@@ -56,6 +60,7 @@ def read_surface(
         scale: Metres per unit of the file (0.001 for millimetres).
         tell: Called with one line for each thing worth knowing: points left out, pairs of points
             that are nearly the same place.
+        given: Called with the points as they stand in the file, for `in_file_unit`.
 
     Returns:
         The surface [m], points of one place merged.
@@ -75,7 +80,29 @@ def read_surface(
         merged = merge_equal_points(surface)
         if tell:
             _tell_about_points(surface, merged, tell)
+        if given:
+            given(np.asarray(data.points, dtype=np.float64))
         return merged
+
+
+def in_file_unit(points: Points, given: Points | None, scale: float) -> Points:
+    """Coordinates in the unit of a file that was read: those that stood there are bit for bit so.
+
+    Args:
+        points: [m], shape (num_points, 3).
+        given: As they stood in the file, shape (num_given, 3); None where there was none.
+        scale: Metres per unit of the file.
+    """
+    own: Points = points / scale
+    if given is None or scale == 1.0 or not len(given):
+        return own
+    both = np.vstack([_scaled(given, scale), points]) + 0.0
+    _, first, inverse = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    # Of equal places the first is the file's, where it has one.
+    source = first[inverse.reshape(-1)[len(given) :]]
+    is_given = source < len(given)
+    own[is_given] = given[source[is_given]]
+    return own
 
 
 def _tell_about_points(
@@ -86,7 +113,8 @@ def _tell_about_points(
         tell(f"{unused} point(s) without a facet left out")
     pairs = find_near_duplicates(merged.points)
     if len(pairs):
-        tell(f"{len(pairs)} pair(s) of points nearly in one place, first {pairs[0].tolist()}")
+        at = ", ".join(f"{x:.6g}" for x in merged.points[pairs[0, 0]])
+        tell(f"{len(pairs)} pair(s) of points nearly in one place, the first at ({at}) m")
 
 
 def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:

@@ -99,9 +99,11 @@ def require_nested(surface: TriSurface) -> list[Shell]:
                 "point into the solid around it"
             )
         else:
-            why = f"encloses {shell.volume:.3g} m3: its facets point inwards"
+            why = "encloses a negative volume: its facets point inwards"
         raise OrientationError(
-            f"{which} {why}; swap two points of each of its facets", shell.facets.tolist()
+            f"{which} {why}; swap two points of each of its facets",
+            shell.facets.tolist(),
+            summary=f"{which} {why}",
         )
     return shells
 

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices
 from palpate.meshes.errors import (
     DegenerateFacetError,
     DuplicateFacetError,
     EmptySurfaceError,
+    FinError,
     NonManifoldError,
     OpenSurfaceError,
     OrientationError,
+    SurfaceError,
 )
-from palpate.meshes.facet_topology import edge_uses, points_with_several_fans
+from palpate.meshes.facet_topology import (
+    EdgeUses,
+    edge_uses,
+    facet_parts,
+    parts_by_plain_edges,
+    points_with_several_fans,
+)
 from palpate.meshes.shells import Shell, require_nested
 from palpate.meshes.tri_surface import TriSurface
+
+# A fin has at most this part of the area: a larger sheet may be what was meant.
+LARGEST_FIN = 0.1
 
 
 def require_closed(surface: TriSurface) -> list[Shell]:
@@ -37,19 +48,28 @@ def require_closed(surface: TriSurface) -> list[Shell]:
         DegenerateFacetError: A repeated point, or an area below rounding of the edge lengths.
         DuplicateFacetError: The same three points twice.
         OpenSurfaceError: An edge with one facet.
+        FinError: A sheet that hangs on the surface by one edge, where nothing else is open.
         NonManifoldError: An edge with more than two facets, or a point where sheets touch.
         OrientationError: Neighbours that disagree, or a shell that faces the wrong way for where
             it lies.
     """
-    facets = surface.facets
-    if len(facets) == 0:
+    if surface.num_facets == 0:
         raise EmptySurfaceError("the surface has no facets; give a closed triangulated surface")
+    try:
+        return _shells_of(surface)
+    except SurfaceError as error:
+        error.surface = surface
+        raise
+
+
+def _shells_of(surface: TriSurface) -> list[Shell]:
+    facets = surface.facets
     _refuse_degenerate(surface)
     keys = np.sort(facets, axis=1)
     _, first, counts = np.unique(keys, axis=0, return_index=True, return_counts=True)
     if np.any(counts > 1):
         raise DuplicateFacetError(np.setdiff1d(np.arange(len(facets)), first[counts == 1]).tolist())
-    _check_edges(facets)
+    _check_edges(surface)
     touching = points_with_several_fans(facets)
     if touching.size:
         guilty = np.flatnonzero(np.isin(facets, touching).any(axis=1))
@@ -68,12 +88,31 @@ def _refuse_degenerate(surface: TriSurface) -> None:
         raise DegenerateFacetError(np.flatnonzero(flat).tolist())
 
 
-def _check_edges(facets: Indices) -> None:
+def _fins(surface: TriSurface, table: EdgeUses) -> tuple[NDArray[np.bool_], int]:
+    """Facets of small sheets that are free at one edge and share another with two facets."""
+    crowd = table.counts[table.edge]
+    patch = parts_by_plain_edges(table.edge, table.owner, crowd, surface.num_facets)
+    touches = np.bincount(patch[table.owner], crowd > 2) > 0
+    is_free = np.bincount(patch[table.owner], crowd == 1) > 0
+    area = np.bincount(patch, np.linalg.norm(surface.area_vectors, axis=1))
+    hangs = touches & is_free & (area <= LARGEST_FIN * area.sum())
+    # Sheets that hang on each other are one fin.
+    rows = np.flatnonzero(hangs[patch])
+    is_fin = hangs[patch]
+    return is_fin, int(facet_parts(surface.facets[rows]).max(initial=-1)) + 1
+
+
+def _check_edges(surface: TriSurface) -> None:
     """Every edge has two facets, which run along it in opposite directions."""
-    table = edge_uses(facets)
+    table = edge_uses(surface.facets)
     uses = table.counts[table.edge]
     if np.any(uses == 1):
         guilty = uses == 1
+        fin, count = _fins(surface, table)
+        if count:
+            guilty &= ~fin[table.owner]
+        if not guilty.any():
+            raise FinError(np.flatnonzero(fin).tolist(), count)
         raise OpenSurfaceError(
             [(int(a), int(b)) for a, b in table.directed[guilty]],
             np.unique(table.owner[guilty]).tolist(),
@@ -92,6 +131,7 @@ def _check_edges(facets: Indices) -> None:
             f"{len(bad)} facet(s) are turned against a neighbour, first {bad[:5].tolist()}; "
             "orient all facets counter-clockwise seen from outside",
             bad.tolist(),
+            summary=f"{len(bad)} facet(s) are turned against a neighbour",
         )
 
 

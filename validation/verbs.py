@@ -87,8 +87,7 @@ def mesh(
     >>> round(body.volume * 1e6, 6)  # cm3
     24.0
     """
-    from palpate.validation.case.filling import fill
-    from palpate.validation.case.geometry import load_surface
+    from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
     from palpate.validation.case.geometry_schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
 
@@ -101,20 +100,20 @@ def mesh(
     ):
         if word not in known:
             raise InputError(f"{name} = {word!r}: use one of {', '.join(known)}")
-    groups: dict[str, list[int]] = {}
-    if not isinstance(surface, TriSurface):
+    if isinstance(surface, TriSurface):
+        loaded = LoadedSurface(surface, [], {})
+    else:
         choices = RepairChoices() if repair is True else repair or None
         if wrap is not None and choices is not None:
             raise InputError("wrap takes the place of repair: give one of the two")
         loaded = load_surface(Path(surface), scale=LENGTH[unit], repair=choices, wrap=wrap)
-        surface, groups = loaded.surface, loaded.groups
     spec = MeshSpec(
         mesher=mesher,
         edge_length=edge_length,
         boundary="kept" if boundary_distance is None else "free",
         boundary_distance=boundary_distance,
     )
-    return fill(surface, spec, Units(), groups).mesh
+    return fill_loaded(loaded, spec, Units()).mesh
 
 
 def judge(

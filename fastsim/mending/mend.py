@@ -79,6 +79,8 @@ def _require_mended(surface: TriSurface, report: RepairReport) -> None:
         hint = ""
         if isinstance(error, OpenSurfaceError) and report.open_holes:
             longest = max(map(len, report.open_holes))
-            hint = f"; allow holes of {longest} edges if these are to be closed"
-        error.args = (f"{said}; {error}{hint}" if said else f"{error}{hint}",)
+            hint = f"allow holes of {longest} edges if these are to be closed"
+        error.done, error.hint = report.lines(), hint
+        text = f"{error}; {hint}" if hint else str(error)
+        error.args = (f"{said}; {text}" if said else text,)
         raise

@@ -51,7 +51,6 @@ class EntangledError(SurfaceError):
     """
 
     def __init__(self, facets: list[int], place: Points, distance: float, needed: float) -> None:
-        self.needed = needed
         at = ", ".join(f"{x:.6g}" for x in place)
         hint = (
             f"moving it by {needed:.3g} m would: allow a larger distance"
@@ -59,11 +58,13 @@ class EntangledError(SurfaceError):
             else "mend it by hand, or wrap it anew"
         )
         first = ", ".join(map(str, facets[:5]))
-        super().__init__(
-            f"the surface intersects itself and could not be mended within {distance:.3g} m, at "
-            f"{len(facets)} facet(s), first {first}, around ({at}) m; {hint}",
-            facets,
+        what = (
+            "the surface intersects itself and could not be mended within "
+            f"{distance:.3g} m, at {len(facets)} facet(s)"
         )
+        summary = f"{what} around ({at}) m"
+        super().__init__(f"{what}, first {first}, around ({at}) m; {hint}", facets, summary=summary)
+        self.needed, self.hint = needed, hint
 
 
 @dataclass(frozen=True)

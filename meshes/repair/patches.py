@@ -62,12 +62,3 @@ def inner_points(facets: Indices, chosen: Mask, num_points: int) -> NDArray[np.i
 def edges_of(facets: Indices) -> NDArray[np.int64]:
     """Undirected edges of facets, shape (num_edges, 2), each once."""
     return edge_uses(facets).edges
-
-
-def parts_by_plain_edges(
-    edge: NDArray[np.int64], owner: NDArray[np.int64], crowd: NDArray[np.int64], num_facets: int
-) -> NDArray[np.int64]:
-    """Parts of facets that hang together by edges with two facets."""
-    order = np.argsort(edge, kind="stable")
-    order = order[crowd[order] == 2]
-    return connected_parts(num_facets, owner[order].reshape(-1, 2))

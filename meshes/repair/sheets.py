@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.facet_topology import connected_parts, edge_uses
-from palpate.meshes.repair.patches import parts_by_plain_edges
+from palpate.meshes.facet_topology import connected_parts, edge_uses, parts_by_plain_edges
+from palpate.meshes.surface_checks import LARGEST_FIN
 
-# A fin has at most this part of the area: a larger sheet may be what was meant.
-_LARGEST_FIN = 0.1
 # How far copies of a point are moved from where sheets touched, of the shortest edge there.
 _GAP = 0.05
 # A closed shell has four facets at least.
@@ -45,7 +43,7 @@ def fins_of(points: Points, facets: Indices, is_wall: NDArray[np.bool_]) -> NDAr
         touches = np.bincount(patch[uses.owner], crowd > 2) > 0
         is_free = np.bincount(patch[uses.owner], crowd == 1) > 0
         weight = np.bincount(patch, areas[rows])
-        small = weight <= _LARGEST_FIN * areas.sum()
+        small = weight <= LARGEST_FIN * areas.sum()
         within = np.bincount(patch, ~is_wall[rows]) == 0
         candidates = np.flatnonzero(touches & (within | (is_free & small)))
         if not len(candidates):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Indices
+from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import DegenerateFacetError, NonManifoldError, OrientationError
 from palpate.meshes.facet_topology import connected_parts, edge_uses
 from palpate.meshes.near_duplicates import find_near_duplicates
@@ -150,7 +150,7 @@ def repair_surface(
     facets, kept = facets[~is_loose], kept[~is_loose]
     facets, turned = _orient_parts(facets)
     points, facets, report.split_points, report.gap = split_touching(points, facets, fits)
-    _refuse_crowded_edges(facets)
+    _refuse_crowded_edges(points, facets, report)
     facets, report.flipped_edges = flip_flat_facets(points, facets)
     closed = close_holes(points, facets, largest_hole=largest_hole, fits=fits)
     sizes = part_sizes(closed.points, closed.facets)[1]
@@ -171,12 +171,14 @@ def repair_surface(
     return TriSurface(closed.points[order], number[facets].astype(np.int32)), report
 
 
-def _refuse_crowded_edges(facets: Indices) -> None:
+def _refuse_crowded_edges(points: Points, facets: Indices, report: RepairReport) -> None:
     uses = edge_uses(facets)
     if np.any(uses.counts > 2):
         guilty = np.unique(uses.owner[uses.counts[uses.edge] > 2])
         edges = uses.edges[uses.counts > 2]
-        raise NonManifoldError(guilty.tolist(), edges=[(int(a), int(b)) for a, b in edges])
+        error = NonManifoldError(guilty.tolist(), edges=[(int(a), int(b)) for a, b in edges])
+        error.surface, error.done = TriSurface(points, facets), report.lines()
+        raise error
 
 
 def _merge_points(

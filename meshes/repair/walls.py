@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.facet_topology import edge_uses
-from palpate.meshes.repair.patches import parts_by_plain_edges
+from palpate.meshes.facet_topology import edge_uses, parts_by_plain_edges
 
 # Of two sheets on one rim: volume between over area to the power 3/2, difference of their areas.
 _FLAT = 1e-6

@@ -10,7 +10,8 @@ from typing import Any
 
 from palpate.fastsim.mending.mend import mend_surface
 from palpate.fastsim.mending.wrap import WrapError, wrap_surface
-from palpate.meshes.errors import FileFormatError, InputError, OrientationError, SurfaceError
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import FileFormatError, InputError, OrientationError
 from palpate.meshes.files import read_mesh, read_surface
 from palpate.meshes.hollow_shapes import shape_hollow_octant, shape_hollow_sphere, shape_tube
 from palpate.meshes.kidney import shape_kidney
@@ -20,8 +21,9 @@ from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.filling import BuiltMesh, fill, require_countable
-from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec
+from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec, MeshSpec
 from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.surface_advice import advised
 from palpate.validation.case.units import Units
 
 # Larger than the kidney of Table I along each axis [m].
@@ -47,8 +49,18 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
         loaded = load_surface(path, scale=scale, repair=choices, wrap=wrap)
     else:
         loaded = LoadedSurface(build_shape(geometry, units), [], {})
-    built = fill(loaded.surface, spec.mesh, units, loaded.groups)
+    built = fill_loaded(loaded, spec.mesh, units)
     return BuiltMesh(built.mesh, "; ".join([built.origin, *loaded.notes]))
+
+
+def fill_loaded(loaded: LoadedSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
+    """`fill`, with what is wrong said by the file's numbers."""
+    if loaded.path is None:
+        return fill(loaded.surface, spec, units, loaded.groups)
+    # A free boundary has facets of its own.
+    is_as_given = loaded.is_as_given and spec.boundary_distance is None
+    with advised(loaded.path, loaded.surface, is_as_given=is_as_given):
+        return fill(loaded.surface, spec, units, loaded.groups)
 
 
 def _choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:
@@ -66,12 +78,21 @@ def _choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:
 class LoadedSurface:
     """A surface that bounds a solid, lines on what was found or done, and groups of its facets.
 
-    The groups hold facets by their number: what closes holes is "cap 1", "cap 2", ...
+    Attributes:
+        surface: [m].
+        notes: For people, lengths in metres.
+        groups: Facets by their number: what closes holes is "cap 1", "cap 2", ...
+        path: Of the file; None of a shape.
+        is_as_given: Whether facets have the file's numbers.
+        given: Coordinates as they stand in the file, shape (num_given, 3).
     """
 
     surface: TriSurface
     notes: list[str]
     groups: dict[str, list[int]]
+    path: Path | None = None
+    is_as_given: bool = True
+    given: Points | None = None
 
 
 def load_surface(
@@ -96,16 +117,23 @@ def load_surface(
     """
     notes: list[str] = []
     groups: dict[str, list[int]] = {}
-    surface = read_surface(path, scale=scale, tell=notes.append)
+    given: list[Points] = []
+    surface = read_surface(path, scale=scale, tell=notes.append, given=given.append)
+    is_as_given = repair is None and wrap is None
     try:
-        if wrap is not None:
-            surface, wrapped = wrap_surface(surface, distance=wrap)
-            notes = [wrapped.line()]
-        elif repair is not None:
-            notes = [n for n in notes if "without a facet" in n]
-            mended = mend_surface(surface, repair)
-            surface, groups = mended.surface, mended.caps
-            notes += mended.lines
+        with advised(path, surface, is_as_given=False):
+            if wrap is not None:
+                surface, wrapped = wrap_surface(surface, distance=wrap)
+                notes = [wrapped.line()]
+            elif repair is not None:
+                notes = [n for n in notes if "without a facet" in n]
+                mended = mend_surface(surface, repair)
+                surface, groups = mended.surface, mended.caps
+                notes += mended.lines
+    except WrapError as error:
+        error.args = (f"{path.name}: {error}",)
+        raise
+    with advised(path, surface, is_as_given=is_as_given, notes=notes):
         try:
             shells = require_closed(surface)
         except OrientationError:
@@ -114,15 +142,12 @@ def load_surface(
                 raise
             shells = require_closed(surface)
             notes.append(f"{count} facet(s) of bodies that faced inwards turned round")
-    except (SurfaceError, WrapError) as error:
-        error.args = (f"{path.name}: {'; '.join([*notes, str(error)])}",)
-        raise
     if len(shells) > 1:
         kinds = Counter(str(shell.kind) for shell in shells)
         notes.append(
             f"{len(shells)} shells: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())
         )
-    return LoadedSurface(surface, notes, groups)
+    return LoadedSurface(surface, notes, groups, path, is_as_given, given[0])
 
 
 def build_shape(geometry: GeometrySpec, units: Units) -> TriSurface:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from palpate.meshes.errors import InputError
 from palpate.validation.exchange.length_units import LENGTH
 
 __all__ = ["DENSITY", "FORCE", "LENGTH", "STRESS", "Units"]
@@ -57,6 +60,15 @@ class Units(BaseModel):
             return f"{numbers} {self.length}"
 
         return message if self.length == "m" else _IN_METRES.sub(own, message)
+
+    @contextmanager
+    def in_own_words(self) -> Iterator[None]:
+        """What is refused within is told with lengths in the case's unit."""
+        try:
+            yield
+        except InputError as error:
+            error.args = (self.in_case_units(str(error)),)
+            raise
 
     def newtons(self, value: float) -> float:
         """Turn a force into newtons."""

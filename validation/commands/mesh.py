@@ -60,12 +60,11 @@ def mesh(
     growth: Annotated[float, typer.Option(help="edge length over distance from it")] = 0.5,
 ) -> None:
     """Fill a closed surface with tetrahedra, keeping its facets."""
-    from palpate.meshes.files import MESH_SUFFIXES, write_mesh
+    from palpate.meshes.files import MESH_SUFFIXES, in_file_unit, write_mesh
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
-    from palpate.validation.case.filling import fill
-    from palpate.validation.case.geometry import load_surface
+    from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
     from palpate.validation.case.geometry_schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
     from palpate.validation.output_files import require_outputs
@@ -88,19 +87,18 @@ def mesh(
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise InputError(f"{option} {value:g}: needs a finite value above 0")
     scale = LENGTH[unit]
-    groups: dict[str, list[int]] = {}
+    units = Units.model_validate({"length": unit})
     if surface == "kidney":
-        body = shape_kidney(edge_length=size * scale if size else 0.008)
+        loaded = LoadedSurface(shape_kidney(edge_length=size * scale if size else 0.008), [], {})
     else:
         choices = _choices(repair, repair_distance, largest_hole, smallest_shell, scale)
         if wrap is not None and choices is not None:
             raise InputError("--wrap takes the place of --repair: give one of the two")
         away = None if wrap is None else wrap * scale
-        loaded = load_surface(Path(surface), scale=scale, repair=choices, wrap=away)
-        body, groups = loaded.surface, loaded.groups
+        with units.in_own_words():
+            loaded = load_surface(Path(surface), scale=scale, repair=choices, wrap=away)
         for note in loaded.notes:
-            progress_lines()(note)
-    units = Units.model_validate({"length": unit})
+            progress_lines()(units.in_case_units(note))
     if grade_to is not None and not all(map(math.isfinite, grade_to)):
         raise InputError(f"--grade-to {grade_to}: needs three finite numbers")
     spec = MeshSpec.model_validate(
@@ -116,12 +114,15 @@ def mesh(
             else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
-    built = fill(body, spec, units, groups)
+    with units.in_own_words():
+        built = fill_loaded(loaded, spec, units)
     quality = measure_quality(built.mesh)
-    scaled = TetMesh(built.mesh.points / scale, built.mesh.cells, built.mesh.facet_groups)
+    points = in_file_unit(built.mesh.points, loaded.given, scale)
+    scaled = TetMesh(points, built.mesh.cells, built.mesh.facet_groups)
     write_mesh(output, scaled, groups=True)
+    origin = units.in_case_units(built.origin)
     line = (
-        f"{output}: {built.origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
+        f"{output}: {origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
         f" degrees, volume {built.mesh.volume:.6g} m3"
     )
     print(for_terminal(line))
