@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from palpate.fastsim.mesher import (
     largest_edge,
     mesh_surface,
 )
+from palpate.fastsim.nested_bodies import mesh_bodies
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.errors import InputError, MeshError, SurfaceError
@@ -35,6 +36,8 @@ from palpate.validation.case.geometry_schema import GradeSpec, MeshSpec
 from palpate.validation.case.units import Units
 
 MOST_CELLS = 2_000_000
+# The group of what lies in the body and in no inclusion.
+BODY = "body"
 # Of a box around the body, which may be mostly empty.
 _MOST_CELLS_OF_BOX, _MOST_FACETS_OF_BOX = 10 * MOST_CELLS, MOST_CELLS
 # Regular tetrahedra of edge h fill 6 sqrt(2) to h^3, regular triangles 4 / sqrt(3) to h^2.
@@ -92,9 +95,54 @@ def fill(
     built = _filled(surface, spec, units)
     if not groups:
         return built
-    mesh = built.mesh
+    return BuiltMesh(_with_groups(built.mesh, surface, groups), built.origin)
+
+
+def _with_groups(
+    mesh: TetMesh, surface: TriSurface, groups: Mapping[str, Sequence[int]]
+) -> TetMesh:
     named = {**mesh.facet_groups, **groups_by_place(mesh, surface, groups)}
-    return BuiltMesh(TetMesh(mesh.points, mesh.cells, named, mesh.point_groups), built.origin)
+    return TetMesh(mesh.points, mesh.cells, named, mesh.point_groups, mesh.cell_groups)
+
+
+def fill_bodies(
+    surfaces: Mapping[str, TriSurface],
+    spec: MeshSpec,
+    units: Units,
+    groups: Mapping[str, Sequence[int]],
+) -> BuiltMesh:
+    """Fill a body and the surfaces in it, or beside it, with one mesh that has all their facets.
+
+    Args:
+        surfaces: By name [m], the body first; the names are groups of cells afterwards.
+        spec: Who fills it, and how finely; facets are kept.
+        units: Of the lengths in `spec`.
+        groups: Facets of the body by name; see `fill`.
+
+    Raises:
+        InputError: As `fill`; and surfaces that cut each other, or keys that inclusions do not
+            go with.
+    """
+    if spec.boundary_distance is not None or spec.grade or spec.mesher == "gmsh":
+        raise InputError(
+            "surfaces of inclusions are kept as they are, by fastsim's mesher: a free boundary, "
+            "grades and gmsh do not go with them"
+        )
+    size = units.metres(spec.edge_length) if spec.edge_length is not None else None
+    body = surfaces[BODY]
+    if size is not None:
+        require_countable([float(x) for x in np.ptp(body.points, axis=0)], size)
+
+    def make(region: TriSurface, report: Callable[[MeshingReport], None]) -> TetMesh:
+        return mesh_surface(
+            region, edge_length=size, interior=Interior(spec.interior), report=report
+        )
+
+    mesh = mesh_bodies(surfaces, make=make)
+    if groups:
+        mesh = _with_groups(mesh, body, groups)
+    cells = ", ".join(f"{len(rows)} of {name}" for name, rows in mesh.cell_groups.items())
+    return BuiltMesh(mesh, f"meshed by fastsim: {mesh.num_cells} cells, {cells}")
 
 
 def groups_by_place(

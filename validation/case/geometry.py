@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_s
 from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.filling import BuiltMesh, fill, require_countable
+from palpate.validation.case.filling import BODY, BuiltMesh, fill, fill_bodies, require_countable
 from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec, MeshSpec
 from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.surface_advice import advised
@@ -39,7 +39,17 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
     """
     geometry, units = spec.geometry, spec.units
     scale = units.metres(1.0)
+    within = {
+        f"inclusion {k}": one.surface
+        for k, one in enumerate(spec.inclusion, 1)
+        if one.surface is not None
+    }
     if geometry.mesh is not None:
+        if within:
+            raise InputError(
+                "an inclusion with a surface needs a body with one, or a shape: give a mesh file's "
+                "inclusion by a group of its cells"
+            )
         path = inside_folder(folder, geometry.mesh)
         return BuiltMesh(read_mesh(path, scale=scale), f"read from {path.name}")
     if geometry.surface is not None:
@@ -49,12 +59,25 @@ def build_mesh(spec: CaseSpec, folder: Path) -> BuiltMesh:
         loaded = load_surface(path, scale=scale, repair=choices, wrap=wrap)
     else:
         loaded = LoadedSurface(build_shape(geometry, units), [], {})
-    built = fill_loaded(loaded, spec.mesh, units)
-    return BuiltMesh(built.mesh, "; ".join([built.origin, *loaded.notes]))
+    others = {
+        name: load_surface(inside_folder(folder, surface), scale=scale)
+        for name, surface in within.items()
+    }
+    built = fill_loaded(loaded, spec.mesh, units, others)
+    notes = [note for one in (loaded, *others.values()) for note in one.notes]
+    return BuiltMesh(built.mesh, "; ".join([built.origin, *notes]))
 
 
-def fill_loaded(loaded: LoadedSurface, spec: MeshSpec, units: Units) -> BuiltMesh:
-    """`fill`, with what is wrong said by the file's numbers."""
+def fill_loaded(
+    loaded: LoadedSurface,
+    spec: MeshSpec,
+    units: Units,
+    inclusions: Mapping[str, LoadedSurface] | None = None,
+) -> BuiltMesh:
+    """`fill`, with what is wrong said by the file's numbers; inclusions become groups of cells."""
+    if inclusions:
+        surfaces = {name: one.surface for name, one in inclusions.items()}
+        return fill_bodies({BODY: loaded.surface, **surfaces}, spec, units, loaded.groups)
     if loaded.path is None:
         return fill(loaded.surface, spec, units, loaded.groups)
     # A free boundary has facets of its own.

@@ -142,6 +142,7 @@ class Case:
             geometry.surface,
             self.spec.truth.surface,
             *(tool.surface for tool in self.spec.tool),
+            *(inclusion.surface for inclusion in self.spec.inclusion),
         )
         return (self.path, *(self.folder / name for name in names if name is not None))
 

@@ -73,15 +73,19 @@ class MaterialSpec(Table):
 
 
 class InclusionSpec(Table):
-    """Cells of another material: those whose centroid lies in the region, or of a group."""
+    """Cells of another material: in a region, of a group, or within a surface of their own."""
 
-    region: RegionSpec
+    region: RegionSpec | None = None
     """A box, a ball or a half_space, for cells whose centroid lies in it; or a group of cells."""
+    surface: str | None = None
+    """A closed surface beside this file, in the place of a region: its facets are in the mesh."""
     material: MaterialSpec
     """Of those cells."""
 
     @model_validator(mode="after")
     def _chooses_cells(self) -> InclusionSpec:
-        if self.region.nearest is not None:
+        if (self.region is None) == (self.surface is None):
+            raise ValueError("an inclusion needs either a region or a surface")
+        if self.region is not None and self.region.nearest is not None:
             raise ValueError("the region of an inclusion is a box, a ball, a half_space or a group")
         return self

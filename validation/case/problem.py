@@ -122,6 +122,9 @@ class _Builder:
         raise AssertionError("the schema asks for either")
 
     def inclusion(self, spec: InclusionSpec, what: str) -> Inclusion:
+        if spec.region is None:
+            # Named so by the mesh that was made of the surfaces.
+            return Inclusion(self.mesh.cell_groups[what], self.material(spec.material))
         name, known = spec.region.group, self.mesh.cell_groups
         if name is not None and name not in known:
             raise InputError(

@@ -53,6 +53,10 @@ def mesh(
     free: Annotated[
         float | None, typer.Option(help="how far the boundary may move, in the file's unit")
     ] = None,
+    inclusion: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=FILE: a surface within, whose cells are a group; repeatable"),
+    ] = None,
     grade_to: Annotated[
         tuple[float, float, float] | None, typer.Option(help="point with the smallest cells")
     ] = None,
@@ -60,6 +64,8 @@ def mesh(
     growth: Annotated[float, typer.Option(help="edge length over distance from it")] = 0.5,
 ) -> None:
     """Fill a closed surface with tetrahedra, keeping its facets."""
+    import numpy as np
+
     from palpate.meshes.files import MESH_SUFFIXES, in_file_unit, write_mesh
     from palpate.meshes.kidney import shape_kidney
     from palpate.meshes.quality import measure_quality
@@ -101,6 +107,10 @@ def mesh(
             progress_lines()(units.in_case_units(note))
     if grade_to is not None and not all(map(math.isfinite, grade_to)):
         raise InputError(f"--grade-to {grade_to}: needs three finite numbers")
+    with units.in_own_words():
+        within = {
+            name: load_surface(path, scale=scale) for name, path in _inclusions(inclusion or [])
+        }
     spec = MeshSpec.model_validate(
         {
             "mesher": mesher.value,
@@ -115,10 +125,12 @@ def mesh(
         }
     )
     with units.in_own_words():
-        built = fill_loaded(loaded, spec, units)
+        built = fill_loaded(loaded, spec, units, within)
     quality = measure_quality(built.mesh)
-    points = in_file_unit(built.mesh.points, loaded.given, scale)
-    scaled = TetMesh(points, built.mesh.cells, built.mesh.facet_groups)
+    files = [one.given for one in (loaded, *within.values()) if one.given is not None]
+    points = in_file_unit(built.mesh.points, np.vstack(files) if files else None, scale)
+    mesh = built.mesh
+    scaled = TetMesh(points, mesh.cells, mesh.facet_groups, cell_groups=mesh.cell_groups)
     write_mesh(output, scaled, groups=True)
     origin = units.in_case_units(built.origin)
     line = (
@@ -126,6 +138,19 @@ def mesh(
         f" degrees, volume {built.mesh.volume:.6g} m3"
     )
     print(for_terminal(line))
+
+
+def _inclusions(given: list[str]) -> list[tuple[str, Path]]:
+    """Names and files of NAME=FILE; refuses names given twice, and the body's."""
+    found = []
+    for text in given:
+        name, equals, path = text.partition("=")
+        if not (name and equals and path):
+            raise InputError(f"--inclusion {text}: needs NAME=FILE")
+        if name == "body" or name in dict(found):
+            raise InputError(f"--inclusion {text}: the name {name!r} is taken; use another")
+        found.append((name, Path(path)))
+    return found
 
 
 def _choices(

@@ -1,0 +1,223 @@
+"""Bodies in each other, or side by side, as one mesh: organ, vessel, tumour.
+
+Each region, what a surface encloses less what lies in it, is meshed by itself with all facets kept;
+so regions share points and facets, and the whole is conforming. Where two surfaces have a facet in
+common neither region there needs it: it cancels.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim import _core
+from palpate.fastsim.mesher import MeshingError, MeshingReport, mesh_surface
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.errors import InputError, NonManifoldError, SurfaceError
+from palpate.meshes.shells import winding_numbers
+from palpate.meshes.surface_checks import merge_equal_points, require_closed
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.tri_surface import TriSurface
+
+# Pairs of crossing facets that are looked for.
+_MOST_PAIRS = 1000
+
+
+class CrossingBodiesError(SurfaceError):
+    """Two surfaces that cut or touch each other; `.names` and `.pairs` say which, and where.
+
+    Facets of each pair are numbers in the two surfaces; `.places` are the first one's centres [m].
+    """
+
+    def __init__(
+        self, names: tuple[str, str], pairs: Sequence[tuple[int, int]], places: Points, why: str
+    ) -> None:
+        self.names = names
+        self.pairs = [(int(a), int(b)) for a, b in pairs]
+        self.places = places
+        some = [
+            f"facet {a} and facet {b} at ({', '.join(f'{x + 0.0:.6g}' for x in place)}) m"
+            for (a, b), place in zip(self.pairs[:3], places, strict=False)
+        ]
+        super().__init__(
+            f"{names[0]} and {names[1]} {why}: {len(pairs)} pair(s) of facets, counted from 0: "
+            f"{'; '.join(some)}; keep them apart, or give them these facets in common"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Bodies:
+    """Surfaces on common points.
+
+    Attributes:
+        names: Of the surfaces.
+        points: [m].
+        facets: Of each surface.
+        parent: Of each surface the innermost one around it, or -1.
+    """
+
+    names: list[str]
+    points: Points
+    facets: list[Indices]
+    parent: list[int]
+
+
+def mesh_bodies(
+    surfaces: Mapping[str, TriSurface],
+    *,
+    make: Callable[[TriSurface, Callable[[MeshingReport], None]], TetMesh] | None = None,
+) -> TetMesh:
+    """Fill closed surfaces, which may lie in each other or share facets, with one mesh.
+
+    Args:
+        surfaces: By name [m]; each bounds a solid. Points in one place bit for bit are one point.
+        make: Fills one region and reports; `mesh_surface` where None.
+
+    Returns:
+        A mesh whose cell groups, by name, are what lies in each surface but in none within it.
+        Facets of all surfaces are facets of it.
+
+    Raises:
+        CrossingBodiesError: Surfaces that cut each other, or touch at points or edges alone.
+        SurfaceError: One that bounds no solid.
+        InputError: Two that are the same, or one that is apart from all others.
+        MeshingError: A region that cannot be meshed without another point on a facet.
+    """
+    bodies = _common(surfaces)
+    fill = make or (lambda surface, report: mesh_surface(surface, report=report))
+    points, cells, groups = [bodies.points], [], {}
+    count = 0
+    for number, name in enumerate(bodies.names):
+        facets = _region(bodies, number)
+        if not len(facets):
+            continue
+        region = TriSurface(bodies.points, facets)
+        try:
+            require_closed(region)
+        except NonManifoldError as error:
+            raise _touching(bodies, number, error) from error
+        done: list[MeshingReport] = []
+        mesh = fill(region, done.append)
+        if done and done[0].boundary_steiner_points:
+            raise MeshingError(
+                f"{name}: {done[0].boundary_steiner_points} point(s) would be needed on facets, "
+                "and its neighbours would not have them; use rounder facets there"
+            )
+        used = np.unique(facets)
+        start = sum(map(len, points)) - len(used)
+        own = np.arange(mesh.num_points) + start
+        own[: len(used)] = used
+        points.append(mesh.points[len(used) :])
+        cells.append(own[mesh.cells])
+        groups[name] = np.arange(count, count + mesh.num_cells)
+        count += mesh.num_cells
+    return TetMesh(np.vstack(points), np.vstack(cells), cell_groups=groups)
+
+
+def _common(surfaces: Mapping[str, TriSurface]) -> _Bodies:
+    """All surfaces on common points, without crossings, and which lies in which."""
+    names = list(surfaces)
+    parts = list(surfaces.values())
+    starts = np.cumsum([0, *(len(p.points) for p in parts)])
+    facets = np.vstack([p.facets + s for p, s in zip(parts, starts[:-1], strict=True)])
+    merged = merge_equal_points(TriSurface(np.vstack([p.points for p in parts]), facets))
+    ends = np.cumsum([0, *(p.num_facets for p in parts)])
+    own = [merged.facets[a:b] for a, b in itertools.pairwise(ends.tolist())]
+    _refuse_crossings(names, merged, ends)
+    return _Bodies(names, merged.points, own, _parents(names, merged.points, own))
+
+
+def _refuse_crossings(names: list[str], union: TriSurface, ends: NDArray[np.int64]) -> None:
+    """Facets of two surfaces in one place are no crossing."""
+    _, first = np.unique(np.sort(union.facets, axis=1), axis=0, return_index=True)
+    first = np.sort(first)
+    pairs = first[
+        _core.find_self_intersections(
+            np.ascontiguousarray(union.points),
+            np.ascontiguousarray(union.facets[first]),
+            _MOST_PAIRS,
+        )
+    ].reshape(-1, 2)
+    if not len(pairs):
+        return
+    pairs = np.sort(pairs, axis=1)
+    owner = np.searchsorted(ends, pairs, side="right") - 1
+    chosen = (owner == owner[0]).all(axis=1)
+    one, other = owner[0].tolist()
+    why = "cut each other" if one != other else "is one surface that cuts itself"
+    places = union.points[union.facets[pairs[chosen, 0]]].mean(axis=1)
+    rows = (pairs[chosen] - ends[owner[0]]).tolist()
+    raise CrossingBodiesError((names[one], names[other]), [(a, b) for a, b in rows], places, why)
+
+
+def _keys(facets: Indices) -> set[tuple[int, ...]]:
+    return {tuple(row) for row in np.sort(facets, axis=1).tolist()}
+
+
+def _parents(names: list[str], points: Points, facets: list[Indices]) -> list[int]:
+    keys = [_keys(rows) for rows in facets]
+    within: list[set[int]] = []
+    for one, rows in enumerate(facets):
+        around = set()
+        meets = False
+        for other, wall in enumerate(facets):
+            if other == one:
+                continue
+            apart = [k for k, row in enumerate(np.sort(rows, axis=1).tolist())
+                     if tuple(row) not in keys[other]]  # fmt: skip
+            meets = meets or len(apart) < len(rows)
+            if not apart:
+                if len(rows) == len(wall):
+                    raise InputError(f"{names[one]} and {names[other]} are the same surface")
+                continue
+            probe = points[rows[apart[0]]].mean(axis=0)[None]
+            if abs(float(winding_numbers(TriSurface(points, wall), probe)[0])) > 0.5:
+                around.add(other)
+        if not around and not meets and one > 0:
+            raise InputError(
+                f"{names[one]} lies outside of {names[0]} and shares no facet with another body; "
+                "is it in the same unit and frame?"
+            )
+        within.append(around)
+    # The innermost of those around is the one with most around itself.
+    return [max(a, key=lambda k: len(within[k])) if a else -1 for a in within]
+
+
+def _region(bodies: _Bodies, number: int) -> Indices:
+    """Facets around what lies in a surface and in none within it; common ones cancel."""
+    rows = [bodies.facets[number]]
+    rows += [
+        bodies.facets[k][:, ::-1] for k, parent in enumerate(bodies.parent) if parent == number
+    ]
+    facets = np.vstack(rows)
+    key = np.sort(facets, axis=1)
+    _, same, counts = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    kept: Indices = facets[counts[same.reshape(-1)] == 1]
+    return kept
+
+
+def _touching(bodies: _Bodies, number: int, error: NonManifoldError) -> CrossingBodiesError:
+    """Which two surfaces touch at the points where a region is not one."""
+    touched = set(error.vertices) | {v for edge in error.edges for v in edge}
+    at = np.isin(np.arange(len(bodies.points)), list(touched))
+    one = number
+    rows = np.flatnonzero(at[bodies.facets[one]].any(axis=1))
+    others = [k for k, parent in enumerate(bodies.parent) if parent == number]
+    for other in others:
+        theirs = np.flatnonzero(at[bodies.facets[other]].any(axis=1))
+        if not len(theirs):
+            continue
+        if not len(rows):
+            one, rows = other, theirs
+            continue
+        count = min(len(rows), len(theirs))
+        pairs = list(zip(rows[:count].tolist(), theirs[:count].tolist(), strict=True))
+        places = bodies.points[bodies.facets[one][rows[:count]]].mean(axis=1)
+        names = bodies.names[one], bodies.names[other]
+        return CrossingBodiesError(names, pairs, places, "touch at points or edges alone")
+    name = bodies.names[number]
+    return CrossingBodiesError((name, name), [], np.zeros((0, 3)), "touches itself")
