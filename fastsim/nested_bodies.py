@@ -28,7 +28,7 @@ _MOST_PAIRS = 1000
 
 
 class CrossingBodiesError(SurfaceError):
-    """Two surfaces that cut or touch each other; `.names` and `.pairs` say which, and where.
+    """Two surfaces that cut or touch each other; `.names`, `.pairs` and `.why` say which and how.
 
     Facets of each pair are numbers in the two surfaces; `.places` are the first one's centres [m].
     """
@@ -36,7 +36,7 @@ class CrossingBodiesError(SurfaceError):
     def __init__(
         self, names: tuple[str, str], pairs: Sequence[tuple[int, int]], places: Points, why: str
     ) -> None:
-        self.names = names
+        self.names, self.why = names, why
         self.pairs = [(int(a), int(b)) for a, b in pairs]
         self.places = places
         some = [

@@ -10,6 +10,7 @@ from typing import Any
 
 from palpate.fastsim.mending.mend import mend_surface
 from palpate.fastsim.mending.wrap import WrapError, wrap_surface
+from palpate.fastsim.nested_bodies import CrossingBodiesError
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import FileFormatError, InputError, OrientationError
 from palpate.meshes.files import read_mesh, read_surface
@@ -23,7 +24,7 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.case.filling import BODY, BuiltMesh, fill, fill_bodies, require_countable
 from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec, MeshSpec
 from palpate.validation.case.schema import CaseSpec
-from palpate.validation.case.surface_advice import advised
+from palpate.validation.case.surface_advice import advised, crossing_message
 from palpate.validation.case.units import Units
 
 # Larger than the kidney of Table I along each axis [m].
@@ -77,7 +78,14 @@ def fill_loaded(
     """`fill`, with what is wrong said by the file's numbers; inclusions become groups of cells."""
     if inclusions:
         surfaces = {name: one.surface for name, one in inclusions.items()}
-        return fill_bodies({BODY: loaded.surface, **surfaces}, spec, units, loaded.groups)
+        bodies = {BODY: loaded, **inclusions}
+        try:
+            return fill_bodies({BODY: loaded.surface, **surfaces}, spec, units, loaded.groups)
+        except CrossingBodiesError as error:
+            files = {name: one.path for name, one in bodies.items()}
+            as_given = [name for name, one in bodies.items() if one.is_as_given]
+            error.args = (crossing_message(error, files, as_given=as_given),)
+            raise
     if loaded.path is None:
         return fill(loaded.surface, spec, units, loaded.groups)
     # A free boundary has facets of its own.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from palpate.fastsim.mending.untangle import EntangledError
 from palpate.fastsim.mesher import BoundaryRecoveryError, DuplicatePointError, FlatCellError
+from palpate.fastsim.nested_bodies import CrossingBodiesError
 from palpate.meshes.errors import (
     DegenerateFacetError,
     DuplicateFacetError,
@@ -69,6 +70,42 @@ def advised(
         raise
 
 
+def crossing_message(
+    error: CrossingBodiesError, files: Mapping[str, Path | None], *, as_given: Sequence[str]
+) -> str:
+    """Which facets of which files cut or touch each other, and where.
+
+    Args:
+        error: With the surfaces' names.
+        files: By name; None of a shape.
+        as_given: Names of surfaces whose facets have their files' numbers.
+    """
+    said = []
+    for pair, place in zip(error.pairs[:_MOST_NAMED], error.places, strict=False):
+        numbers = [
+            f"facet {row + _first_number(files[name])} of {_label(files[name], name)}"
+            for name, row in zip(error.names, pair, strict=True)
+            if name in as_given
+        ]
+        at = "({}) m".format(", ".join(f"{x + 0.0:.6g}" for x in place))
+        said.append(f"{' and '.join(numbers)} at {at}" if numbers else f"at {at}")
+    more = len(error.pairs) - len(said)
+    names = " and ".join(_label(files[name], name) for name in dict.fromkeys(error.names))
+    return (
+        f"{names} {error.why}: {len(error.pairs)} pair(s) of facets, {', '.join(said)}"
+        f"{f' and {more} more' if more > 0 else ''}; keep them apart, or give them these facets in "
+        "common"
+    )
+
+
+def _label(path: Path | None, name: str) -> str:
+    return name if path is None else path.name
+
+
+def _first_number(path: Path | None) -> int:
+    return 1 if path is not None and path.suffix.lower() in _FROM_ONE else 0
+
+
 def _message(
     error: InputError, path: Path, surface: TriSurface, is_as_given: bool, notes: Sequence[str]
 ) -> str:
@@ -88,7 +125,7 @@ def _places(error: InputError, path: Path, surface: TriSurface, is_as_given: boo
     rows = [f for f in getattr(error, "facets", []) if 0 <= f < surface.num_facets]
     if not rows or isinstance(error, EntangledError):
         return ""
-    start = 1 if path.suffix.lower() in _FROM_ONE else 0
+    start = _first_number(path)
     named = []
     for row in rows[:_MOST_NAMED]:
         centre = surface.points[surface.facets[row]].mean(axis=0)

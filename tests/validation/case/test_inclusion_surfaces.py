@@ -58,7 +58,9 @@ def test_what_does_not_go_with_it_is_refused(write_case: Write, tmp_path: Path) 
     assert "no such file" in refused(('"tumour.off"', '"none.off"'))
     shape = 'shape = "box"\nsize = [2.0, 1.0, 1.0]\nedge_length = 0.5'
     small = shape.replace("[2.0, 1.0, 1.0]", "[2.0, 1.0, 0.5]")
-    assert "body and inclusion 1 cut each other" in refused((shape, small))
+    said = refused((shape, small))
+    assert "body and tumour.off cut each other" in said
+    assert "of body and facet " in said
     millimetres = ("[geometry]", '[units]\nlength = "mm"\n[geometry]')
     assert ") mm" in refused((shape, small), millimetres)
 
