@@ -142,7 +142,7 @@ def mesh(
 
 def _inclusions(given: list[str]) -> list[tuple[str, Path]]:
     """Names and files of NAME=FILE; refuses names given twice, and the body's."""
-    found = []
+    found: list[tuple[str, Path]] = []
     for text in given:
         name, equals, path = text.partition("=")
         if not (name and equals and path):
