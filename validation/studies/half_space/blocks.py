@@ -49,7 +49,17 @@ _HALVED = {"punch": 4, "sphere": 2}
 
 
 class Block(NamedTuple):
-    """One block: its size over the contact radius, the force of a quarter [N] and its bar [-]."""
+    """The truth of one block.
+
+    Attributes:
+        size: Of the block, over the contact radius.
+        force: On the whole tool [N].
+        bar: Of the force [-].
+        cells: Of the last mesh, a quarter of the block.
+        unknowns: Likewise.
+        meshes: How many.
+        touching: Radius of a circle with the area of the nodes that touch [m].
+    """
 
     size: float
     force: float
@@ -132,7 +142,7 @@ def pressed_block(tool: str, size: float) -> Problem:
     mesh = round_block(size, _HALVED[tool])
     top = side(mesh, 2, 0.0)
     distance = np.linalg.norm(mesh.points[top][:, :, :2], axis=2)
-    # The punch touches all that lies below it, and the sphere no more than twice its contact.
+    # The punch touches what lies below it, and the sphere no more than some contact radii.
     reach = _same_area() * CONTACT_RADIUS * (1.0 if tool == "punch" else _GROWTH) * (1.0 + 1e-9)
     near = top[(distance <= reach).all(axis=1)]
     depth = pressed_depth(tool)
