@@ -56,6 +56,7 @@ def write_board(board: Board, folder: Path) -> Path:
         "machine": describe_machine(),
         "palpate": version_of("palpate"),
         "command": COMMAND,
+        "took": minutes_of(board),
     }
 
     def write(name: str, template: str, **more: Any) -> None:
@@ -116,6 +117,7 @@ def document(board: Board, table: Table) -> dict[str, Any]:
             "law": law.value,
             "why": truth.why,
             "origin": "" if truth.references is None else truth.references.origin,
+            "seconds": truth.seconds or None,
         }
         for (name, law), truth in board.truths.items()
     ]
@@ -123,6 +125,7 @@ def document(board: Board, table: Table) -> dict[str, Any]:
         "palpate": version_of("palpate"),
         "date": board.date,
         "minutes": board.minutes,
+        "minutes_of_all": minutes_of(board),
         "time_limit": board.time_limit,
         "machine": describe_machine(),
         "simulators": [entry.model_dump(mode="json") for entry in board.entries],
@@ -130,6 +133,19 @@ def document(board: Board, table: Table) -> dict[str, Any]:
         "cases": [{"name": case.path.stem, "title": case.title} for case in board.cases],
         "truths": truths,
         "scores": table.records,
+    }
+
+
+def minutes_of(board: Board) -> dict[str, float]:
+    """What runs and truths solved here took by the clock, whenever that was, one after the other.
+
+    Failures by time count with the time limit; what is refused, not at all.
+    """
+    runs = [score.run for score in board.scores.values()]
+    waited = sum("no answer within" in run.why for run in runs) * board.time_limit
+    return {
+        "runs": (sum(run.seconds for run in runs) + waited) / 60.0,
+        "truths": sum(truth.seconds for truth in board.truths.values()) / 60.0,
     }
 
 

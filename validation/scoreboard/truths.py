@@ -29,7 +29,7 @@ from palpate.validation.states import Progress
 
 # After which no finer mesh of a truth is begun: a board has many of them [s].
 _SECONDS = 60.0
-_TOLD_SECONDS = "processor_seconds"
+_TOLD_SECONDS = "seconds"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Truth:
         case: Under the law.
         references: States and bars.
         why: There are none.
-        seconds: Of the processor that solving them took, where they were solved for the board.
+        seconds: By the clock, that solving them took where they were solved for the board.
     """
 
     case: Case
@@ -84,7 +84,7 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
             return Truth(case, references, seconds=_seconds_of(references))
     except (MissingReferenceError, UntrustedReferenceError):
         pass
-    begin = time.thread_time()
+    begin = time.monotonic()
     try:
         references = solve_live(
             problem,
@@ -100,7 +100,7 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
     if references.truth(case.strain) is None and references.same_mesh(case.strain) is None:
         why = "; ".join(references.failures.values()) or "the reference found no answer"
         return _keep_failure(case, kept, name, key, why)
-    seconds = time.thread_time() - begin
+    seconds = time.monotonic() - begin
     told = {**references.provenance, _TOLD_SECONDS: seconds}
     references = dataclasses.replace(references, provenance=told)
     write_reference(path, case.name, key, references, told)
