@@ -36,7 +36,7 @@ class Law(StrEnum):
         + kappa/2 (J - 1)^2, with l_i the principal stretches times J^(-1/3), one to three terms and
         mu = sum of mu_p alpha_p / 2 (R. W. Ogden, Proc. R. Soc. London A 328, 1972; Abaqus' mu_p is
         this mu_p alpha_p / 2). The same volumetric part; terms with mu_p alpha_p < 0 are stable
-        only near where they were fitted. The reference does not know it yet.
+        only near where they were fitted.
     COROTATIONAL: W = mu |F - R|^2 + lmbda/2 (tr(R^T F) - 3)^2, F = R U, which is
         mu (U - I) : (U - I) + lmbda/2 tr(U - I)^2 (A. McAdams and others, Efficient Elasticity for
         Character Skinning, ACM Trans. Graph. 30(4), 2011, section 3; with the turn's derivative,

@@ -54,7 +54,9 @@ def _cell_means(discrete: DiscreteProblem, tensor: Any) -> Floats:
     source = transferred.source
     tensors = fenicsx.cell_tensor_space(transferred.mesh)
     # S is of degree 2 (p - 1), F S F^T of twice that; det F, beneath, is nearly constant in a cell.
-    degree = 4 * (discrete.space.degree - 1)
+    degree = discrete.stress_degree
+    if degree is None:
+        degree = 4 * (discrete.space.degree - 1)
     dx = ufl.dx(domain=transferred.mesh, metadata={"quadrature_degree": degree})
     form = fenicsx.form(ufl.inner(tensor, ufl.TestFunction(tensors)) * dx)
     integrals = fenicsx.assemble_vector(form).reshape(-1, 3, 3)

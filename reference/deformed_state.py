@@ -79,9 +79,12 @@ def least_moduli(body: ElasticBody, displacement: Floats) -> Floats:
     S_j + mu l_i^2 under a shear of directions i and j; both over what they are at rest. At 0 it
     loses rank-one convexity (J. E. Marsden, T. J. R. Hughes, Mathematical Foundations of
     Elasticity, 1983, section 3.4): confined compression gets there at a stretch of 0.577 by the
-    first, and with Poisson's ratio 0.3 at 0.655 by the second.
+    first, and with Poisson's ratio 0.3 at 0.655 by the second. Of other laws, most of which stiffen
+    as they are pressed, 1 everywhere.
     """
     transferred = body.space.transferred
+    if not body.law.is_linear_in_strain:
+        return np.ones(transferred.source.num_cells)
     mesh, points = transferred.mesh, lattice(1)
     F_at = fenicsx.evaluate_in_cells(mesh, deformation_gradient(body.u), points)
     S_at = fenicsx.evaluate_in_cells(mesh, body.stress, points)

@@ -19,10 +19,9 @@ from palpate.reference import fenicsx, hyperelastic
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.follower_load import FollowerLoad
-from palpate.reference.invariant_laws import LawOfInvariants
 from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
-from palpate.reference.materials import by_cell, lame_by_cell
+from palpate.reference.materials import by_cell, energy_by_cell, lame_by_cell
 from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
 from palpate.reference.result import Formulation
 from palpate.reference.smoothed_law import SmoothedLaw
@@ -31,6 +30,7 @@ from palpate.reference.st_venant_kirchhoff import (
     second_piola_kirchhoff_stress,
     strain_energy_density,
 )
+from palpate.reference.strain_coefficients import StrainCoefficients
 from palpate.reference.supports import NodeFrames, hold
 
 
@@ -51,14 +51,17 @@ class ElasticBody:
         law: That of the material, which holds under Green strain.
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa]; Cauchy's under linear strain.
         virtual_work: Integral of F S : grad v, F = I under linear strain.
+        stress_degree: Of the quadrature by which alone forms of `stress` can be integrated; None
+            where any serves.
 
     Raises:
-        InputError: Smoothed tetrahedra of another degree, on several ranks, or of a law that is
-            written in stretches; Ogden's law.
+        InputError: Smoothed tetrahedra of another degree, or on several ranks.
     """
 
+    stress_degree: int | None = None
     _smoothed: SmoothedStress | SmoothedLaw | None = None
-    _law_of_invariants: LawOfInvariants | None = None
+    # Of laws that are written in stretches.
+    _coefficients: tuple[StrainCoefficients, ...] = ()
     # Of nodes on slanted planes, whose degrees of freedom are along axes of their own: all flat
     # vectors of this class are, in and out.
     frames: NodeFrames | None = None
@@ -88,6 +91,8 @@ class ElasticBody:
                 if is_linear_in_strain
                 else SmoothedLaw(space, self.u, material, (lmbda, mu, c01))
             )
+            if isinstance(self._smoothed, SmoothedLaw):
+                self._coefficients = self._smoothed.coefficients
             self.stress = self._smoothed.stress
             self.virtual_work = self._smoothed.virtual_work(self.v)
         elif is_linear_in_strain:
@@ -104,16 +109,16 @@ class ElasticBody:
             dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
             F = deformation_gradient(self.u)
             if material.law.is_of_stretches:
-                density = hyperelastic.density_of_invariants(material.law, lmbda, mu)
-                self._law_of_invariants = LawOfInvariants(F, density)
-                P, W = self._law_of_invariants.stress, self._law_of_invariants.energy_density
+                function = energy_by_cell(material, lmbda, mu)
+                energy = StrainCoefficients(mesh, self.u, function, order)
+                self._coefficients, self.stress_degree = (energy,), order
+                self.stress, P, W = energy.slope, F * energy.slope, energy.value
             else:
                 constants = (material.law, lmbda, mu, c01)
                 P = hyperelastic.first_piola_kirchhoff_stress(F, *constants)
                 W = hyperelastic.energy_density(F, *constants)
-            self.stress = ufl.inv(F) * P
+                self.stress = ufl.inv(F) * P
             self.energy = W * dx
-            self._dx = dx
             self.virtual_work = ufl.inner(P, ufl.grad(self.v)) * dx
         self.num_dofs = 3 * space.num_blocks  # that this rank owns
         self._unknown = self.u
@@ -121,9 +126,18 @@ class ElasticBody:
 
     def work_change(self, trial: Any) -> Any:
         """Derivative of the virtual work by the unknown along a trial function."""
-        if self._law_of_invariants is not None:
-            return self._law_of_invariants.work_change(self.u, self.v, trial) * self._dx
-        return ufl.derivative(self.virtual_work, self._unknown, trial)
+        return self.derivative(self.virtual_work, trial)
+
+    def derivative(self, of: Any, direction: Any) -> Any:
+        """Derivative of a form by the unknown along a direction, a function of its space."""
+        change = ufl.derivative(of, self._unknown, direction)
+        for coefficients in self._coefficients:
+            change += sum(coefficients.changes(of, self._displacement_in(direction)))
+        return change
+
+    def _displacement_in(self, unknown: Any) -> Any:
+        """The displacement of all unknowns, in UFL."""
+        return unknown
 
     @property
     def unknown(self) -> Any:
@@ -154,6 +168,8 @@ class ElasticBody:
         """Make `u` the given flat vector, and the stress that of `u`."""
         self._unknown.x.array[: self.num_dofs] = self.to_global(displacement)
         self._unknown.x.scatter_forward()
+        for coefficients in self._coefficients:
+            coefficients.update()
         if self._smoothed is not None:
             self._smoothed.update()
 

@@ -205,6 +205,33 @@ def cell_tensor_space(mesh: Any) -> Any:
         return fem.functionspace(mesh, ("DG", 0, (3, 3)))
 
 
+def quadrature_points(degree: int) -> Points:
+    """Points of the reference tetrahedron that a form of this degree is integrated by."""
+    import basix
+
+    points, _ = basix.make_quadrature(basix.CellType.tetrahedron, degree)
+    return np.asarray(points, dtype=np.float64)
+
+
+def quadrature_space(mesh: Any, degree: int, size: int) -> Any:
+    """Return the space of values at the quadrature points of each cell, so many at each.
+
+    Of degree 0, with one point, that of vectors that are constant in each cell.
+    """
+    with _compiling():
+        if _IS_OLD:
+            family, cell = ("Quadrature" if degree else "DG"), mesh.ufl_cell()
+            scheme = "default" if degree else None
+            element = ufl.VectorElement(family, cell, degree, dim=size, quad_scheme=scheme)
+            return fem.FunctionSpace(mesh, element)
+        import basix.ufl
+
+        if degree == 0:
+            return fem.functionspace(mesh, ("DG", 0, (size,)))
+        element = basix.ufl.quadrature_element("tetrahedron", (size,), degree=degree)
+        return fem.functionspace(mesh, element)
+
+
 def scalar_space(mesh: Any, degree: int) -> Any:
     """Return the space of continuous scalars of a polynomial degree."""
     with _compiling():

@@ -1,4 +1,4 @@
-"""Laws other than Saint-Venant-Kirchhoff's as energies in UFL; stresses and tangents by deriving.
+"""Laws in invariants of C as energies in UFL; stresses and tangents by deriving.
 
 What each is, where it comes from and where it ends: `palpate.meshes.material_law.Law`.
 
@@ -9,14 +9,11 @@ Note:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
-from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.reference.fenicsx import ufl
 from palpate.reference.kinematics import right_cauchy_green
-from palpate.reference.stretch_powers import root_invariants
 
 
 def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
@@ -24,7 +21,7 @@ def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
 
     Args:
         F: Deformation gradient; det F > 0 but for the stable neo-Hookean law.
-        law: Not Saint-Venant-Kirchhoff's, which is written in E.
+        law: Neither Saint-Venant-Kirchhoff's, which is written in E, nor one of stretches.
         lmbda: Lamé's first parameter at rest [Pa].
         mu: Shear modulus at rest [Pa].
         c01: Of Mooney and Rivlin's law [Pa]; read by no other.
@@ -60,7 +57,7 @@ def _density(C: Any, J: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
             second = (first**2 - ufl.tr(C * C)) / 2
             shape = (mu / 2 - c01) * (J ** (-2 / 3) * first - 3)
             return shape + c01 * (J ** (-4 / 3) * second - 3) + _by_volume(J, lmbda, mu)
-    raise ValueError(f"{law} is written in E: see st_venant_kirchhoff")
+    raise ValueError(f"{law} is written in E or in stretches: st_venant_kirchhoff, principal_laws")
 
 
 def _by_volume(J: Any, lmbda: Any, mu: Any) -> Any:
@@ -77,26 +74,6 @@ def volume_change(F: Any, law: Law) -> Any:
     """g(J) of the law's lmbda/2 g(J)^2, all that lmbda has a part in: J - 1, or ln J."""
     J = ufl.det(F)
     return ufl.ln(J) if law is Law.NEO_HOOKEAN else J - 1
-
-
-def density_of_invariants(law: Law, lmbda: Any, mu: Any) -> Callable[[Any, Any, Any], Any]:
-    """W of I, II and J by a law that is written in principal stretches [J/m3].
-
-    Raises:
-        InputError: Ogden's law, whose forms compile for minutes.
-    """
-    if law is not Law.COROTATIONAL:
-        raise InputError(
-            f"law = {law}: the reference does not know it yet, so that there is no truth by it; "
-            "fastsim solves with it, and `palpate law` checks it"
-        )
-
-    def density(first: Any, second: Any, J: Any) -> Any:
-        one, two = J ** (-2 / 3) * first, J ** (-4 / 3) * second
-        stretches = J ** (1 / 3) * root_invariants(one, two)[0]
-        return mu * (first - 2 * stretches + 3) + lmbda / 2 * (stretches - 3) ** 2
-
-    return density
 
 
 def quadrature_degree(degree: int) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 from palpate.meshes.problem import Inclusion, Material
 from palpate.reference import fenicsx
 from palpate.reference.mesh_transfer import TransferredMesh
+from palpate.reference.principal_laws import PrincipalFunction, energy_of_stretches
 
 
 def lame_parameters(material: Material) -> tuple[float, float]:
@@ -48,3 +49,27 @@ def lame_by_cell(
         by_cell(transferred, material, inclusions, lambda m: lame_parameters(m)[0]),
         by_cell(transferred, material, inclusions, lambda m: lame_parameters(m)[1]),
     )
+
+
+def energy_by_cell(
+    material: Material, lmbda: Any | None, mu: Any
+) -> Callable[[int], PrincipalFunction]:
+    """W of principal strains at some points of each cell, by a law that is written in stretches.
+
+    Args:
+        material: Of which the law is read, and its terms.
+        lmbda: Lamé's parameters [Pa], functions that are constant in each cell; None for 0.
+        mu: The second.
+
+    Returns:
+        What makes the function of the number of points in each cell.
+    """
+
+    def function(num_points: int) -> PrincipalFunction:
+        shear = np.repeat(fenicsx.cell_values(mu), num_points)
+        first = 0.0 * shear
+        if lmbda is not None:
+            first = np.repeat(fenicsx.cell_values(lmbda), num_points)
+        return energy_of_stretches(material.law, first, shear, material.ogden_terms)
+
+    return function

@@ -12,7 +12,8 @@ what this material tends to; det F = 1 only for small strains.
 F. Brezzi, M. Fortin, Mixed and Hybrid Finite Element Methods, 1991, chapter VI.
 
 Of the other laws, whose W is lmbda/2 g(J)^2 and a part without lmbda, g = J - 1 or ln J, the second
-part stands for mu E : E and g for tr(E): there J = 1 is what they tend to.
+part stands for mu E : E and g for tr(E): there J = 1 is what they tend to. The corotational law
+tends to tr U = 3, of its g = tr U - 3, as Saint-Venant-Kirchhoff's to tr E = 0.
 
 The unknown of the solver is p h / mu [m], with h a typical cell size, so that the rows of pressure
 are forces like those of displacement, and one tolerance serves both.
@@ -20,20 +21,30 @@ are forces like those of displacement, and one tolerance serves both.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
 from palpate.reference import fenicsx, hyperelastic
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.kinematics import deformation_gradient, strain_tensor
+from palpate.reference.kinematics import cofactor, deformation_gradient, strain_tensor
 from palpate.reference.loads import apply_loads
-from palpate.reference.materials import by_cell, lame_by_cell, lame_parameters
+from palpate.reference.materials import (
+    by_cell,
+    energy_by_cell,
+    lame_by_cell,
+    lame_parameters,
+)
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
+from palpate.reference.principal_laws import stretch_sum
 from palpate.reference.result import Formulation
+from palpate.reference.strain_coefficients import StrainCoefficients
 from palpate.reference.supports import hold
 
 
@@ -49,8 +60,8 @@ class MixedProblem(DiscreteProblem):
         element: LINEAR, which is any that is not smoothed.
 
     Raises:
-        InputError: Degree 1, smoothed tetrahedra, a tool, a law that is written in stretches,
-            Poisson's ratio not above 0, or more than one rank.
+        InputError: Degree 1, smoothed tetrahedra, a tool, Poisson's ratio not above 0, or more
+            than one rank.
     """
 
     formulation = Formulation.MIXED
@@ -72,11 +83,6 @@ class MixedProblem(DiscreteProblem):
         if fenicsx.COMM.size > 1:
             raise InputError("the mixed form runs on one rank; leave mpirun out")
         require_no_tools(problem, "the mixed form")
-        if strain is Strain.GREEN and problem.material.law.is_of_stretches:
-            raise InputError(
-                f"law = {problem.material.law}: the mixed form does not know it yet; use the plain "
-                "form"
-            )
         materials = (problem.material, *(i.material for i in problem.inclusions))
         if not all(m.poissons_ratio > 0.0 for m in materials):
             raise InputError("the mixed form needs Poisson's ratios above 0; use the plain form")
@@ -96,19 +102,37 @@ class MixedProblem(DiscreteProblem):
         self._unknown = fem.Function(self._mixed)
         self.u, scaled = ufl.split(self._unknown)
         both = ufl.TestFunction(self._mixed)
-        v, _ = ufl.split(both)
+        v = self._displacement_in(both)
         source = problem.mesh
         cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self.pressure_unit = lame_parameters(problem.material)[1] / cell_size
         scale = fem.Constant(mesh, PETSc.ScalarType(self.pressure_unit))
         p = scale * scaled
         self.law = law = problem.material.law
+        work: Any = None
         if strain is Strain.LINEAR or law.is_linear_in_strain:
             E = strain_tensor(self.u, strain)
             # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 of no higher one from p = 2 on.
             order = (4 if strain is Strain.GREEN else 2) * (degree - 1)
             shape, volume = mu * ufl.inner(E, E), ufl.tr(E)
             self.stress = p * ufl.Identity(3) + 2 * mu * E
+        elif law.is_of_stretches:
+            order = self.stress_degree = hyperelastic.quadrature_degree(degree)
+            by_shape = StrainCoefficients(
+                mesh, self.u, energy_by_cell(problem.material, None, mu), order
+            )
+            F = deformation_gradient(self.u)
+            S, self._coefficients = by_shape.slope, (by_shape,)
+            if law is Law.COROTATIONAL:
+                total = StrainCoefficients(mesh, self.u, lambda _: stretch_sum, order)
+                self._coefficients += (total,)
+                volume, S = total.value, S + p * total.slope
+                self.stress = S
+            else:
+                volume = hyperelastic.volume_change(F, law)
+                self.stress = S + p * ufl.inv(F) * cofactor(F)
+            # What UFL cannot derive of the potential below: coefficients are constants to it.
+            shape, work = by_shape.value, ufl.inner(F * S, ufl.grad(v))
         else:
             c01 = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.c01)
             order = hyperelastic.quadrature_degree(degree)
@@ -119,8 +143,10 @@ class MixedProblem(DiscreteProblem):
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
         potential = (shape + p * volume - p**2 / (2 * lmbda)) * dx
         self.energy = (shape + p**2 / (2 * lmbda)) * dx
-        virtual_work = ufl.derivative(potential, self._unknown, both)
-        self._force = fenicsx.form(virtual_work)
+        self.virtual_work = ufl.derivative(potential, self._unknown, both)
+        if work is not None:
+            self.virtual_work += work * dx
+        self._force = fenicsx.form(self.virtual_work)
 
         self.held = hold(self.space, problem.supports).renumbered(self._dofs)
         self.frames = self.held.frames
@@ -133,8 +159,11 @@ class MixedProblem(DiscreteProblem):
         works = apply_loads(self.space, followers, self.u, v, strain).followers
         self.contacts = ()
         trial = ufl.TrialFunction(self._mixed)
-        change = ufl.derivative(virtual_work, self._unknown, trial)
-        self._linearise(change, works, trial)
+        self._linearise(self.work_change(trial), works, trial)
+
+    def _displacement_in(self, unknown: Any) -> Any:
+        """See `ElasticBody`."""
+        return ufl.split(unknown)[0]
 
     def of_displacement(self, values: Floats) -> Floats:
         """The part of a flat vector that belongs to displacements, in the order of `space`."""

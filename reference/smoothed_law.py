@@ -11,7 +11,9 @@ J, there the root of det C; g goes over nodes:
 
 so that for small strains all laws have the smoothed element of Hooke's (`smoothing`), no stress at
 rest, and a constant F is reproduced. dW_0/dE and its derivative are UFL's: the edges' strains are
-given to it as a function on a mesh of as many cells that have nothing to do with each other.
+given to it as a function on a mesh of as many cells that have nothing to do with each other. Laws
+that are written in stretches have theirs from `principal_laws`; of the corotational one m is
+tr U - 3, whose derivatives are coefficients of the forms (`strain_coefficients`).
 
 Note:
     C of an edge is definite whatever its cells do: a cell turned inside out is felt by the m_n of
@@ -33,7 +35,16 @@ from palpate.reference import fenicsx, hyperelastic
 from palpate.reference.fenicsx import fem, ufl
 from palpate.reference.kinematics import deformation_gradient, strain_tensor
 from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.principal_laws import (
+    COLUMNS,
+    ROWS,
+    WEIGHTS,
+    energy_of_stretches,
+    of_tensors,
+    stretch_sum,
+)
 from palpate.reference.smoothing import Patches, find_patches, sparse_matrix, times
+from palpate.reference.strain_coefficients import StrainCoefficients
 
 _CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 _VOLUME = 1.0 / 6.0
@@ -50,9 +61,10 @@ class SmoothedLaw:
 
     Attributes:
         stress: Second Piola-Kirchhoff stress of `u` in UFL [Pa].
+        coefficients: What has to be brought to u before `update`.
 
     Raises:
-        InputError: Another degree, more than one rank, or a law that is written in stretches.
+        InputError: Another degree, or more than one rank.
     """
 
     def __init__(
@@ -65,11 +77,6 @@ class SmoothedLaw:
         law = material.law
         if space.degree != 1:
             raise InputError(f"degree = {space.degree}: smoothed tetrahedra are of degree 1")
-        if law.is_of_stretches:
-            raise InputError(
-                f"law = {law}: the reference's smoothed tetrahedra do not know it yet; use linear "
-                "ones, or degree 2"
-            )
         if fenicsx.COMM.size > 1:
             raise InputError("smoothed tetrahedra run on one rank; leave mpirun out")
         self._u, self._law = u, law
@@ -78,16 +85,23 @@ class SmoothedLaw:
         self._dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 0})
         tensors, scalars = fenicsx.cell_tensor_space(mesh), fenicsx.cell_space(mesh)
         F = ufl.variable(deformation_gradient(u))
-        measure = ufl.det(F) - 1
-        du = ufl.TrialFunction(space.space)
+        T, q, du = *map(ufl.TestFunction, (tensors, scalars)), ufl.TrialFunction(space.space)
         # Each test function is 1 in one component in one cell: the integrals V_c E_c and V_c m_c.
-        strains = ufl.inner(strain_tensor(u, Strain.GREEN), ufl.TestFunction(tensors)) * self._dx
-        measures = (ufl.det(deformation_gradient(u)) - 1) * ufl.TestFunction(scalars) * self._dx
+        strains = ufl.inner(strain_tensor(u, Strain.GREEN), T) * self._dx
+        self.coefficients: tuple[StrainCoefficients, ...] = ()
+        if law is Law.COROTATIONAL:
+            total = StrainCoefficients(mesh, u, lambda _: stretch_sum, 0)
+            self.coefficients = (total,)
+            measures, slope = total.value * q * self._dx, F * total.slope
+            rates = sum(total.changes(measures, du))
+        else:
+            measures = (ufl.det(deformation_gradient(u)) - 1) * q * self._dx
+            slope, rates = ufl.diff(ufl.det(F) - 1, F), ufl.derivative(measures, u, du)
         self._integrals = [fenicsx.form(of) for of in (strains, measures)]
-        self._rates = [fenicsx.form(ufl.derivative(of, u, du)) for of in (strains, measures)]
+        self._rates = [fenicsx.form(of) for of in (ufl.derivative(strains, u, du), rates)]
         self._matrices = [fenicsx.create_matrix(of) for of in self._rates]
         self._shape_stress, self._pressure = fem.Function(tensors), fem.Function(scalars)
-        P = F * self._shape_stress + self._pressure * ufl.diff(measure, F)
+        P = F * self._shape_stress + self._pressure * slope
         self._piola, self.stress = P, ufl.inv(F) * P
 
         constants = np.column_stack([fenicsx.cell_values(of) for of in moduli])
@@ -98,7 +112,8 @@ class SmoothedLaw:
         self._of_nodes = _averages(nodes, fenicsx.cell_dofs(scalars)[:, 0], 1)
         of_edge = np.empty((len(edges.volumes), 3))
         of_edge[edges.of_cell] = constants[:, None]
-        self._edge_law = _EdgeLaw(material, *of_edge[:, 1:].T)
+        edge_law = _EdgeLawOfStretches if law.is_of_stretches else _EdgeLaw
+        self._edge_law = edge_law(material, *of_edge[:, 1:].T)
         self._lmbda = np.empty(len(nodes.volumes))
         self._lmbda[nodes.of_cell] = constants[:, :1]
 
@@ -191,11 +206,42 @@ class _EdgeLaw:
         starts, _, values = matrix.getValuesCSR()
         if not (np.diff(starts) == 9).all():
             raise ArithmeticError("a cell of the edges' mesh has a neighbour")
-        blocks = values.reshape(-1, 9, 9)[self._rows] / _VOLUME
-        rows = np.arange(9 * self._count)
-        columns = 9 * (rows[:, None] // 9) + np.arange(9)
-        shape = (9 * self._count, 9 * self._count)
-        return sparse_matrix(np.repeat(rows, 9), columns.ravel(), blocks.ravel(), shape)
+        return _block_diagonal(values.reshape(-1, 9, 9)[self._rows] / _VOLUME)
+
+
+class _EdgeLawOfStretches:
+    """The same by principal values."""
+
+    def __init__(self, material: Material, mu: Floats, c01: Floats) -> None:
+        del c01
+        self._function = energy_of_stretches(material.law, 0.0 * mu, mu, material.ogden_terms)
+        # Mandel's six components of nine, and back.
+        self._nine = np.zeros((9, 6))
+        for k, (i, j, weight) in enumerate(zip(ROWS, COLUMNS, WEIGHTS, strict=True)):
+            self._nine[[3 * i + j, 3 * j + i], k] = 1.0 / weight
+
+    def energies(self, strains: Floats) -> Floats:
+        """See `_EdgeLaw`."""
+        return of_tensors(strains.reshape(-1, 3, 3), self._function)[0]
+
+    def stress(self, strains: Floats) -> Floats:
+        """See `_EdgeLaw`."""
+        _, slope, _ = of_tensors(strains.reshape(-1, 3, 3), self._function)
+        found: Floats = (slope @ self._nine.T).ravel()
+        return found
+
+    def moduli(self, strains: Floats) -> Any:
+        """See `_EdgeLaw`."""
+        _, _, bend = of_tensors(strains.reshape(-1, 3, 3), self._function)
+        return _block_diagonal(self._nine @ bend @ self._nine.T)
+
+
+def _block_diagonal(blocks: Floats) -> Any:
+    """The PETSc matrix of blocks (n, 9, 9)."""
+    size = 9 * len(blocks)
+    rows = np.arange(size)
+    columns = 9 * (rows[:, None] // 9) + np.arange(9)
+    return sparse_matrix(np.repeat(rows, 9), columns.ravel(), blocks.ravel(), (size, size))
 
 
 def _averages(patches: Patches, dofs: Indices, size: int) -> Any:

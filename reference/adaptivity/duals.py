@@ -131,7 +131,7 @@ def _stress(solved: Solved, part: Part | None) -> tuple[Any, float]:
     mesh = discrete.space.transferred.mesh
     inside = fenicsx.cell_function(mesh, solved.here(part.is_inside(solved.case_mesh)))
     # A weight needs fewer digits than the norm: S is of degree 2 (p - 1).
-    dx = solved.dx(2 * discrete.space.degree)
+    dx = solved.dx(discrete.stress_degree or 2 * discrete.space.degree)
     squared = inside * ufl.inner(discrete.stress, discrete.stress) * dx
     return 0.5 * squared, fenicsx.assemble_scalar(fenicsx.form(squared))
 
@@ -239,7 +239,8 @@ def _gradient(solved: Solved, key: Key) -> Floats:
     if quantity is Quantity.TOOL_FORCE:
         return _of_tools(solved)
     functional, scale = _FUNCTIONALS[quantity](solved, part)
-    form = fenicsx.form(ufl.derivative(functional, discrete.unknown))
+    along = ufl.TestFunction(discrete.unknown.function_space)
+    form = fenicsx.form(discrete.derivative(functional, along))
     return discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0))
 
 

@@ -18,21 +18,13 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Pressure, Support, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Inclusion, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.constitutive.materials import example_material
 
 MakeBox = Callable[..., TetMesh]
 FINITE = [law for law in Law if not law.is_linear_in_strain]
 LAWS = pytest.mark.parametrize("law", FINITE)
-
-# Three terms, one of them of a negative exponent.
-OGDEN = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
-
-
-def material(law: Law, nu: float = 0.4) -> Material:
-    mu = 1e4 / (2.0 * (1.0 + nu))
-    c01 = 0.2 * mu if law is Law.MOONEY_RIVLIN else 0.0
-    return Material(1e4, nu, law=law, c01=c01, ogden_terms=OGDEN if law is Law.OGDEN else ())
 
 
 def shake(mesh: TetMesh, size: float) -> np.ndarray:
@@ -49,7 +41,7 @@ def test_force_is_the_derivative_of_energy_and_tangent_that_of_force(
     make_box: MakeBox, law: Law
 ) -> None:
     mesh = make_box((2, 2, 2), (1.0, 1.0, 1.0), ragged=0.2)
-    body, u = Body(mesh, material(law)), shake(mesh, 0.05)
+    body, u = Body(mesh, example_material(law)), shake(mesh, 0.05)
     way = np.random.default_rng(4).standard_normal(u.shape)
     way /= np.linalg.norm(way)
     h = 1e-5
@@ -68,7 +60,10 @@ def test_force_is_the_derivative_of_energy_and_tangent_that_of_force(
 def test_at_rest_it_is_hookes_law(make_box: MakeBox, law: Law) -> None:
     """No stress, the stiffness of linear strain, and all digits of small displacements."""
     mesh = make_box((2, 2, 2), (1.0, 1.0, 1.0), ragged=0.2)
-    body, hooke = Body(mesh, material(law)), Body(mesh, material(law), Strain.LINEAR)
+    body, hooke = (
+        Body(mesh, example_material(law)),
+        Body(mesh, example_material(law), Strain.LINEAR),
+    )
     assert not body.internal_force(np.zeros_like(mesh.points)).any()
     assert body.strain_energy(np.zeros_like(mesh.points)) == 0.0
     way = shake(mesh, 1.0)
@@ -85,7 +80,7 @@ def test_at_rest_it_is_hookes_law(make_box: MakeBox, law: Law) -> None:
 @LAWS
 def test_turned_bodies_have_turned_forces(make_box: MakeBox, law: Law) -> None:
     mesh = make_box((2, 1, 1), (1.0, 0.5, 0.5), ragged=0.2)
-    body, u = Body(mesh, material(law)), shake(mesh, 0.05)
+    body, u = Body(mesh, example_material(law)), shake(mesh, 0.05)
     Q, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
     Q *= np.sign(np.linalg.det(Q))
     turned = (mesh.points + u) @ Q.T - mesh.points
@@ -103,9 +98,9 @@ def test_the_step_has_the_forces_of_the_plain_loop(
 ) -> None:
     """Also where the volume changes by half: logarithms and roots far from 1."""
     mesh = make_box((3, 3, 3), (1.0, 1.0, 1.0), ragged=0.2)
-    stiff = dataclasses.replace(material(law), youngs_modulus=3e4)
+    stiff = dataclasses.replace(example_material(law), youngs_modulus=3e4)
     inclusions = (Inclusion(np.arange(0, 60, 2), stiff),) if mixed else ()
-    body = Body(mesh, material(law), inclusions=inclusions)
+    body = Body(mesh, example_material(law), inclusions=inclusions)
     run = _core.ExplicitRun.make(
         body.core,
         body.lumped_mass,
@@ -134,9 +129,11 @@ def test_logarithm_and_root_hold_from_crushed_to_blown_up(
     make_box: MakeBox, law: Law, volume: float
 ) -> None:
     mesh = make_box((1, 1, 1), (1.0, 1.0, 1.0))
-    body = Body(mesh, material(law))
+    body = Body(mesh, example_material(law))
     u = (np.cbrt(volume) - 1.0) * mesh.points
-    stepped = ExplicitBody(Problem(mesh, material(law), (), ()), displacement=u, time_step=1e-6)
+    stepped = ExplicitBody(
+        Problem(mesh, example_material(law), (), ()), displacement=u, time_step=1e-6
+    )
     u = stepped.displacement
     force = np.empty_like(u)
     stepped._run.internal_force(force)
@@ -149,9 +146,9 @@ def test_free_motion_keeps_its_energy(make_box: MakeBox, law: Law) -> None:
     mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     load = Traction(facets_at(mesh, 0, 2.0), (0.0, 0.0, -100.0))
-    step = 0.25 * Body(mesh, material(law)).critical_time_step()
+    step = 0.25 * Body(mesh, example_material(law)).critical_time_step()
     span = TimeSpan(4000 * step, step, num_outputs=20)
-    problem = Problem(mesh, material(law), (held,), (load,), span)
+    problem = Problem(mesh, example_material(law), (held,), (load,), span)
     ramp = smooth_ramp(0.5 * span.end_time)
     result = simulate(problem, amplitude=ramp, tracks_energy=True)
     energies = result.energies
@@ -164,7 +161,7 @@ def test_free_motion_keeps_its_energy(make_box: MakeBox, law: Law) -> None:
 
 def test_what_knows_one_law_says_so(make_box: MakeBox) -> None:
     mesh = make_box((1, 1, 1), (1.0, 1.0, 1.0))
-    rubber = material(Law.NEO_HOOKEAN)
+    rubber = example_material(Law.NEO_HOOKEAN)
     held = Support(np.flatnonzero(mesh.points[:, 0] < 1e-9).astype(np.int32))
     problem = Problem(mesh, rubber, (held,), (Pressure(facets_at(mesh, 0, 1.0), 10.0),))
     with pytest.raises(InputError, match=r"secant.*follows neo-hookean"):

@@ -10,28 +10,19 @@ import pytest
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Element, Inclusion, Material, Strain
+from palpate.meshes.problem import Element, Inclusion, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.constitutive.materials import example_material
 
 MakeBox = Callable[..., TetMesh]
 LAWS = pytest.mark.parametrize("law", [law for law in Law if not law.is_linear_in_strain])
 SMOOTHED = Element.SMOOTHED
 
-# Three terms, one of them of a negative exponent.
-OGDEN = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
-
-
-def material(law: Law, nu: float = 0.4, youngs_modulus: float = 1e4) -> Material:
-    mu = youngs_modulus / (2.0 * (1.0 + nu))
-    c01 = 0.2 * mu if law is Law.MOONEY_RIVLIN else 0.0
-    terms = OGDEN if law is Law.OGDEN else ()
-    return Material(youngs_modulus, nu, law=law, c01=c01, ogden_terms=terms)
-
 
 def smoothed(mesh: TetMesh, law: Law, *, strain: Strain = Strain.GREEN) -> Body:
     """A body of two materials."""
-    half = Inclusion(np.arange(mesh.num_cells // 2), material(law, 0.2, 3e4))
-    return Body(mesh, material(law), strain, element=SMOOTHED, inclusions=(half,))
+    half = Inclusion(np.arange(mesh.num_cells // 2), example_material(law, 0.2, 3e4))
+    return Body(mesh, example_material(law), strain, element=SMOOTHED, inclusions=(half,))
 
 
 def ragged(make_box: MakeBox) -> TetMesh:
@@ -61,7 +52,7 @@ def test_force_is_the_derivative_of_energy_and_tangent_that_of_force(
     product = body.core.multiply(way)
     assert np.linalg.norm(product - change) < 1e-7 * np.linalg.norm(change)
     # Neighbours in patches have a part in it: it is not the plain element's.
-    plain = Body(mesh, material(law))
+    plain = Body(mesh, example_material(law))
     plain.core.assemble_tangent(u)
     assert np.linalg.norm(plain.core.multiply(way) - change) > 0.05 * np.linalg.norm(change)
 
@@ -92,7 +83,7 @@ def test_a_constant_deformation_has_the_stress_and_energy_of_the_law(
     mesh = ragged(make_box)
     F = np.array([[stretch, 0.3, -0.1], [0.0, 1.1, 0.2], [0.1, -0.2, 0.9]])
     u = mesh.points @ (F - np.eye(3)).T
-    plain, body = (Body(mesh, material(law), element=element) for element in Element)
+    plain, body = (Body(mesh, example_material(law), element=element) for element in Element)
     right = plain.first_piola_kirchhoff_stresses(u)
     found = body.first_piola_kirchhoff_stresses(u)
     assert np.abs(found - right).max() < 1e-12 * np.abs(right).max()

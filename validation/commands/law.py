@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -54,8 +55,8 @@ def law(
     Of another simulator the stress alone, by bodies of single cells that it brings to rest.
     """
     from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.meshes.problem import Material
     from palpate.validation.constitutive import checks, laws_of, outside, seeded
+    from palpate.validation.constitutive.materials import example_material
     from palpate.validation.output_files import require_outputs
     from palpate.validation.simulators.outside import OutsideSimulator
 
@@ -66,13 +67,11 @@ def law(
     if simulator is not None and self_test:
         raise InputError("--self-test seeds mistakes in palpate's own laws; leave --simulator out")
     require_outputs({"--json": json})
-    part = c01
-    if part is None and name is Law.MOONEY_RIVLIN:
-        part = 0.1 * youngs_modulus / (1.0 + poissons_ratio)
-    terms = _ogden_terms(name, ogden)
-    material = Material(
-        youngs_modulus, poissons_ratio, law=name, c01=part or 0.0, ogden_terms=terms
-    )
+    material = example_material(name, poissons_ratio, youngs_modulus)
+    if c01 is not None:
+        material = dataclasses.replace(material, c01=c01)
+    if ogden is not None:
+        material = dataclasses.replace(material, ogden_terms=_ogden_terms(ogden))
     if simulator is not None:
         program = OutsideSimulator(simulator, time_limit)
         found = outside.check_simulator(program, material, limit, progress_lines())
@@ -93,10 +92,8 @@ def law(
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _ogden_terms(name: Law, given: list[str] | None) -> tuple[tuple[float, float], ...]:
-    """By what was given on the command line; parts like those of Ogden's rubber, 1972."""
-    if given is None:
-        return ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0)) if name is Law.OGDEN else ()
+def _ogden_terms(given: list[str]) -> tuple[tuple[float, float], ...]:
+    """By what was given on the command line."""
     try:
         terms = [tuple(float(number) for number in of.split(",")) for of in given]
         return tuple((share, alpha) for share, alpha in terms)

@@ -10,7 +10,6 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Material
 from palpate.validation.cli import app
 from palpate.validation.constitutive.checks import check_law, compare_stress, moduli_of
 from palpate.validation.constitutive.deformations import deformations, rotations
@@ -21,6 +20,7 @@ from palpate.validation.constitutive.laws_of import (
     nodal_forces,
     stress_of_forces,
 )
+from palpate.validation.constitutive.materials import example_material
 from palpate.validation.constitutive.seeded import self_test
 from palpate.validation.mechanics.finite_laws import finite_stress
 
@@ -50,15 +50,6 @@ np.savez(result, displacement=u)
 """
 
 
-# Three terms, one of them of a negative exponent.
-OGDEN = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
-
-
-def material(law: Law) -> Material:
-    c01, terms = 700.0 if law is Law.MOONEY_RIVLIN else 0.0, OGDEN if law is Law.OGDEN else ()
-    return Material(1e4, 0.4, law=law, c01=c01, ogden_terms=terms)
-
-
 def run(*words: str) -> tuple[int, str]:
     done = CliRunner().invoke(app, ["law", *words])
     assert done.exception is None or isinstance(done.exception, SystemExit)
@@ -85,7 +76,7 @@ def test_stress_comes_back_from_the_forces_that_it_makes():
 
 @LAWS
 def test_fastsims_laws_pass(law):
-    findings = check_law(FastsimLaw(material(law)), material(law))
+    findings = check_law(FastsimLaw(example_material(law)), example_material(law))
     assert [f for f in findings if not f.is_good] == []
     assert {f.check for f in findings} == {
         "rest", "Hooke's law", "P = dW/dF", "tangent = dP/dF", "symmetry", "objectivity",
@@ -96,21 +87,17 @@ def test_fastsims_laws_pass(law):
 @pytest.mark.dolfinx
 @pytest.mark.parametrize(
     "law",
-    [
-        pytest.param(law, marks=() if law is Law.MOONEY_RIVLIN else pytest.mark.slow)
-        for law in Law
-        if law is not Law.OGDEN
-    ],
+    [pytest.param(law, marks=() if law is Law.MOONEY_RIVLIN else pytest.mark.slow) for law in Law],
 )
 @pytest.mark.once
 def test_the_references_laws_pass(law):
-    findings = check_law(ReferenceLaw(material(law)), material(law))
+    findings = check_law(ReferenceLaw(example_material(law)), example_material(law))
     assert [f for f in findings if not f.is_good] == []
 
 
 @LAWS
 def test_every_seeded_mistake_is_seen_by_its_own_check(law):
-    caught = self_test(FastsimLaw(material(law)), material(law))
+    caught = self_test(FastsimLaw(example_material(law)), example_material(law))
     assert len(caught) == 8
     assert [name for name, findings in caught.items() if not findings] == []
     (softer,) = (found for name, found in caught.items() if name.startswith("shear modulus"))
@@ -121,7 +108,7 @@ def test_every_seeded_mistake_is_seen_by_its_own_check(law):
 
 @LAWS
 def test_another_law_is_named(law):
-    asked = material(law)
+    asked = example_material(law)
     for other in Law:
         # Ogden's has constants of its own, which no other has.
         if other in (law, Law.OGDEN):
@@ -138,7 +125,7 @@ def test_another_law_is_named(law):
 
 
 def test_a_law_that_is_no_number_fails():
-    asked = material(Law.NEO_HOOKEAN)
+    asked = example_material(Law.NEO_HOOKEAN)
     F = deformations(asked.law)["random"]
     finding = compare_stress(np.full_like(F, np.nan), asked, "random", F, 1e-10)
     assert not finding.is_good

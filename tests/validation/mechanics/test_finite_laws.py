@@ -12,6 +12,7 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Strain
 from palpate.validation.case import load_case
+from palpate.validation.constitutive.materials import example_material, following
 from palpate.validation.mechanics.audit import audit_on_own_mesh
 from palpate.validation.mechanics.body import Body
 from palpate.validation.mechanics.finite_laws import energy_density, finite_stress, stress_change
@@ -20,22 +21,10 @@ from palpate.validation.mechanics.tangent import Tangent
 LAWS = pytest.mark.parametrize("law", list(Law))
 ELEMENTS = pytest.mark.parametrize("element", list(Element))
 
-# Three terms, one of them of a negative exponent.
-OGDEN = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
-
-
-def terms_of(law):
-    return OGDEN if law is Law.OGDEN else ()
-
 
 def problem_of(law, name="stretch"):
     problem = load_case(name).problem
-    mu = problem.material.youngs_modulus / (2.0 * (1.0 + problem.material.poissons_ratio))
-    share = 0.2 if law is Law.MOONEY_RIVLIN else 0.0
-    material = dataclasses.replace(
-        problem.material, law=law, c01=share * mu, ogden_terms=terms_of(law)
-    )
-    return dataclasses.replace(problem, material=material)
+    return dataclasses.replace(problem, material=following(problem.material, law))
 
 
 @LAWS
@@ -44,7 +33,7 @@ def test_stress_is_the_derivative_of_energy(law):
     H, dH = 0.2 * rng.standard_normal((2, 40, 3, 3))
     assert (np.linalg.det(np.eye(3) + H) > 0).all()
     constants = [np.full(40, value) for value in (2e3, 1e3, 200.0)]
-    constants.append(terms_of(law))
+    constants.append(example_material(law).ogden_terms)
     P, h = finite_stress(law, H, *constants), 1e-6
     ends = [energy_density(law, H + s * h * dH, *constants) for s in (1.0, -1.0)]
     work = np.einsum("cij,cij->c", P, dH)

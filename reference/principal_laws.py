@@ -1,0 +1,169 @@
+"""Isotropic functions of strain by their principal values: value, first and second derivative.
+
+For f of the principal values e_i of Green's strain E, with its directions n_i as a basis
+(R. W. Ogden, Non-linear Elastic Deformations, 1984, section 6.1.4),
+
+    df/dE    = sum of f_i n_i (x) n_i,
+    d2f/dE2  = sum of f_ik (n_i n_i) (x) (n_k n_k)
+             + sum over i < k of 2 (f_i - f_k) / (e_i - e_k) sym(n_i n_k) (x) sym(n_i n_k),
+
+where the quotient of equal values is its limit, f_ii - f_ik. NumPy alone: what UFL makes of sums of
+powers of stretches compiles for minutes, and closed forms of eigenvalues have no derivative at
+rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats
+from palpate.meshes.material_law import Law
+
+# Principal values nearer than this, over 1 + |e|, have the limit of the quotient: what that leaves
+# out goes with the square of it, what rounding adds with eps over it.
+_SAME = 1e-5
+_ROOT = np.sqrt(0.5)
+# Rows and columns of a symmetric tensor in Mandel's order, and their weights in a product.
+ROWS, COLUMNS = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+WEIGHTS = np.array([1.0, 1.0, 1.0, *[np.sqrt(2.0)] * 3])
+_PAIRS = ((1, 2), (0, 2), (0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class OfStrains:
+    """A function of n triples of principal strains.
+
+    Attributes:
+        value: (n,).
+        slope: By each strain, (n, 3).
+        bend: By two of them, symmetric, (n, 3, 3).
+    """
+
+    value: Floats
+    slope: Floats
+    bend: Floats
+
+
+PrincipalFunction = Callable[[Floats], OfStrains]
+
+
+def _by_strains(value: Floats, slope: Floats, bend: Floats, squared: Floats) -> OfStrains:
+    """From derivatives by the logarithms s of the stretches l: e = (l^2 - 1) / 2, de/ds = l^2."""
+    own = slope / squared
+    by_two = bend / (squared[:, :, None] * squared[:, None, :])
+    diagonal = np.arange(3)
+    by_two[:, diagonal, diagonal] -= 2.0 * own / squared
+    return OfStrains(value, own, by_two)
+
+
+def _diagonal(values: Floats) -> Floats:
+    found: Floats = values[:, :, None] * np.eye(3)
+    return found
+
+
+def stretch_sum(e: Floats) -> OfStrains:
+    """l_1 + l_2 + l_3 - 3 of principal strains e, (n, 3)."""
+    squared = 1.0 + 2.0 * e
+    stretch = np.sqrt(squared)
+    value = (2.0 * e / (1.0 + stretch)).sum(axis=1)
+    return _by_strains(value, stretch, _diagonal(stretch), squared)
+
+
+def energy_of_stretches(
+    law: Law, lmbda: Floats, mu: Floats, terms: Sequence[tuple[float, float]]
+) -> PrincipalFunction:
+    """W of principal strains by a law that is written in stretches [J/m3].
+
+    Args:
+        law: Ogden's or the corotational one.
+        lmbda: Lamé's first parameter at rest [Pa], (n,); 0 leaves out what the law is by it.
+        mu: Shear modulus at rest [Pa], (n,).
+        terms: Of Ogden's law (see `Material`).
+    """
+    if law is Law.COROTATIONAL:
+        return lambda e: _corotational(e, lmbda, mu)
+    if law is Law.OGDEN:
+        return lambda e: _ogden(e, lmbda + 2.0 * mu / 3.0, mu, terms)
+    raise ValueError(f"{law} is written in invariants: see hyperelastic")
+
+
+def _corotational(e: Floats, lmbda: Floats, mu: Floats) -> OfStrains:
+    squared = 1.0 + 2.0 * e
+    l = np.sqrt(squared)  # noqa: E741
+    less = 2.0 * e / (1.0 + l)
+    total = less.sum(axis=1)
+    value = mu * (less**2).sum(axis=1) + 0.5 * lmbda * total**2
+    rate = 2.0 * mu[:, None] * less + (lmbda * total)[:, None]
+    bend = _diagonal(l * (rate + 2.0 * mu[:, None] * l))
+    bend += lmbda[:, None, None] * l[:, :, None] * l[:, None, :]
+    return _by_strains(value, l * rate, bend, squared)
+
+
+def _ogden(e: Floats, kappa: Floats, mu: Floats, terms: Sequence[tuple[float, float]]) -> OfStrains:
+    squared = 1.0 + 2.0 * e
+    s = 0.5 * np.log1p(2.0 * e)
+    log_j = s.sum(axis=1)
+    j = np.expm1(log_j)
+    value = 0.5 * kappa * j**2
+    slope = np.repeat((kappa * j * (1.0 + j))[:, None], 3, axis=1)
+    bend = np.repeat((kappa * (1.0 + j) * (1.0 + 2.0 * j))[:, None], 9, axis=1).reshape(-1, 3, 3)
+    isochoric = s - log_j[:, None] / 3.0
+    for share, alpha in terms:
+        own = 2.0 * mu * share / alpha
+        z = alpha * isochoric
+        less = np.expm1(z)
+        mean = less.mean(axis=1, keepdims=True)
+        # The sum of z is 0: taken off, so that no digits are lost near rest.
+        value = value + own / alpha * (less - z).sum(axis=1)
+        slope += own[:, None] * (less - mean)
+        power = 1.0 + less
+        more = _diagonal(power) - (power[:, :, None] + (less - mean)[:, None, :]) / 3.0
+        bend += (own * alpha)[:, None, None] * more
+    return _by_strains(value, slope, bend, squared)
+
+
+def mandel(tensors: Floats) -> Floats:
+    """Symmetric tensors (n, 3, 3) as rows of six, whose product is the double contraction."""
+    rows: Floats = tensors[:, ROWS, COLUMNS] * WEIGHTS
+    return rows
+
+
+def of_tensors(E: Floats, function: PrincipalFunction) -> tuple[Floats, Floats, Floats]:
+    """A function of symmetric tensors with its derivatives, in Mandel's order.
+
+    Args:
+        E: Of Green strain, (n, 3, 3).
+        function: Of its principal values.
+
+    Returns:
+        Value (n,), df/dE (n, 6), d2f/dE2 (n, 6, 6); NaN where E is not finite or the function has
+        no value.
+    """
+    is_finite = np.isfinite(E).all(axis=(1, 2))
+    e, along = np.linalg.eigh(np.where(is_finite[:, None, None], E, 0.0))
+    e[~is_finite] = np.nan
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        found = function(e)
+        diagonal = np.zeros((len(E), 6, 6))
+        diagonal[:, :3, :3] = found.bend
+        for k, (a, b) in enumerate(_PAIRS, start=3):
+            apart = e[:, a] - e[:, b]
+            is_same = np.abs(apart) <= _SAME * (1.0 + np.abs(e[:, a]))
+            limit = 0.5 * (found.bend[:, a, a] + found.bend[:, b, b]) - found.bend[:, a, b]
+            quotient = (found.slope[:, a] - found.slope[:, b]) / np.where(is_same, 1.0, apart)
+            diagonal[:, k, k] = np.where(is_same, limit, quotient)
+    # Columns: n_i n_i, then root 2 sym(n_i n_k).
+    basis = np.empty((len(E), 6, 6))
+    for k in range(3):
+        n = along[:, :, k]
+        basis[:, :, k] = mandel(n[:, :, None] * n[:, None, :])
+    for k, (a, b) in enumerate(_PAIRS, start=3):
+        n, m = along[:, :, a], along[:, :, b]
+        both = n[:, :, None] * m[:, None, :]
+        basis[:, :, k] = mandel(_ROOT * (both + both.transpose(0, 2, 1)))
+    slope = np.einsum("pik,pk->pi", basis[:, :, :3], found.slope)
+    bend: Floats = basis @ diagonal @ basis.transpose(0, 2, 1)
+    return found.value, slope, bend
