@@ -1,8 +1,9 @@
 """Where a body has softened when it loses its equilibrium.
 
 At a limit point the tangent stiffness K loses its smallest eigenvalue. Beside it stands the same
-matrix without the stress that destabilises, K_m = sum of V B^T D B at the present F: the smallest
-x . K x / x . K_m x is 1 in a body without stress and 0 at the limit, at any rotation and scale.
+matrix without the stress that destabilises, K_m = sum of V B^T D B with the law's D = dS/dE at the
+present F: the smallest x . K x / x . K_m x is 1 in a body without stress and 0 at the limit, at any
+rotation and scale.
 """
 
 from __future__ import annotations
@@ -14,10 +15,14 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh
 
 # Inverse iterations for the softest direction, whose ratio falls apart from the next near a limit.
 _ITERATIONS = 8
+# Change of the displacement gradient by which stresses are derived: what it leaves out is of its
+# square, what rounding adds of eps over it.
+_SMALL = 1e-5
 # A body this soft is at its limit, to the step by which the load was raised.
 SOFT = 0.25
 
@@ -94,27 +99,44 @@ def smooth_direction(mesh: TetMesh) -> Points:
 
 
 class _MaterialStiffness:
-    """K_m x = sum of V F (D : sym(F^T grad x)) grad N, cell by cell."""
+    """K_m x = sum of V F (dS/dE : sym(F^T grad x)) grad N, cell by cell.
+
+    The change of S along x is a central difference of the law's own: exact but for rounding where S
+    is a polynomial of degree 2 in the displacement, as Saint-Venant-Kirchhoff's is.
+    """
 
     def __init__(self, body: Body, displacement: Points) -> None:
-        self._body = body
-        self._F = body.displacement_gradients(displacement) + np.eye(3)
+        self._body, self._displacement = body, displacement
+        self._F = self._gradients(displacement)
         self._volumes = body.mesh.cell_volumes
 
     def times(self, x: Points) -> Points:
         cells = self._body.mesh.cells
-        stress = self._body.stresses(self._strain_rates(x))
-        P = self._volumes[:, None, None] * (self._F @ stress)
+        P = self._volumes[:, None, None] * (self._F @ self._stress_changes(x))
         product = np.zeros_like(x)
         np.add.at(product, cells, self._body.shape_gradients @ P.transpose(0, 2, 1))
         return product
 
     def densities(self, x: Points) -> Floats:
-        strain = self._strain_rates(x)
-        values: Points = (strain * self._body.stresses(strain)).sum(axis=(1, 2))
+        strain = self._F.transpose(0, 2, 1) @ self._body.displacement_gradients(x)
+        values: Points = (strain * self._stress_changes(x)).sum(axis=(1, 2))
         return values
 
-    def _strain_rates(self, x: Points) -> Floats:
-        product = self._F.transpose(0, 2, 1) @ self._body.displacement_gradients(x)
-        rates: Points = 0.5 * (product + product.transpose(0, 2, 1))
-        return rates
+    def _gradients(self, displacement: Points) -> Floats:
+        """F, which is I under linear strain."""
+        H = self._body.displacement_gradients(displacement)
+        F: Floats = np.eye(3) + (H if self._body.strain is Strain.GREEN else 0.0 * H)
+        return F
+
+    def _stresses(self, displacement: Points) -> Floats:
+        """Second Piola-Kirchhoff's S = F^-1 P."""
+        P = self._body.first_piola_kirchhoff_stresses(displacement)
+        S: Floats = np.linalg.solve(self._gradients(displacement), P)
+        return S
+
+    def _stress_changes(self, x: Points) -> Floats:
+        largest = float(np.abs(self._body.displacement_gradients(x)).max())
+        step = _SMALL / largest if largest > 0.0 else 1.0
+        ahead, behind = (self._stresses(self._displacement + s * x) for s in (step, -step))
+        changes: Floats = (ahead - behind) / (2.0 * step)
+        return changes

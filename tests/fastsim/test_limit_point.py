@@ -11,12 +11,18 @@ import pytest
 from palpate.fastsim.body import Body
 from palpate.fastsim.errors import EquilibriumLostError, NotConvergedError
 from palpate.fastsim.forces import external_force
-from palpate.fastsim.limit_point import find_softening, smallest_stretches
+from palpate.fastsim.limit_point import (
+    _MaterialStiffness,
+    find_softening,
+    smallest_stretches,
+)
 from palpate.fastsim.newton import Newton
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.constitutive.materials import example_material
 
 MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)
@@ -157,6 +163,28 @@ def test_no_stress_no_softening_at_any_rotation(ragged_box: TetMesh) -> None:
     softening = find_softening(newton.body, turned, newton.solver_at(turned, 1.0))
     assert softening.stiffness == pytest.approx(1.0, rel=1e-6)
     assert softening.smallest_stretch == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("element", list(Element))
+@pytest.mark.parametrize("law", list(Law))
+def test_the_stiffness_without_stress_is_the_laws_own(
+    ragged_box: TetMesh, law: Law, element: Element
+) -> None:
+    """K x = K_m x + sum of V grad x S grad N, whatever the law."""
+    body = Body(ragged_box, example_material(law), element=element)
+    rng = np.random.default_rng(3)
+    u = 0.02 * rng.standard_normal(ragged_box.points.shape) - 0.1 * ragged_box.points
+    x = rng.standard_normal(u.shape)
+    body.core.assemble_tangent(u)
+    whole = body.core.multiply(x)
+    F = body.displacement_gradients(u) + np.eye(3)
+    S = np.linalg.solve(F, body.first_piola_kirchhoff_stresses(u))
+    P = body.mesh.cell_volumes[:, None, None] * (body.displacement_gradients(x) @ S)
+    geometric = np.zeros_like(x)
+    np.add.at(geometric, ragged_box.cells, body.shape_gradients @ P.transpose(0, 2, 1))
+    found = _MaterialStiffness(body, u).times(x)
+    assert np.abs(geometric).max() > 0.02 * np.abs(whole).max()
+    assert np.abs(found + geometric - whole).max() < 1e-8 * np.abs(whole).max()
 
 
 def test_an_iteration_cut_short_is_no_limit_of_the_material(ragged_box: TetMesh) -> None:
