@@ -20,10 +20,12 @@ class StrainMeasure(Enum):
 class Law(Enum):
     saint_venant_kirchhoff = 0
     neo_hookean_stable = 1
-    neo_hookean = 2
-    mooney_rivlin = 3
-    ogden = 4
-    corotational = 5
+    neo_hookean_stable_log = 2
+    neo_hookean = 3
+    mooney_rivlin = 4
+    mooney_rivlin_log = 5
+    ogden = 6
+    corotational = 7
 
 class SolveStatus(Enum):
     converged = 0

@@ -42,10 +42,12 @@ _ELEMENT = {
 _LAW = {
     Law.SAINT_VENANT_KIRCHHOFF: _core.Law.saint_venant_kirchhoff,
     Law.NEO_HOOKEAN_STABLE: _core.Law.neo_hookean_stable,
+    Law.NEO_HOOKEAN_STABLE_LOG: _core.Law.neo_hookean_stable_log,
     Law.NEO_HOOKEAN: _core.Law.neo_hookean,
     # Mooney and Rivlin's without its second term.
     Law.NEO_HOOKEAN_ISOCHORIC: _core.Law.mooney_rivlin,
     Law.MOONEY_RIVLIN: _core.Law.mooney_rivlin,
+    Law.MOONEY_RIVLIN_LOG: _core.Law.mooney_rivlin_log,
     Law.OGDEN: _core.Law.ogden,
     Law.COROTATIONAL: _core.Law.corotational,
 }

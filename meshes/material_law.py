@@ -22,6 +22,11 @@ class Law(StrEnum):
         lmbda + mu where E and nu are meant. W and its stress stay finite at J <= 0, so a solver may
         pass through an inverted cell; but crushing a body to nothing costs a finite energy too, so
         not for strong compression.
+    NEO_HOOKEAN_STABLE_LOG: W = m/2 (I - 3) + l/2 (J - a)^2 - m/2 ln(I + 1) less its value at rest,
+        m = 4/3 mu, l = lmbda + 5/6 mu, a = 1 + 3/4 m/l (the same paper, section 3.4: their last
+        form, which Newton's semi-implicit solver has). Programs that are given its own two
+        constants call them mu and lambda: give them m and l where E and nu are meant. Finite at
+        J <= 0 like the one without the logarithm, and for the same range.
     NEO_HOOKEAN: W = mu/2 (I - 3) - mu ln J + lmbda/2 (ln J)^2 (J. Bonet, R. D. Wood, 2nd ed. 2008,
         section 6.4.3). W is infinite at J = 0. The pressure lmbda ln(J) / J falls from
         J = e = 2.718 upwards: not for swelling beyond.
@@ -32,6 +37,8 @@ class Law(StrEnum):
     MOONEY_RIVLIN: W = c10 (J^(-2/3) I - 3) + c01 (J^(-4/3) II - 3) + kappa/2 (J - 1)^2, with
         mu = 2 (c10 + c01). The same volumetric part. With c10 or c01 below 0, which some fits
         have, it is positive definite at rest but not at all stretches: stay where it was fitted.
+    MOONEY_RIVLIN_LOG: the same with kappa/2 (ln J)^2, as FEBio has it. W is infinite at J = 0; the
+        pressure kappa ln(J) / J falls from J = e = 2.718 upwards.
     OGDEN: W = sum over p of mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3)
         + kappa/2 (J - 1)^2, with l_i the principal stretches times J^(-1/3), one to three terms and
         mu = sum of mu_p alpha_p / 2 (R. W. Ogden, Proc. R. Soc. London A 328, 1972; Abaqus' mu_p is
@@ -52,9 +59,11 @@ class Law(StrEnum):
 
     SAINT_VENANT_KIRCHHOFF = "saint-venant-kirchhoff"
     NEO_HOOKEAN_STABLE = "neo-hookean-stable"
+    NEO_HOOKEAN_STABLE_LOG = "neo-hookean-stable-log"
     NEO_HOOKEAN = "neo-hookean"
     NEO_HOOKEAN_ISOCHORIC = "neo-hookean-isochoric"
     MOONEY_RIVLIN = "mooney-rivlin"
+    MOONEY_RIVLIN_LOG = "mooney-rivlin-log"
     OGDEN = "ogden"
     COROTATIONAL = "corotational"
 
@@ -62,6 +71,16 @@ class Law(StrEnum):
     def is_of_stretches(self) -> bool:
         """Whether it is written in principal stretches."""
         return self in (Law.OGDEN, Law.COROTATIONAL)
+
+    @property
+    def has_c01(self) -> bool:
+        """Whether it has a constant beside the moduli at rest, Mooney and Rivlin's c01."""
+        return self in (Law.MOONEY_RIVLIN, Law.MOONEY_RIVLIN_LOG)
+
+    @property
+    def is_by_log_of_volume(self) -> bool:
+        """Whether lmbda's part of W is lmbda/2 (ln J)^2."""
+        return self in (Law.NEO_HOOKEAN, Law.MOONEY_RIVLIN_LOG)
 
     @property
     def is_linear_in_strain(self) -> bool:

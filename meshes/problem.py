@@ -64,7 +64,7 @@ class Material:
         poissons_ratio: At rest [-], between -1 and 0.5, both excluded.
         density: At rest [kg/m3], > 0.
         law: With Green strain; with linear strain every law is Hooke's.
-        c01: Of the second invariant [Pa], for Law.MOONEY_RIVLIN alone; `mooney_rivlin` takes the
+        c01: Of the second invariant [Pa], for laws that have it alone; `mooney_rivlin` takes the
             three constants that the law is written with.
         ogden_terms: Of Law.OGDEN alone, one to three: the term's part of mu, mu_p alpha_p / (2 mu),
             all of which add up to 1, and its exponent alpha_p; `ogden` takes what the law is
@@ -107,13 +107,20 @@ class Material:
             ) from None
         if not math.isfinite(self.c01):
             raise InputError(f"c01 = {self.c01:g} Pa: needs a finite value")
-        if self.c01 and self.law is not Law.MOONEY_RIVLIN:
-            raise InputError(f"c01 goes with law = {Law.MOONEY_RIVLIN}, not with {self.law}")
+        if self.c01 and not self.law.has_c01:
+            known = " or ".join(law for law in Law if law.has_c01)
+            raise InputError(f"c01 goes with law = {known}, not with {self.law}")
         object.__setattr__(self, "ogden_terms", checked_terms(self.law, self.ogden_terms))
 
     @classmethod
     def mooney_rivlin(
-        cls, *, c10: float, c01: float, bulk_modulus: float, density: float = 1000.0
+        cls,
+        *,
+        c10: float,
+        c01: float,
+        bulk_modulus: float,
+        density: float = 1000.0,
+        law: Law = Law.MOONEY_RIVLIN,
     ) -> Material:
         """W = c10 (J^(-2/3) I - 3) + c01 (J^(-4/3) II - 3) + bulk_modulus/2 (J - 1)^2.
 
@@ -122,6 +129,7 @@ class Material:
             c01: [Pa]; with mu = 2 (c10 + c01) > 0.
             bulk_modulus: kappa [Pa], > 0.
             density: [kg/m3], > 0.
+            law: Or Law.MOONEY_RIVLIN_LOG, with bulk_modulus/2 (ln J)^2.
 
         Raises:
             InputError: Constants that are not positive definite at rest.
@@ -138,7 +146,7 @@ class Material:
                 "above 0, or the body has no stable rest"
             )
         modulus, ratio = moduli_of(mu, bulk_modulus)
-        return cls(modulus, ratio, density, Law.MOONEY_RIVLIN, c01)
+        return cls(modulus, ratio, density, Law(law), c01)
 
     @classmethod
     def ogden(
@@ -359,9 +367,9 @@ def with_law(problem: Problem, law: Law) -> Problem:
     """The same problem of a body that follows another law, with the same moduli at rest.
 
     Raises:
-        InputError: Law.MOONEY_RIVLIN, which has one constant more than they tell.
+        InputError: Mooney and Rivlin's law, which has one constant more than they tell.
     """
-    if law is Law.MOONEY_RIVLIN:
+    if law.has_c01:
         raise InputError(f"{law} has three constants, of which moduli at rest tell two")
 
     def of(material: Material) -> Material:

@@ -20,7 +20,7 @@ def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
     """W of a deformation gradient [J/m3], 0 at rest.
 
     Args:
-        F: Deformation gradient; det F > 0 but for the stable neo-Hookean law.
+        F: Deformation gradient; det F > 0 but for the stable neo-Hookean laws.
         law: Neither Saint-Venant-Kirchhoff's, which is written in E, nor one of stretches.
         lmbda: Lamé's first parameter at rest [Pa].
         mu: Shear modulus at rest [Pa].
@@ -49,19 +49,26 @@ def _density(C: Any, J: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
             # mu/2 (I - 3) + L/2 (J - 1 - mu/L)^2 - mu^2 / (2 L), L = lmbda + mu.
             L = lmbda + mu
             return mu / 2 * (first - 3) + L / 2 * (J - 1 - mu / L) ** 2 - mu**2 / (2 * L)
+        case Law.NEO_HOOKEAN_STABLE_LOG:
+            # m/2 (I - 3) + l/2 (J - a)^2 - m/2 ln(I + 1), a = 1 + 3/4 m/l, less its value at rest.
+            m, l = 4 * mu / 3, lmbda + 5 * mu / 6  # noqa: E741
+            a = 1 + 3 * m / (4 * l)
+            volume = l / 2 * ((J - a) ** 2 - (1 - a) ** 2)
+            return m / 2 * (first - 3) + volume - m / 2 * ufl.ln((first + 1) / 4)
         case Law.NEO_HOOKEAN:
             return mu / 2 * (first - 3) - mu * ufl.ln(J) + lmbda / 2 * ufl.ln(J) ** 2
         case Law.NEO_HOOKEAN_ISOCHORIC:
-            return mu / 2 * (J ** (-2 / 3) * first - 3) + _by_volume(J, lmbda, mu)
-        case Law.MOONEY_RIVLIN:
+            return mu / 2 * (J ** (-2 / 3) * first - 3) + _by_volume(J - 1, lmbda, mu)
+        case Law.MOONEY_RIVLIN | Law.MOONEY_RIVLIN_LOG:
             second = (first**2 - ufl.tr(C * C)) / 2
             shape = (mu / 2 - c01) * (J ** (-2 / 3) * first - 3)
-            return shape + c01 * (J ** (-4 / 3) * second - 3) + _by_volume(J, lmbda, mu)
+            change = ufl.ln(J) if law.is_by_log_of_volume else J - 1
+            return shape + c01 * (J ** (-4 / 3) * second - 3) + _by_volume(change, lmbda, mu)
     raise ValueError(f"{law} is written in E or in stretches: st_venant_kirchhoff, principal_laws")
 
 
-def _by_volume(J: Any, lmbda: Any, mu: Any) -> Any:
-    return (lmbda + 2 * mu / 3) / 2 * (J - 1) ** 2
+def _by_volume(change: Any, lmbda: Any, mu: Any) -> Any:
+    return (lmbda + 2 * mu / 3) / 2 * change**2
 
 
 def first_piola_kirchhoff_stress(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
@@ -73,7 +80,7 @@ def first_piola_kirchhoff_stress(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any
 def volume_change(F: Any, law: Law) -> Any:
     """g(J) of the law's lmbda/2 g(J)^2, all that lmbda has a part in: J - 1, or ln J."""
     J = ufl.det(F)
-    return ufl.ln(J) if law is Law.NEO_HOOKEAN else J - 1
+    return ufl.ln(J) if law.is_by_log_of_volume else J - 1
 
 
 def quadrature_degree(degree: int) -> int:

@@ -133,7 +133,7 @@ class SmoothedLaw:
         """Stored energy of u [J]."""
         strains, measures = self._averaged()
         of_edges = self._edge_volumes @ self._edge_law.energies(strains)
-        g = np.log1p(measures) if self._law is Law.NEO_HOOKEAN else measures
+        g = np.log1p(measures) if self._law.is_by_log_of_volume else measures
         return float(of_edges + self._node_volumes @ (0.5 * self._lmbda * g**2))
 
     def stiffness(self) -> Any:
@@ -259,12 +259,12 @@ def _averages(patches: Patches, dofs: Indices, size: int) -> Any:
 
 def _slope(law: Law, m: Floats) -> Floats:
     """Of g^2 / 2 by m."""
-    return np.log1p(m) / (1.0 + m) if law is Law.NEO_HOOKEAN else m
+    return np.log1p(m) / (1.0 + m) if law.is_by_log_of_volume else m
 
 
 def _bend(law: Law, m: Floats) -> Floats:
     """Its derivative."""
-    if law is Law.NEO_HOOKEAN:
+    if law.is_by_log_of_volume:
         return np.asarray((1.0 - np.log1p(m)) / (1.0 + m) ** 2)
     return np.ones_like(m)
 

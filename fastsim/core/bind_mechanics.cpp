@@ -34,8 +34,10 @@ void bind_mechanics(nb::module_ &module) {
     nb::enum_<Law>(module, "Law")
         .value("saint_venant_kirchhoff", Law::saint_venant_kirchhoff)
         .value("neo_hookean_stable", Law::neo_hookean_stable)
+        .value("neo_hookean_stable_log", Law::neo_hookean_stable_log)
         .value("neo_hookean", Law::neo_hookean)
         .value("mooney_rivlin", Law::mooney_rivlin)
+        .value("mooney_rivlin_log", Law::mooney_rivlin_log)
         .value("ogden", Law::ogden)
         .value("corotational", Law::corotational);
     nb::enum_<SolveStatus>(module, "SolveStatus")

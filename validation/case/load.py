@@ -122,7 +122,7 @@ class Case:
         """
         if law is self.spec.material.law:
             return self
-        if law is Law.MOONEY_RIVLIN:
+        if law.has_c01:
             raise InputError(
                 f"{self.path.name} has no c10, c01 and bulk_modulus: state {law} in the case"
             )

@@ -33,7 +33,7 @@ class MaterialSpec(Table):
     law: Law = Law.SAINT_VENANT_KIRCHHOFF
     """For strain = "green"; with "linear" all are Hooke's law. Inclusions follow their body's."""
     c10: Number | None = None
-    """mooney-rivlin takes this and the next two in the place of the moduli [units.stress]."""
+    """mooney-rivlin takes this and the next two, not moduli; so does -log [units.stress]."""
     c01: Number | None = None
     """[units.stress]; 2 (c10 + c01) is the shear modulus."""
     bulk_modulus: Number | None = None
@@ -54,7 +54,7 @@ class MaterialSpec(Table):
     @model_validator(mode="after")
     def _has_its_constants(self) -> MaterialSpec:
         needed: tuple[str, ...] = _MODULI
-        if self.law is Law.MOONEY_RIVLIN:
+        if self.law.has_c01:
             needed = _OF_MOONEY_RIVLIN
         elif self.law is Law.OGDEN:
             needed = _OF_OGDEN

@@ -107,7 +107,11 @@ class _Builder:
         match spec:
             case MaterialSpec(c10=float(c10), c01=float(c01), bulk_modulus=float(kappa)):
                 return Material.mooney_rivlin(
-                    c10=pascals(c10), c01=pascals(c01), bulk_modulus=pascals(kappa), density=density
+                    c10=pascals(c10),
+                    c01=pascals(c01),
+                    bulk_modulus=pascals(kappa),
+                    density=density,
+                    law=spec.law,
                 )
             case MaterialSpec(law=Law.OGDEN, bulk_modulus=float(kappa)):
                 pairs = (

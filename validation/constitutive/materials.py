@@ -26,6 +26,6 @@ def following(material: Material, law: Law) -> Material:
     return dataclasses.replace(
         material,
         law=law,
-        c01=C01 * mu if law is Law.MOONEY_RIVLIN else 0.0,
+        c01=C01 * mu if law.has_c01 else 0.0,
         ogden_terms=OGDEN_TERMS if law is Law.OGDEN else (),
     )

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
-from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.facets import facet_areas
@@ -46,7 +45,7 @@ def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
 
 def has_c01(problem: Problem) -> bool:
     """Whether the law has a constant beside Young's modulus and Poisson's ratio."""
-    return problem.material.law is Law.MOONEY_RIVLIN
+    return problem.material.law.has_c01
 
 
 def nodal_force(mesh: TetMesh, load: Load) -> Points:

@@ -140,7 +140,13 @@ _PARAMETERS = {
 _LAWS = {
     "neo-Hookean": Law.NEO_HOOKEAN,
     "isotropic elastic": Law.SAINT_VENANT_KIRCHHOFF,
-    "Mooney-Rivlin": Law.MOONEY_RIVLIN,
+}
+# Of a law whose volume stands apart: U = k/2 (ln J)^2, which is FEBio's own, or k/2 (J - 1)^2.
+_PRESSURE_MODELS = {
+    "0": Law.MOONEY_RIVLIN_LOG,
+    "default": Law.MOONEY_RIVLIN_LOG,
+    "2": Law.MOONEY_RIVLIN,
+    "abaqus": Law.MOONEY_RIVLIN,
 }
 
 
@@ -165,18 +171,21 @@ def _body(material: Element) -> Body:
         constants = {"youngs_modulus": values["E"], "poissons_ratio": values["v"]}
         return Body({"law": str(_LAWS[kind]), **constants}, density, material.place)
     model = material.child("pressure_model")
-    if model is None or model.text.lower() not in ("2", "abaqus"):
-        raise (model or material).refuse(
-            "Mooney-Rivlin with U = k/2 (ln J)^2, FEBio's default, or another; a case's has "
-            "U = k/2 (J - 1)^2, which is <pressure_model>Abaqus</pressure_model>"
-        )
+    law = Law.MOONEY_RIVLIN_LOG
+    if model is not None:
+        known = _PRESSURE_MODELS.get(model.text.lower())
+        if known is None:
+            raise model.refuse(
+                "known here are default, U = k/2 (ln J)^2, and Abaqus, U = k/2 (J - 1)^2"
+            )
+        law = known
     augmented = material.child("laugon")
     if augmented is not None and augmented.text.lower() not in ("0", "off", "false"):
         raise augmented.refuse(
             "<laugon>: an augmented bulk modulus has no end; a case has a number"
         )
     constants = {"c10": values["c1"], "c01": values["c2"], "bulk_modulus": values["k"]}
-    return Body({"law": str(Law.MOONEY_RIVLIN), **constants}, density, material.place)
+    return Body({"law": str(law), **constants}, density, material.place)
 
 
 def _bodies_of_cells(

@@ -59,17 +59,22 @@ def energy_density(
                 own = lmbda + mu
                 alpha = 1.0 + mu / own
                 found = mu / 2 * (first - 3) + own / 2 * ((J - alpha) ** 2 - (1 - alpha) ** 2)
+            case Law.NEO_HOOKEAN_STABLE_LOG:
+                m, own = _with_logarithm(lmbda, mu)
+                volume = own / 2 * (J - 1) ** 2 - 0.75 * m * (J - 1)
+                found = m / 2 * (first - 3 - np.log((first + 1) / 4)) + volume
             case Law.NEO_HOOKEAN:
                 found = mu / 2 * (first - 3) - mu * np.log(J) + lmbda / 2 * np.log(J) ** 2
             case Law.COROTATIONAL | Law.OGDEN:
                 stretches = np.sqrt(np.maximum(np.linalg.eigvalsh(C), 0.0))
                 return _energy_of_stretches(law, stretches, lmbda, mu, terms)
             case _:
-                c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
+                c01 = c01 if law.has_c01 else np.zeros_like(c01)
+                change = np.log(J) if law.is_by_log_of_volume else J - 1
                 second = (first**2 - np.einsum("cij,cij->c", C, C)) / 2
                 kappa = lmbda + 2 * mu / 3
                 found = (mu / 2 - c01) * (J ** (-2 / 3) * first - 3)
-                found = found + c01 * (J ** (-4 / 3) * second - 3) + kappa / 2 * (J - 1) ** 2
+                found = found + c01 * (J ** (-4 / 3) * second - 3) + kappa / 2 * change**2
     density = np.asarray(found)
     return density
 
@@ -116,18 +121,25 @@ def finite_stress(
         match law:
             case Law.NEO_HOOKEAN_STABLE:
                 return np.asarray(mu * F + ((lmbda + mu) * (J - 1.0) - mu) * cofactor)
+            case Law.NEO_HOOKEAN_STABLE_LOG:
+                m, own = _with_logarithm(lmbda, mu)
+                more = _by_cell(np.einsum("cij,cij->c", F, F)) + 1.0
+                return np.asarray(
+                    m * (1.0 - 1.0 / more) * F + (own * (J - 1.0) - 0.75 * m) * cofactor
+                )
             case Law.NEO_HOOKEAN:
                 return np.asarray(mu * F + (lmbda * np.log(J) - mu) / J * cofactor)
         C = transposed(F) @ F
         if law is Law.OGDEN:
             return np.asarray(cofactor @ _kirchhoff_of_ogden(C, J, lmbda, mu, terms) / J)
-        c01 = c01 if law is Law.MOONEY_RIVLIN else np.zeros_like(c01)
+        c01 = c01 if law.has_c01 else np.zeros_like(c01)
         first = _by_cell(np.trace(C, axis1=1, axis2=2))
         second = (first**2 - _by_cell(np.einsum("cij,cji->c", C, C))) / 2
         shrunk = J ** (-1 / 3)
         of_first = 2.0 * shrunk**2 * (F - first / (3.0 * J) * cofactor)
         of_second = 2.0 * shrunk**4 * (first * F - F @ C - 2.0 * second / (3.0 * J) * cofactor)
-    pressure = (lmbda + 2.0 * mu / 3.0) * (J - 1.0)
+        change = np.log(J) / J if law.is_by_log_of_volume else J - 1.0
+    pressure = (lmbda + 2.0 * mu / 3.0) * change
     return np.asarray((mu / 2.0 - c01) * of_first + c01 * of_second + pressure * cofactor)
 
 
@@ -170,29 +182,14 @@ def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
     kept = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
     found = {name: others[name] for name in kept}
     for law in Law:
-        if law not in (asked, Law.MOONEY_RIVLIN, Law.OGDEN):
+        if not (law in (asked, Law.OGDEN) or law.has_c01):
             found[f"{law} law"] = partial(_without_c01, law)
-    found[WITH_LOGARITHM] = _stable_with_logarithm
     return found
 
 
-# Smith, De Goes and Kim's last form, which Newton's semi-implicit solver has.
-WITH_LOGARITHM = "neo-hookean-stable law, with its logarithm"
-
-
-def _stable_with_logarithm(H: Array, lmbda: Array, mu: Array) -> Array:
-    """P of m/2 (I - 3) + l/2 (J - a)^2 - m/2 ln(I + 1), a = 1 + 3/4 m/l, m = 4/3 mu.
-
-    l = lmbda + 5/6 mu (B. Smith, F. De Goes, T. Kim 2018, section 3.4: the same moduli at rest).
-    """
-    F = _ONE + H
-    J = _by_cell(np.linalg.det(F))
-    own_mu, own_lmbda = _by_cell(4.0 / 3.0 * mu), _by_cell(lmbda + 5.0 / 6.0 * mu)
-    first = _by_cell(np.trace(transposed(F) @ F, axis1=1, axis2=2))
-    shape = own_mu * (1.0 - 1.0 / (first + 1.0)) * F
-    return np.asarray(
-        shape + (own_lmbda * (J - 1.0) - 0.75 * own_mu) * J * transposed(np.linalg.inv(F))
-    )
+def _with_logarithm(lmbda: Any, mu: Any) -> tuple[Any, Any]:
+    """The law's own mu and lambda, of those at rest (Smith, De Goes, Kim 2018, section 3.4)."""
+    return 4.0 / 3.0 * mu, lmbda + 5.0 / 6.0 * mu
 
 
 def _without_c01(law: Law, H: Array, lmbda: Array, mu: Array) -> Array:

@@ -75,7 +75,7 @@ class Smoothing:
         edges, nodes = self._edges, self._nodes
         mu, c01 = (_by_patch(edges, of) for of in (self._mu, self._c01))
         shape = energy_density(law, _gradient_of(of_edges), np.zeros_like(mu), mu, c01, terms)
-        g = np.log1p(measures) if law is Law.NEO_HOOKEAN else measures
+        g = np.log1p(measures) if law.is_by_log_of_volume else measures
         volume = 0.5 * _by_patch(nodes, self._lmbda) * g**2
         shares = self._volumes[:, None]
         return float((shares / 6 * shape[edges]).sum() + (shares / 4 * volume[nodes]).sum())
@@ -92,7 +92,7 @@ class Smoothing:
         P_e = finite_stress(law, H_e, np.zeros_like(mu), mu, c01, terms)
         S = np.linalg.solve(np.eye(3) + H_e, P_e)[self._edges].mean(axis=1)
         pressure = _by_patch(self._nodes, self._lmbda) * measures
-        if law is Law.NEO_HOOKEAN:
+        if law.is_by_log_of_volume:
             with np.errstate(invalid="ignore", divide="ignore"):
                 J = 1.0 + measures
                 pressure = _by_patch(self._nodes, self._lmbda) * np.log(J) / J

@@ -65,6 +65,10 @@ inline void respond(V lmbda, V mu, V c01, V j, V t, V q, V &a, V &p, V &b) {
     if constexpr (law == Law::neo_hookean_stable) {
         a = mu;
         p = (lmbda + mu) * j;
+    } else if constexpr (law == Law::neo_hookean_stable_log) {
+        const V over = Real(1) / (Real(2) + t);
+        a = Real(2.0 / 3.0) * mu * (Real(2) - over);
+        p = (lmbda + Real(5.0 / 6.0) * mu) * j + Real(1.0 / 3.0) * mu * t * over;
     } else if constexpr (law == Law::neo_hookean) {
         a = mu;
         p = (mu * j + lmbda * log_of_one_plus<Real>(j)) / (Real(1) + j);
@@ -76,7 +80,12 @@ inline void respond(V lmbda, V mu, V c01, V j, V t, V q, V &a, V &p, V &b) {
         const V share = first * (Real(3) * j - Real(2) * t) +
                         b * (Real(3) * j - Real(4) * t - Real(2) * (t * t - q));
         // 1 / J is the root's cube.
-        p = (lmbda + Real(2.0 / 3.0) * mu) * j + share * squared * root * Real(1.0 / 3.0);
+        const V over = squared * root, kappa = lmbda + Real(2.0 / 3.0) * mu;
+        if constexpr (law == Law::mooney_rivlin_log)
+            p = kappa * log_of_one_plus<Real>(j) * over;
+        else
+            p = kappa * j;
+        p += share * over * Real(1.0 / 3.0);
     }
 }
 
@@ -107,7 +116,7 @@ inline typename Pack::V forces_by_law(const ForceJob<typename Pack::Real> &job, 
     d[0] += h[4] + h[8], d[4] += h[0] + h[8], d[8] += h[0] + h[4];
     d[1] -= h[3], d[2] -= h[6], d[3] -= h[1], d[5] -= h[7], d[6] -= h[2], d[7] -= h[5];
     V a, p, b, stress[9];
-    if constexpr (law == Law::mooney_rivlin) {
+    if constexpr (law == Law::mooney_rivlin || law == Law::mooney_rivlin_log) {
         V e[6]; // twice E
         twice_strain<true>(h, e);
         const V t = Real(0.5) * (e[0] + e[1] + e[2]);
@@ -126,7 +135,13 @@ inline typename Pack::V forces_by_law(const ForceJob<typename Pack::Real> &job, 
         for (std::size_t k = 0; k < 9; ++k)
             stress[k] += a * h[k] + (p - a) * d[k];
     } else {
-        respond<Real, law>(lmbda, mu, c01, j, V{}, V{}, a, p, b);
+        V t{};
+        if constexpr (law == Law::neo_hookean_stable_log) {
+            V e[6]; // twice E
+            twice_strain<true>(h, e);
+            t = Real(0.5) * (e[0] + e[1] + e[2]);
+        }
+        respond<Real, law>(lmbda, mu, c01, j, t, V{}, a, p, b);
         for (std::size_t k = 0; k < 9; ++k)
             stress[k] = a * h[k] + (p - a) * d[k];
     }

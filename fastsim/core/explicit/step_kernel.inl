@@ -168,10 +168,14 @@ template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename 
     switch (job.law) {
     case Law::neo_hookean_stable:
         return add_batches<Pack, true, Law::neo_hookean_stable>(job);
+    case Law::neo_hookean_stable_log:
+        return add_batches<Pack, true, Law::neo_hookean_stable_log>(job);
     case Law::neo_hookean:
         return add_batches<Pack, true, Law::neo_hookean>(job);
     case Law::mooney_rivlin:
         return add_batches<Pack, true, Law::mooney_rivlin>(job);
+    case Law::mooney_rivlin_log:
+        return add_batches<Pack, true, Law::mooney_rivlin_log>(job);
     default:
         return add_batches<Pack, true, Law::saint_venant_kirchhoff>(job);
     }

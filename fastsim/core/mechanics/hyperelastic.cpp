@@ -68,6 +68,18 @@ Response respond(Law law, const Moduli &moduli, const Invariants &at) {
     switch (law) {
     case Law::neo_hookean_stable:
         return {mu, (lmbda + mu) * j, 0.0, 0.0, lmbda + mu, 0.0, 0.0, 0.0};
+    case Law::neo_hookean_stable_log: {
+        const double own = lmbda + 5.0 / 6.0 * mu, two = 2.0 + at.t;
+        return {2.0 / 3.0 * mu * (2.0 - 1.0 / two),
+                own * j + mu / 3.0 * at.t / two,
+                0.0,
+                0.0,
+                own,
+                0.0,
+                2.0 / 3.0 * mu / (two * two),
+                0.0,
+                2.0 / 3.0 * mu / (two * two)};
+    }
     case Law::neo_hookean: {
         const double p = (mu * j + lmbda * std::log1p(j)) / J;
         return {mu, p, 0.0, 0.0, (mu + lmbda / J - p) / J, 0.0, 0.0, 0.0};
@@ -79,11 +91,13 @@ Response respond(Law law, const Moduli &moduli, const Invariants &at) {
         const double q1 = 3.0 * j - 2.0 * at.t;
         const double q2 = 3.0 * j - 4.0 * at.t - 2.0 * (at.t * at.t - at.q);
         const double share = (first * q1 + second * q2) / (3.0 * J);
+        const bool is_log = law == Law::mooney_rivlin_log;
+        const double pressure = is_log ? kappa * std::log1p(j) / J : kappa * j;
         return {first + second,
-                kappa * j + share,
+                pressure + share,
                 second,
                 (-2.0 / 3.0 * first - 4.0 / 3.0 * second) / J,
-                kappa + (first + second) / J -
+                (is_log ? (kappa / J - pressure) / J : kappa) + (first + second) / J -
                     (5.0 / 3.0 * first * q1 + 7.0 / 3.0 * second * q2) / (3.0 * J * J),
                 -4.0 / 3.0 * second / J,
                 (-2.0 * first - 4.0 * second * (1.0 + at.t)) / (3.0 * J),
@@ -97,6 +111,9 @@ double energy_of(Law law, const Moduli &moduli, const Invariants &at) {
     switch (law) {
     case Law::neo_hookean_stable:
         return mu * at.t_less_j + 0.5 * (lmbda + mu) * j * j;
+    case Law::neo_hookean_stable_log:
+        return mu * at.t_less_j + 2.0 / 3.0 * mu * log_excess(0.5 * at.t) +
+               0.5 * (lmbda + 5.0 / 6.0 * mu) * j * j;
     case Law::neo_hookean: {
         const double log_j = std::log1p(j);
         return mu * (at.t_less_j + log_excess(j)) + 0.5 * lmbda * log_j * log_j;
@@ -108,7 +125,8 @@ double energy_of(Law law, const Moduli &moduli, const Invariants &at) {
             2.0 * (1.0 + less1) * at.t_less_j + ((3.0 + 2.0 * j) * less1 + 2.0 * j);
         const double second = (1.0 + less2) * (4.0 * at.t_less_j + 2.0 * (at.t * at.t - at.q)) +
                               ((3.0 + 4.0 * j) * less2 + 4.0 * j);
-        return (0.5 * mu - moduli.c01) * first + moduli.c01 * second + 0.5 * kappa * j * j;
+        return (0.5 * mu - moduli.c01) * first + moduli.c01 * second +
+               0.5 * kappa * (law == Law::mooney_rivlin_log ? log_j * log_j : j * j);
     }
     }
 }
@@ -126,7 +144,7 @@ FiniteStress::FiniteStress(Law law, const Moduli &moduli, const Matrix3 &h)
 double FiniteStress::energy() const { return energy_of(_law, _moduli, _at); }
 
 Matrix3 FiniteStress::stress() const {
-    const auto [a, p, b, a_j, p_j, b_j, p_t, p_q] = _response;
+    const double a = _response.a, p = _response.p, b = _response.b;
     Matrix3 s{};
     for (std::size_t k = 0; k < 9; ++k)
         s[k] = a * _h[k] + (p - a) * _d[k];
@@ -144,13 +162,13 @@ Matrix3 FiniteStress::stress() const {
 }
 
 Matrix3 FiniteStress::change(const Matrix3 &dh) const {
-    const auto [a, p, b, a_j, p_j, b_j, p_t, p_q] = _response;
+    const auto [a, p, b, a_j, p_j, b_j, p_t, p_q, a_t] = _response;
     Matrix3 cof = _d;
     for (std::size_t k = 0; k < 9; k += 4)
         cof[k] += 1.0;
     const Matrix3 fe = product(_f, _e);
     const double dj = dot(cof, dh), dt = dot(_f, dh), dq = 2.0 * dot(fe, dh);
-    const double da = a_j * dj, dp = p_j * dj + p_t * dt + p_q * dq;
+    const double da = a_j * dj + a_t * dt, dp = p_j * dj + p_t * dt + p_q * dq;
     const Matrix3 dd = turned(dh, cofactor_change(_h, dh));
     Matrix3 ds{};
     for (std::size_t k = 0; k < 9; ++k)
@@ -171,6 +189,43 @@ Matrix3 FiniteStress::change(const Matrix3 &dh) const {
         for (std::size_t k = 0; k < 9; ++k)
             ds[k] +=
                 db * (_at.t * _f[k] - fe[k]) + b * (dt * _f[k] + _at.t * dh[k] - dhe[k] - fde[k]);
+    }
+    return ds;
+}
+
+ShapeStress::ShapeStress(Law law, const Moduli &moduli, const Matrix3 &e) : _e(e) {
+    const Matrix3 cof = cofactor(e);
+    const double t = trace(e), products = trace(cof);
+    const double det = e[0] * cof[0] + e[1] * cof[1] + e[2] * cof[2];
+    const double more = 2.0 * t + 4.0 * products + 8.0 * det; // det C - 1
+    const double j = more / (1.0 + std::sqrt(1.0 + more));
+    _at = {j, t, dot(e, e), 0.5 * j * more / (2.0 + j) - 2.0 * products - 4.0 * det};
+    _response = respond(law, moduli, _at);
+    _energy = energy_of(law, moduli, _at);
+    for (std::size_t k = 0; k < 9; ++k)
+        _less[k] = ((k % 4 == 0 ? 2.0 * t - j : 0.0) - 2.0 * e[k] + 4.0 * cof[k]) / (1.0 + j);
+}
+
+Matrix3 ShapeStress::value() const {
+    const double a = _response.a, p = _response.p, b = _response.b;
+    Matrix3 s{};
+    for (std::size_t k = 0; k < 9; ++k)
+        s[k] = (p - a) * _less[k] - b * _e[k] + (k % 4 == 0 ? p + b * _at.t : 0.0);
+    return s;
+}
+
+Matrix3 ShapeStress::change(const Matrix3 &de) const {
+    const auto [a, p, b, a_j, p_j, b_j, p_t, p_q, a_t] = _response;
+    const double dt = trace(de), dj = dot(_less, de) + dt, dq = 2.0 * dot(_e, de);
+    const double da = a_j * dj + a_t * dt, dp = p_j * dj + p_t * dt + p_q * dq, db = b_j * dj;
+    const Matrix3 dcof = cofactor_change(_e, de);
+    Matrix3 ds{};
+    for (std::size_t k = 0; k < 9; ++k) {
+        const double one = k % 4 == 0 ? 1.0 : 0.0;
+        const double dk =
+            (2.0 * (one * dt - de[k] + 2.0 * dcof[k]) - (one + _less[k]) * dj) / (1.0 + _at.j);
+        ds[k] = (dp - da) * _less[k] + (p - a) * dk + dp * one + db * (one * _at.t - _e[k]) +
+                b * (one * dt - de[k]);
     }
     return ds;
 }

@@ -8,6 +8,10 @@
 //
 // a, p and b as `Response` has them. Nothing is a difference of large numbers where H is small:
 // j = tr H + tr(cof H) + det H, and F - cof F is formed from H.
+//
+// Of a C = I + 2 E that is no cell's, J is the root of det C, and with K = J C^-1
+//
+//   S = a (I - K) + p K + b (t I - E),   K - I = (2 t I - 2 E + 4 cof E - j I) / J           (L9)
 
 #include "mechanics/tet4.hpp"
 
@@ -18,6 +22,7 @@ struct Response {
     double a, p, b;
     double a_j, p_j, b_j; // by j
     double p_t, p_q;      // by t and q
+    double a_t = 0.0;
 };
 
 /// Where a law is looked at: t, q, j, and t - j, formed without cancellation.
@@ -44,6 +49,22 @@ class FiniteStress {
     Law _law;
     Moduli _moduli;
     Matrix3 _h, _f, _e, _d; // H, F, E, d
+    Invariants _at;
+    Response _response;
+};
+
+/// (L9) at a strain with a definite C, and its derivative along another.
+class ShapeStress {
+  public:
+    ShapeStress(Law law, const Moduli &moduli, const Matrix3 &e);
+
+    double energy() const { return _energy; }
+    Matrix3 value() const;
+    Matrix3 change(const Matrix3 &de) const;
+
+  private:
+    double _energy;
+    Matrix3 _e, _less; // E, K - I
     Invariants _at;
     Response _response;
 };

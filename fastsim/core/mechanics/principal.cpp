@@ -28,18 +28,6 @@ double exp_excess(double x) {
     return 0.5 * x * x * sum;
 }
 
-struct OgdenTerms {
-    std::array<OgdenTerm, 2> of_mooney;
-    std::span<const OgdenTerm> all;
-
-    /// Mooney's and Rivlin's are those of the exponents 2 and -2.
-    OgdenTerms(const ElasticCells &body, const Moduli &moduli)
-        : of_mooney{
-              {{1.0 - 2.0 * moduli.c01 / moduli.mu, 2.0}, {2.0 * moduli.c01 / moduli.mu, -2.0}}},
-          all(body.law == Law::ogden ? std::span<const OgdenTerm>(body.ogden_terms)
-                                     : std::span<const OgdenTerm>(of_mooney)) {}
-};
-
 /// Kirchhoff's principal stresses t_i and dt_i/ds_k.
 PrincipalStress kirchhoff(const ElasticCells &body, const Moduli &moduli,
                           const std::array<double, 3> &e) {
@@ -57,19 +45,7 @@ PrincipalStress kirchhoff(const ElasticCells &body, const Moduli &moduli,
         for (double &of : slope)
             of += change;
     };
-    switch (body.law) {
-    case Law::neo_hookean_stable:
-    case Law::neo_hookean:
-        for (std::size_t i = 0; i < 3; ++i) {
-            t[i] = 2.0 * mu * e[i];
-            slope[4 * i] = 2.0 * mu * (1.0 + 2.0 * e[i]);
-        }
-        if (body.law == Law::neo_hookean)
-            add_volume(lmbda * log_j, lmbda);
-        else
-            add_volume(j * ((lmbda + mu) * J - mu), J * ((lmbda + mu) * (J + j) - mu));
-        return found;
-    case Law::corotational: {
+    if (body.law == Law::corotational) {
         std::array<double, 3> less{};
         for (std::size_t i = 0; i < 3; ++i)
             less[i] = stretch_less_one(e[i]);
@@ -83,24 +59,22 @@ PrincipalStress kirchhoff(const ElasticCells &body, const Moduli &moduli,
         }
         return found;
     }
-    default:
-        for (const auto &[share, alpha] : OgdenTerms(body, moduli).all) {
-            const double own = 2.0 * mu * share / alpha;
-            std::array<double, 3> less{};
-            for (std::size_t i = 0; i < 3; ++i)
-                less[i] = std::expm1(alpha * (s[i] - log_j / 3.0));
-            const double mean = (less[0] + less[1] + less[2]) / 3.0;
-            for (std::size_t i = 0; i < 3; ++i) {
-                t[i] += own * (less[i] - mean);
-                slope[4 * i] += own * alpha * (1.0 + less[i]);
-                for (std::size_t k = 0; k < 3; ++k)
-                    slope[3 * i + k] -= own * alpha / 3.0 * (1.0 + less[i] + less[k] - mean);
-            }
+    for (const auto &[share, alpha] : body.ogden_terms) {
+        const double own = 2.0 * mu * share / alpha;
+        std::array<double, 3> less{};
+        for (std::size_t i = 0; i < 3; ++i)
+            less[i] = std::expm1(alpha * (s[i] - log_j / 3.0));
+        const double mean = (less[0] + less[1] + less[2]) / 3.0;
+        for (std::size_t i = 0; i < 3; ++i) {
+            t[i] += own * (less[i] - mean);
+            slope[4 * i] += own * alpha * (1.0 + less[i]);
+            for (std::size_t k = 0; k < 3; ++k)
+                slope[3 * i + k] -= own * alpha / 3.0 * (1.0 + less[i] + less[k] - mean);
         }
-        const double kappa = lmbda + 2.0 / 3.0 * mu;
-        add_volume(kappa * j * J, kappa * J * (J + j));
-        return found;
     }
+    const double kappa = lmbda + 2.0 / 3.0 * mu;
+    add_volume(kappa * j * J, kappa * J * (J + j));
+    return found;
 }
 
 /// S_i of t_i: dt_i/de_k = dt_i/ds_k / l_k^2.
@@ -177,41 +151,21 @@ double stretch_sum(const std::array<double, 3> &strains) {
 double principal_energy(const ElasticCells &body, const Moduli &moduli,
                         const std::array<double, 3> &e) {
     const double mu = moduli.mu, lmbda = moduli.lmbda;
-    std::array<double, 3> s{}, less{};
-    for (std::size_t i = 0; i < 3; ++i) {
-        s[i] = log_stretch(e[i]);
-        less[i] = stretch_less_one(e[i]);
-    }
-    const double log_j = s[0] + s[1] + s[2], j = std::expm1(log_j);
-    const double squares = less[0] * less[0] + less[1] * less[1] + less[2] * less[2];
-    switch (body.law) {
-    case Law::neo_hookean_stable: {
-        const double products = less[0] * less[1] + less[1] * less[2] + less[2] * less[0];
-        // tr E - j without a difference of what is large.
-        const double t_less_j = 0.5 * squares - products - less[0] * less[1] * less[2];
-        return mu * t_less_j + 0.5 * (lmbda + mu) * j * j;
-    }
-    case Law::neo_hookean: {
-        // e - s = (exp(2 s) - 1 - 2 s) / 2.
-        double shape = 0.0;
-        for (const double of : s)
-            shape += 0.5 * exp_excess(2.0 * of);
-        return mu * shape + 0.5 * lmbda * log_j * log_j;
-    }
-    case Law::corotational: {
-        const double sum = less[0] + less[1] + less[2];
+    if (body.law == Law::corotational) {
+        const double sum = stretch_sum(e);
+        double squares = 0.0;
+        for (const double of : e)
+            squares += stretch_less_one(of) * stretch_less_one(of);
         return mu * squares + 0.5 * lmbda * sum * sum;
     }
-    default: {
-        double energy = 0.5 * (lmbda + 2.0 / 3.0 * mu) * j * j;
-        // The stretches without change of volume have a product of 1.
-        for (const auto &[share, alpha] : OgdenTerms(body, moduli).all)
-            for (const double of : s)
-                energy +=
-                    2.0 * mu * share / (alpha * alpha) * exp_excess(alpha * (of - log_j / 3.0));
-        return energy;
-    }
-    }
+    const std::array<double, 3> s{log_stretch(e[0]), log_stretch(e[1]), log_stretch(e[2])};
+    const double log_j = s[0] + s[1] + s[2], j = std::expm1(log_j);
+    double energy = 0.5 * (lmbda + 2.0 / 3.0 * mu) * j * j;
+    // The stretches without change of volume have a product of 1.
+    for (const auto &[share, alpha] : body.ogden_terms)
+        for (const double of : s)
+            energy += 2.0 * mu * share / (alpha * alpha) * exp_excess(alpha * (of - log_j / 3.0));
+    return energy;
 }
 
 CoaxialTensor::CoaxialTensor(const Principal &strain, const PrincipalStress &response)

@@ -29,7 +29,7 @@ struct PrincipalStress {
     Matrix3 stiffness;
 };
 
-/// Of the body's law with these moduli, at principal values of E above -1/2.
+/// Of the body's law, one of stretches, with these moduli, at principal values of E above -1/2.
 PrincipalStress principal_stress(const ElasticCells &body, const Moduli &moduli,
                                  const std::array<double, 3> &strains);
 

@@ -16,7 +16,7 @@ struct VolumeTerm {
 };
 
 VolumeTerm volume_term(Law law, double m) {
-    if (law == Law::neo_hookean)
+    if (law == Law::neo_hookean || law == Law::mooney_rivlin_log)
         return {std::log1p(m), 1.0 / (1.0 + m), -1.0 / ((1.0 + m) * (1.0 + m))};
     return {m, 1.0, 0.0};
 }
@@ -41,7 +41,7 @@ double dot(const Matrix3 &a, const Matrix3 &b) {
     return sum;
 }
 
-Mandel6 moduli_of(const CoaxialTensor &stress) {
+template <typename Stress> Mandel6 moduli_of(const Stress &stress) {
     Mandel6 found{};
     for (std::size_t k = 0; k < 6; ++k) {
         const Matrix3 change = stress.change(unit_of(k));
@@ -99,12 +99,20 @@ SmoothedLaw::SmoothedLaw(const ElasticCells &body, const SmoothingPatches &patch
     for (std::size_t e = 0; e < patches.num_edges(); ++e) {
         Moduli moduli = body.materials[at(patches.edge_material[e])];
         moduli.lmbda = 0.0;
-        const Principal strain = principal_values(strains[e]);
-        const CoaxialTensor stress(strain, principal_stress(body, moduli, strain.values));
-        of_edges[e] = stress.value();
-        energy += patches.edge_volume[e] * principal_energy(body, moduli, strain.values);
-        if (has_moduli)
-            edge_moduli[e] = moduli_of(stress);
+        const auto take = [&](const auto &stress, double density) {
+            of_edges[e] = stress.value();
+            energy += patches.edge_volume[e] * density;
+            if (has_moduli)
+                edge_moduli[e] = moduli_of(stress);
+        };
+        if (is_of_stretches(body.law)) {
+            const Principal strain = principal_values(strains[e]);
+            take(CoaxialTensor(strain, principal_stress(body, moduli, strain.values)),
+                 principal_energy(body, moduli, strain.values));
+        } else {
+            const ShapeStress stress(body.law, moduli, strains[e]);
+            take(stress, stress.energy());
+        }
     }
     std::vector<double> of_nodes(patches.num_nodes());
     if (has_moduli)

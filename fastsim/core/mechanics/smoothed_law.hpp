@@ -2,9 +2,9 @@
 // Smoothed tetrahedra (smoothed_tet4.hpp) of the laws other than Saint-Venant-Kirchhoff's.
 //
 // Every law of law.hpp is W = W_0 + lmbda/2 g^2, with W_0 what is left at lmbda = 0 and g a
-// function of a measure m of volume: J - 1, but ln J = ln(1 + m) for neo_hookean, and m = tr U - 3
-// for corotational. W_0 goes over edges, as a function of C_e = I + 2 E_e all of it, J_e = root of
-// det C_e where it has J; g goes over nodes:
+// function of a measure m of volume: J - 1, but ln J = ln(1 + m) for neo_hookean and
+// mooney_rivlin_log, and m = tr U - 3 for corotational. W_0 goes over edges, as a function of C_e =
+// I + 2 E_e all of it, J_e = root of det C_e where it has J; g goes over nodes:
 //
 //   m_n = (1 / V_n) sum over c at n of (V_c / 4) m_c                                        (S6)
 //   W   = sum of V_e W_0(C_e) + sum of V_n lmbda/2 g(m_n)^2                                 (S7)

@@ -54,21 +54,8 @@ StrainRate times(const Mandel6 &moduli, const StrainRate &rate) {
 std::array<Matrix3, 16> volume_bends(const ElasticCells &body, std::size_t c,
                                      std::span<const double> displacement, double pressure) {
     const VolumeMeasure measure(body.law, body.gradient(c, displacement));
-    const auto g = all_gradients(body.rest.gradients[c]);
-    std::array<Matrix3, 16> blocks{};
-    for (std::size_t b = 0; b < 4; ++b)
-        for (std::size_t k = 0; k < 3; ++k) {
-            Matrix3 dh{};
-            for (std::size_t j = 0; j < 3; ++j)
-                dh[3 * k + j] = g[b][j];
-            const Matrix3 change = measure.rate_change(dh);
-            for (std::size_t a = 0; a < 4; ++a) {
-                const Vector3 force = times(change, g[a]);
-                for (std::size_t i = 0; i < 3; ++i)
-                    blocks[4 * a + b][3 * i + k] = body.rest.volumes[c] * pressure * force[i];
-            }
-        }
-    return blocks;
+    return blocks_of_changes(body.rest.gradients[c], body.rest.volumes[c] * pressure,
+                             [&](const Matrix3 &dh) { return measure.rate_change(dh); });
 }
 
 /// The points of a patch, numbered in the order in which they are met, each with a sum.

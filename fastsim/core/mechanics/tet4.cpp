@@ -212,23 +212,9 @@ std::array<Matrix3, 16> cell_tangent(const ElasticCells &body, std::size_t c,
     const double volume = weight * body.rest.volumes[c];
     if (body.is_linear_in_strain())
         return tangent_blocks(h, body.rest.gradients[c], volume, body.moduli_of(c), body.strain);
-    // Column k of block ab: V dP g_a for dH = e_k (x) g_b.
-    const auto g = all_gradients(body.rest.gradients[c]);
     return visit_law(body, body.moduli_of(c), h, [&](const auto &law) {
-        std::array<Matrix3, 16> blocks{};
-        for (std::size_t b = 0; b < 4; ++b)
-            for (std::size_t k = 0; k < 3; ++k) {
-                Matrix3 dh{};
-                for (std::size_t j = 0; j < 3; ++j)
-                    dh[3 * k + j] = g[b][j];
-                const Matrix3 dp = law.change(dh);
-                for (std::size_t a = 0; a < 4; ++a)
-                    for (std::size_t i = 0; i < 3; ++i)
-                        blocks[4 * a + b][3 * i + k] =
-                            volume * (dp[3 * i] * g[a][0] + dp[3 * i + 1] * g[a][1] +
-                                      dp[3 * i + 2] * g[a][2]);
-            }
-        return blocks;
+        return blocks_of_changes(body.rest.gradients[c], volume,
+                                 [&](const Matrix3 &dh) { return law.change(dh); });
     });
 }
 

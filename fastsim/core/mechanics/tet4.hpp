@@ -102,6 +102,28 @@ double strain_energy_density(const Matrix3 &h, const Moduli &moduli, StrainMeasu
 std::array<Matrix3, 16> tangent_blocks(const Matrix3 &h, const Matrix3 &gradients, double volume,
                                        const Moduli &moduli, StrainMeasure strain);
 
+/// Such blocks of a stress whose derivative along a change of H is change(dH): column k of block ab
+/// is `weight` times dP g_a for dH = e_k (x) g_b.
+template <typename Change>
+std::array<Matrix3, 16> blocks_of_changes(const Matrix3 &gradients, double weight,
+                                          const Change &change) {
+    const auto g = all_gradients(gradients);
+    std::array<Matrix3, 16> blocks{};
+    for (std::size_t b = 0; b < 4; ++b)
+        for (std::size_t k = 0; k < 3; ++k) {
+            Matrix3 dh{};
+            for (std::size_t j = 0; j < 3; ++j)
+                dh[3 * k + j] = g[b][j];
+            const Matrix3 dp = change(dh);
+            for (std::size_t a = 0; a < 4; ++a)
+                for (std::size_t i = 0; i < 3; ++i)
+                    blocks[4 * a + b][3 * i + k] =
+                        weight *
+                        (dp[3 * i] * g[a][0] + dp[3 * i + 1] * g[a][1] + dp[3 * i + 2] * g[a][2]);
+        }
+    return blocks;
+}
+
 /// First Piola-Kirchhoff stress of a cell by the body's law.
 Matrix3 cell_stress(const ElasticCells &body, std::size_t cell,
                     std::span<const double> displacement);

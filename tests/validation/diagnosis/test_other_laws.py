@@ -18,6 +18,7 @@ ASKED = Law.NEO_HOOKEAN
 SLIPS = {
     "saint-venant-kirchhoff law": {"law": Law.SAINT_VENANT_KIRCHHOFF},
     "neo-hookean-stable law": {"law": Law.NEO_HOOKEAN_STABLE},
+    "neo-hookean-stable-log law": {"law": Law.NEO_HOOKEAN_STABLE_LOG},
     "neo-hookean-isochoric law": {"law": Law.NEO_HOOKEAN_ISOCHORIC},
     "Poisson's ratio 0.35 in the place of 0.3": {"poissons_ratio": 0.35},
 }

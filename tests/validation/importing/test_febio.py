@@ -105,13 +105,18 @@ def test_a_moved_end_of_isotropic_elastic(bring: Bring, bars: ModuleType, versio
     assert any("no density" in line for line in imported.told)
 
 
-def test_mooney_rivlin_with_the_abaqus_pressure_model_and_dead_loads(
-    bring: Bring, bars: ModuleType
+@pytest.mark.parametrize(
+    ("model", "law"),
+    [
+        ("<pressure_model>Abaqus</pressure_model>", Law.MOONEY_RIVLIN),
+        ("<pressure_model>default</pressure_model>", Law.MOONEY_RIVLIN_LOG),
+        ("", Law.MOONEY_RIVLIN_LOG),
+    ],
+)
+def test_mooney_rivlin_with_both_pressure_models_and_dead_loads(
+    bring: Bring, bars: ModuleType, model: str, law: Law
 ) -> None:
-    material = (
-        "<density>1e-9</density><c1>0.001</c1><c2>0.0005</c2><k>0.05</k>"
-        "<pressure_model>Abaqus</pressure_model>"
-    )
+    material = f"<density>1e-9</density><c1>0.001</c1><c2>0.0005</c2><k>0.05</k>{model}"
     loads = (
         '<surface_load type="traction" surface="EndFace"><scale lc="1">2</scale>'
         "<traction>0,0,2e-4</traction><linear>1</linear></surface_load>"
@@ -123,7 +128,7 @@ def test_mooney_rivlin_with_the_abaqus_pressure_model_and_dead_loads(
         extra=CURVE["4.0"],
     )  # fmt: skip
     case, _ = bring(text, ".feb")
-    ours = Material.mooney_rivlin(c10=1e3, c01=500.0, bulk_modulus=50e3)
+    ours = Material.mooney_rivlin(c10=1e3, c01=500.0, bulk_modulus=50e3, law=law)
     end = bars.pulled(bars.bar())
     loads_here = Traction(end, (0.0, 0.0, 200.0)), Traction(end, (1e3, 0.0, 0.0))
     assert apart(native(bars, ours, loads_here), case.problem) < 1e-10
@@ -215,7 +220,12 @@ def test_what_a_case_cannot_say_is_refused(
 @pytest.mark.parametrize(
     ("law", "material", "loads", "says"),
     [
-        ("Mooney-Rivlin", "<c1>1</c1><c2>0</c2><k>9</k>", "", r"U = k/2 \(ln J\)\^2"),
+        (
+            "Mooney-Rivlin",
+            "<c1>1</c1><c2>0</c2><k>9</k><pressure_model>Liu</pressure_model>",
+            "",
+            r"known here are default, U = k/2 \(ln J\)\^2",
+        ),
         (
             "neo-Hookean", "<E>1</E><v>0.3</v>",
             '<surface_load type="traction" surface="EndFace"><traction>0,0,1</traction>'

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import palpate
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.errors import FileFormatError, InputError
@@ -22,7 +21,6 @@ from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.evidence.error_budget import farthest_probe
 from palpate.validation.judging.judge import find_references
-from palpate.validation.mechanics.finite_laws import WITH_LOGARITHM, laws_instead_of_law
 from palpate.validation.scoreboard import entries
 from palpate.validation.scoreboard.board import compute_board
 from palpate.validation.scoreboard.entries import Entry, chosen_entries, read_entries
@@ -245,23 +243,3 @@ def test_a_file_of_entries_that_is_none_is_refused(tmp_path) -> None:
     path.write_text('[[entry]]\nname = "fastsim-linear"\ntitle = "A"\n', encoding="utf-8")
     with pytest.raises(FileFormatError, match="two entries"):
         read_entries(path)
-
-
-def test_the_law_with_a_logarithm_has_the_moduli_it_is_given_and_its_energys_stress() -> None:
-    law = laws_instead_of_law(palpate.Strain.GREEN, Law.NEO_HOOKEAN_STABLE)[WITH_LOGARITHM]
-    lmbda, mu = np.array([5.0]), np.array([3.0])
-    rng = np.random.default_rng(3)
-    small = 1e-7 * rng.uniform(-1.0, 1.0, (1, 3, 3))
-    strain = 0.5 * (small + small.transpose(0, 2, 1))
-    hooke = 5.0 * np.trace(strain[0]) * np.eye(3) + 6.0 * strain[0]
-    assert law(small, lmbda, mu)[0] == pytest.approx(hooke, abs=1e-11)
-
-    def energy(H):
-        F = np.eye(3) + H
-        first, J, m, own = np.trace(F.T @ F), np.linalg.det(F), 4.0, 5.0 + 2.5
-        alpha = 1.0 + 0.75 * m / own
-        return m / 2 * (first - 3) + own / 2 * (J - alpha) ** 2 - m / 2 * np.log(first + 1)
-
-    H, dH = 0.3 * rng.uniform(-1, 1, (3, 3)), rng.uniform(-1, 1, (3, 3))
-    slope = (energy(H + 1e-5 * dH) - energy(H - 1e-5 * dH)) / 2e-5
-    assert np.vdot(law(H[None], lmbda, mu)[0], dH) == pytest.approx(slope, rel=1e-7)

@@ -1,6 +1,7 @@
 """Newton in motion, semi-implicit or by vertex block descent; else like newton_neo_hookean.py.
 
-    palpate gate CASE --law neo-hookean-stable --simulator "python newton_motion.py {case} {result}"
+    palpate gate CASE --law neo-hookean-stable-log \
+        --simulator "python newton_motion.py {case} {result}"
 
 Mass damping, which its bodies do not have, is a force on the points, of the step before.
 """

@@ -1,9 +1,9 @@
-"""Newton (Warp) on the processor, semi-implicit: stable neo-Hookean, single precision; to rest.
+"""Newton (Warp) on the processor, semi-implicit: stable neo-Hookean with its logarithm; to rest.
 
-    palpate gate CASE --law neo-hookean-stable --simulator "python newton_neo_hookean.py ..."
+    palpate gate CASE --law neo-hookean-stable-log --simulator "python newton_neo_hookean.py ..."
 
-Asked for Saint-Venant-Kirchhoff it answers by its own law: what differs is the model, not the
-solver. No follower pressure, tools, time or inclusions here.
+Single precision. Asked for Saint-Venant-Kirchhoff it answers by its own law: what differs is the
+model, not the solver. No follower pressure, tools, time or inclusions here.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class Static(_SemiImplicit, Rested):  # type: ignore[misc]
     """Stepped until it rests."""
 
     tool = "Newton"
+    laws = ("saint-venant-kirchhoff", "neo-hookean-stable-log")
 
 
 if __name__ == "__main__":
