@@ -41,4 +41,4 @@ if [ -n "${FUZZ_SECONDS:-}" ]; then
 fi
 # dolfinx brings an MPI that the sanitizers do not like; benchmarks time, and find nothing.
 "${under[@]}" -m pytest -q -p no:cacheprovider \
-    -m "not dolfinx and not slow" --timeout 1200 "${@:-tests/fastsim}"
+    -m "not dolfinx and not slow" --ignore=tests/fastsim/gpu --timeout 1200 "${@:-tests/fastsim}"

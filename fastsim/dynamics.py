@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.contact.contact_law import ContactLaw
@@ -133,34 +134,69 @@ def simulate(
         contact=contact,
         body_contact=body_contact,
     )
-    times = span.end_time / span.num_outputs * np.arange(span.num_outputs + 1)
-    displacements = np.empty((len(times), *problem.mesh.points.shape))
-    energies, tool_steps, tool_records = [], [], []
-    for output, now in enumerate(times):
+    recorder = Recorder(body, tracks_energy=tracks_energy)
+    for output, now in enumerate(recorder.times):
         if output > 0:
             body.step(body.steps_per_output)
-        body.look()
-        displacements[output] = body.displacement
-        energies.append(body.energies())
-        tool_steps.append(body.tool_steps())
-        tool_records.append(body.take_tool_records())
+        recorder.record(output)
         if progress and output > 0:
             progress(f"t = {now:.4g} s of {span.end_time:.4g} s")
-    balance = None
-    if tracks_energy:
-        of_strain = np.array([body.elastic.strain_energy(u) for u in displacements])
-        balance = Energies(of_strain, *np.array(energies).T)
-    tracks: tuple[ToolTrack, ...] = ()
-    if body.tools is not None:
-        tracks = body.tools.tracks(times, np.array(tool_steps), np.array(tool_records))
-    return DynamicResult(
-        times=times,
-        displacements=displacements,
-        velocity=body.velocity(),
-        time_step=body.time_step,
-        critical_time_step=body.critical_time_step,
-        num_steps=body.steps,
-        energies=balance,
-        instruction_set=body.instruction_set,
-        tools=tracks,
-    )
+    return recorder.result()
+
+
+class Recorder:
+    """What a run leaves behind: states, energies and tools at the output times.
+
+    Args:
+        body: At the start of its problem's time span.
+        tracks_energy: Whether it sums them up.
+
+    Attributes:
+        times: Of the outputs [s], shape (num_outputs + 1,), from 0.
+    """
+
+    def __init__(self, body: ExplicitBody, *, tracks_energy: bool) -> None:
+        span = body.problem.time
+        assert span is not None
+        self._body, self._tracks_energy = body, tracks_energy
+        self.times = span.end_time / span.num_outputs * np.arange(span.num_outputs + 1)
+        self._displacements = np.empty((len(self.times), *body.problem.mesh.points.shape))
+        self._energies: list[tuple[float, float, float]] = []
+        self._tool_steps: list[NDArray[np.void]] = []
+        self._tool_records: list[NDArray[np.void]] = []
+
+    def record(self, output: int) -> None:
+        """The present state as that of an output.
+
+        Raises:
+            BlowUpError: The last step inverted a cell.
+        """
+        body = self._body
+        body.look()
+        self._displacements[output] = body.displacement
+        self._energies.append(body.energies())
+        self._tool_steps.append(body.tool_steps())
+        self._tool_records.append(body.take_tool_records())
+
+    def result(self) -> DynamicResult:
+        """Once all outputs are recorded."""
+        body = self._body
+        balance = None
+        if self._tracks_energy:
+            of_strain = np.array([body.elastic.strain_energy(u) for u in self._displacements])
+            balance = Energies(of_strain, *np.array(self._energies).T)
+        tracks: tuple[ToolTrack, ...] = ()
+        if body.tools is not None:
+            steps, records = np.array(self._tool_steps), np.array(self._tool_records)
+            tracks = body.tools.tracks(self.times, steps, records)
+        return DynamicResult(
+            times=self.times,
+            displacements=self._displacements,
+            velocity=body.velocity(),
+            time_step=body.time_step,
+            critical_time_step=body.critical_time_step,
+            num_steps=body.steps,
+            energies=balance,
+            instruction_set=body.instruction_set,
+            tools=tracks,
+        )

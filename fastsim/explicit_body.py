@@ -76,6 +76,7 @@ class ExplicitBody:
         steps_per_output: Steps between two outputs of the time span; 1 without one.
         steps: Good steps done since the start.
         tools: The rigid tools; None without any.
+        run: What makes the steps.
 
     Raises:
         InputError: A number of threads below 1, loads or supports that make no sense, or a device
@@ -157,7 +158,7 @@ class ExplicitBody:
             self.time_step, 0.0 if span is None or mass is not None else span.mass_damping
         )
         self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
-        self._run = make_run(
+        self.run = make_run(
             problem,
             self.elastic,
             self._mass,
@@ -170,11 +171,11 @@ class ExplicitBody:
             device=device,
             is_repeatable=is_repeatable,
         )
-        self._loads.attach(self._run)
+        self._loads.attach(self.run)
         if self.tools is not None:
-            self.tools.attach(self._run, self.time_step, is_timed=mass is None)
+            self.tools.attach(self.run, self.time_step, is_timed=mass is None)
         if self._body_contact is not None:
-            self._body_contact.attach(self._run)
+            self._body_contact.attach(self.run)
         self._displacement = np.zeros_like(mesh.points)
         self._increment = np.zeros_like(mesh.points)
         self._read_only = self._displacement.view()
@@ -189,7 +190,7 @@ class ExplicitBody:
     @property
     def instruction_set(self) -> str:
         """What the step runs on."""
-        return self._run.instruction_set
+        return self.run.instruction_set
 
     @property
     def time(self) -> float:
@@ -232,7 +233,7 @@ class ExplicitBody:
         self._increment[:] = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
         energy = self.elastic.strain_energy(self._displacement)
         energy += 0.5 * float(np.sum(mass * speed**2))
-        self._run.set_state(self._displacement, self._increment, energy)
+        self.run.set_state(self._displacement, self._increment, energy)
         self._is_read, self._is_looked_at = True, False
 
     def step(self, num_steps: int = 1) -> None:
@@ -253,10 +254,9 @@ class ExplicitBody:
         while num_steps > 0:
             piece = min(num_steps, max(1, int(_BREATH / self._pace)))
             start = time.perf_counter()
-            outcome = self._run.advance(*self._rows(piece))
+            outcome = self.run.advance(*self.rows(piece))
             self._pace = max(time.perf_counter() - start, 1e-6) / piece
-            self._is_read = self._is_looked_at = False
-            self._settle(*outcome)
+            self.moved(*outcome)
             num_steps -= piece
 
     def look(self) -> None:
@@ -267,8 +267,8 @@ class ExplicitBody:
         """
         if self._is_looked_at:
             return
-        factors, tools = self._rows(1)
-        outcome = self._run.look(factors, tools)
+        factors, tools = self.rows(1)
+        outcome = self.run.look(factors, tools)
         self._is_looked_at = True
         self._settle(*outcome)
         self._tool_steps = tools[0].view(TOOL_STEP)
@@ -285,7 +285,7 @@ class ExplicitBody:
         Raises:
             InputError: Wrong shape, no such point, or a value that is not finite.
         """
-        self._loads.apply(self._run, force, points)
+        self._loads.apply(self.run, force, points)
         self._is_looked_at = False
 
     def move_tool(
@@ -313,17 +313,17 @@ class ExplicitBody:
     def take_tool_records(self) -> NDArray[np.void]:
         """What acts on the tools, shape (num_tools,) of `TOOL_RECORD`; impulses begin anew."""
         self.look()
-        return self._run.take_tool_records().view(TOOL_RECORD).reshape(-1)
+        return self.run.take_tool_records().view(TOOL_RECORD).reshape(-1)
 
     def energies(self) -> tuple[float, float, float]:
         """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""
         self.look()
-        return self._run.energies()
+        return self.run.energies()
 
     def self_overlap(self) -> tuple[int, float]:
         """Vertices of the body inside its own cells, and the deepest [m]."""
         self.look()
-        return self._run.self_overlap()
+        return self.run.self_overlap()
 
     def velocity(self) -> Points:
         """Central velocity at the present state [m/s]: the mean of the two increments."""
@@ -340,7 +340,7 @@ class ExplicitBody:
         if self.tools is not None or self._body_contact is not None:
             self.look()
             touching = np.empty_like(load)
-            self._run.get_contact_force(touching)
+            self.run.get_contact_force(touching)
             load += touching
         return load
 
@@ -352,10 +352,15 @@ class ExplicitBody:
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D = mass_damping M from here on [1/s]."""
         self._scheme = _core.CentralDifference(self.time_step, mass_damping)
-        self._run.set_mass_damping(mass_damping)
+        self.run.set_mass_damping(mass_damping)
         self._is_looked_at = False
 
-    def _rows(self, num_steps: int) -> tuple[Points, Points]:
+    def moved(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
+        """Take note of steps that `run` has made; raises as `step` does."""
+        self._is_read = self._is_looked_at = False
+        self._settle(steps_done, reason, point)
+
+    def rows(self, num_steps: int) -> tuple[Points, Points]:
         """Factors of the histories and steps of the tools, before each step and after the last."""
         times = self.time_step * (self.steps + np.arange(num_steps + 1))
         factors = self._loads.factors(times)
@@ -365,7 +370,7 @@ class ExplicitBody:
 
     def _read_state(self) -> None:
         if not self._is_read:
-            self._run.get_state(self._displacement, self._increment)
+            self.run.get_state(self._displacement, self._increment)
             self._is_read = True
 
     def _settle(self, steps_done: int, reason: _core.StopReason, point: int) -> None:

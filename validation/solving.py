@@ -42,6 +42,7 @@ def solve(
     method: MethodName = Method.NEWTON,
     formulation: FormulationName | None = None,
     element: ElementName = Element.LINEAR,
+    device: str = "cpu",
     progress: Progress = in_silence,
 ) -> State:
     """Solve a problem, whatever it asks for: statics or motion, with tools or without.
@@ -58,6 +59,8 @@ def solve(
             Poisson's ratios of 0.49 on, if the degree is 2 or 3 and there are no tools.
         element: Linear tetrahedra, plain, or smoothed over edges and nodes: nearer the truth on
             the same mesh; of the reference with degree 1.
+        device: Of fastsim's explicit steps, a motion's or relaxation's: "cpu" is the compiled core;
+            "cuda:0" a GPU, "warp:cpu" its kernels on the processor, both with the extra `gpu`.
         progress: Called with one line now and then.
 
     Returns:
@@ -88,6 +91,8 @@ def solve(
     form = None if formulation is None else known_word(Formulation, formulation, "formulation")
     kind = known_word(Element, element, "element")
     _require_possible(problem, simulator, way, form)
+    if device != "cpu":
+        _require_stepped(problem, simulator, way, device)
     # Both bring pydantic and meshio along, which `import palpate` and --help do without.
     if simulator is Simulator.REFERENCE:
         from palpate.validation.references.motion_runs import solve_reference
@@ -95,7 +100,7 @@ def solve(
         return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
     from palpate.validation.simulators.candidate import fastsim_candidate
 
-    return fastsim_candidate(method=way, element=kind).solve(problem, used, progress)
+    return fastsim_candidate(method=way, element=kind, device=device).solve(problem, used, progress)
 
 
 def _require_possible(
@@ -114,6 +119,16 @@ def _require_possible(
         )
 
 
+def _require_stepped(problem: Problem, simulator: Simulator, method: Method, device: str) -> None:
+    if simulator is Simulator.REFERENCE:
+        raise InputError(f"device = {device!r} is fastsim's: leave it out for the reference")
+    if problem.time is None and method is not Method.RELAXATION:
+        raise InputError(
+            f"device = {device!r} makes explicit steps, and Newton's method has none: say "
+            'method = "relaxation" with it, or device = "cpu"'
+        )
+
+
 def simulate(
     problem: Problem,
     *,
@@ -122,6 +137,7 @@ def simulate(
     strain: StrainName = Strain.GREEN,
     degree: int = 1,
     element: ElementName = Element.LINEAR,
+    device: str = "cpu",
     progress: Progress = in_silence,
 ) -> State:
     """Solve a motion from rest, over the problem's time span or another.
@@ -133,6 +149,7 @@ def simulate(
         strain: Likewise.
         degree: Likewise.
         element: Likewise.
+        device: Likewise.
         progress: Likewise.
 
     Returns:
@@ -151,7 +168,13 @@ def simulate(
     if moving.time is None:
         raise InputError("the problem has no time span; give time = palpate.TimeSpan(end_time=...)")
     return solve(
-        moving, with_=with_, strain=strain, degree=degree, element=element, progress=progress
+        moving,
+        with_=with_,
+        strain=strain,
+        degree=degree,
+        element=element,
+        device=device,
+        progress=progress,
     )
 
 

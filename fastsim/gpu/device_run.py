@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class DeviceRun:
-    """Collects what it is told, and becomes a batch of one at the first `set_state`.
+    """Collects what it is told, and becomes a batch of one when it is first asked for something.
 
     In a batch of several, `join` gives it its place instead.
 
@@ -62,6 +62,7 @@ class DeviceRun:
             body, mass, is_free.astype(np.float64), time_step, mass_damping, displacement_limit
         )
         self._batch: BatchRun | None = None
+        self._start: tuple[Points, Points, float] | None = None  # until there is a batch
         self._number = 0
         self.instruction_set = device
 
@@ -69,16 +70,23 @@ class DeviceRun:
     def batch(self) -> BatchRun:
         """Where it runs; made when first asked for."""
         if self._batch is None:
-            self._batch = BatchRun([self.data], **self.options)  # type: ignore[arg-type]
+            self.join(BatchRun([self.data], **self.options), 0)  # type: ignore[arg-type]
+        assert self._batch is not None
         return self._batch
 
     def join(self, batch: BatchRun, number: int) -> None:
         """Run in a batch of several, as one of them."""
         self._batch, self._number = batch, number
+        if self._start is not None:
+            batch.set_state(number, *self._start)
+            self._start = None
 
     def set_state(self, displacement: Points, increment: Points, energy: float) -> None:
         """See `BatchRun.set_state`."""
-        self.batch.set_state(self._number, displacement, increment, energy)
+        if self._batch is None:
+            self._start = (displacement.copy(), increment.copy(), energy)
+        else:
+            self._batch.set_state(self._number, displacement, increment, energy)
 
     def get_state(self, displacement: Points, increment: Points) -> None:
         """Copy the state into arrays of the caller's."""
@@ -160,6 +168,16 @@ class DeviceRun:
         plans = [Plan(factors, tools)] * len(self.batch)
         (outcome,) = self.batch.look(plans, [self._number])
         return outcome.steps_done, outcome.reason, outcome.point
+
+    def shared(self) -> dict[str, Any]:
+        """Arrays as they are on the device; see `shared_state`."""
+        m, k = self.batch.launches.motion, self._number
+        return {
+            "displacement": m.displacement[k],
+            "increment": m.increment[k],
+            "force": m.force[k],
+            "external_force": m.external[k],
+        }
 
     def energies(self) -> tuple[float, float, float]:
         """Kinetic energy, external work and damping loss so far [J]; zero if not tracked."""

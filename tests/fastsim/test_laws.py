@@ -136,7 +136,7 @@ def test_logarithm_and_root_hold_from_crushed_to_blown_up(
     )
     u = stepped.displacement
     force = np.empty_like(u)
-    stepped._run.internal_force(force)
+    stepped.run.internal_force(force)
     right = body.internal_force(u)
     assert np.abs(force - right).max() < 2e-6 * np.abs(right).max()
 

@@ -15,6 +15,7 @@ from palpate.meshes.material_law import Law
 from palpate.validation.commands.words import (
     AskedTimeStep,
     ChosenElements,
+    Device,
     GrantedPrecision,
     OptionalCases,
     OptionalFile,
@@ -27,7 +28,7 @@ from palpate.validation.commands.words import (
 from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
-from palpate.validation.states import ExitCode
+from palpate.validation.states import ExitCode, Precision
 
 if TYPE_CHECKING:
     from palpate.validation.case import Case
@@ -61,6 +62,7 @@ def gate(
     time_step: AskedTimeStep = None,
     iterations: ToldIterations = None,
     precision: GrantedPrecision = None,
+    device: Device = "cpu",
     metamorphic: Annotated[
         bool, typer.Option(help="judge by relations that need no reference")
     ] = False,
@@ -80,6 +82,7 @@ def gate(
     ] = None,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
+    from palpate.fastsim.explicit_body import Precision as StepPrecision
     from palpate.reference.availability import require_available
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.evidence.metamorphic import judge_relations
@@ -103,7 +106,14 @@ def gate(
     from palpate.validation.simulators.seeded import with_fault
 
     stepping = Stepping(integrator, time_step, iterations)
-    given = candidates_for(simulator, time_limit, element, stepping)
+    # Single precision granted to a device is what its steps are made in.
+    on_device = device != "cpu"
+    arithmetic = StepPrecision.DOUBLE
+    if on_device and precision is Precision.SINGLE:
+        arithmetic = StepPrecision.SINGLE
+    given = candidates_for(
+        simulator, time_limit, element, stepping, device=device, precision=arithmetic
+    )
     candidates = [with_fault(candidate, fault) for candidate in given]
     accepted = read_accepted(since) if since else None
     if quick + every + bool(names) != 1 and not (self_test and quick + every + bool(names) == 0):
@@ -133,6 +143,8 @@ def gate(
         loaded = [case.under(one) for case in loaded for one in dict.fromkeys(law)]
         if versus is None and any(case.other_law for case in loaded):
             require_available()
+    if on_device and (expected or record_expected):
+        raise InputError("--expected is about fastsim's core: it takes no --device")
     if expected or record_expected:
         require_builtin(loaded)
     require_outputs(

@@ -9,7 +9,7 @@ import typer
 
 from palpate.meshes.problem import Element, Strain
 from palpate.reference.result import Formulation
-from palpate.validation.commands.words import OneCase, progress_lines
+from palpate.validation.commands.words import Device, OneCase, progress_lines
 from palpate.validation.solving import Simulator
 from palpate.validation.solving import solve as solve_problem
 from palpate.validation.states import Method
@@ -36,6 +36,7 @@ def solve(
     element: Annotated[
         Element, typer.Option(help="smoothed: nearer the truth on the same mesh; degree 1")
     ] = Element.LINEAR,
+    device: Device = "cpu",
 ) -> None:
     """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells."""
     from palpate.validation.case import load_case
@@ -54,6 +55,7 @@ def solve(
         method=method,
         formulation=formulation,
         element=element,
+        device=device,
         progress=progress_lines(),
     )
     print(write_solution(output, problem, state))

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.words import (
+    Device,
     Folder,
     OneCase,
     StatedIntegrator,
@@ -48,6 +49,7 @@ def sweep(
     element: Annotated[
         Elements, typer.Option(help="of the tetrahedra; both: beside one another")
     ] = Elements.LINEAR,
+    device: Device = "cpu",
     jobs: Annotated[int, typer.Option(min=1, help="runs at a time, on this machine")] = 1,
     scheduler: Annotated[
         str | None, typer.Option(help="ADDRESS of a dask scheduler, whose workers solve instead")
@@ -63,14 +65,17 @@ def sweep(
 
     if scheduler is not None and jobs > 1:
         raise InputError("--jobs is for this machine: give it or --scheduler, not both")
+    if device != "cpu" and jobs > 1:
+        raise InputError("--device does one run at a time: leave out --jobs")
     loaded = load_case(case)
     inputs = input_files([loaded], command=simulator)
     require_run_folder(output, inputs=inputs)
     if simulator is not None:
         from palpate.validation.sweeps.iterations import read_moves, sweep_iterations
 
-        if element is not Elements.LINEAR or with_ is not Simulator.FASTSIM or scheduler:
-            raise InputError("--simulator takes no --element, --with or --scheduler")
+        is_fastsims = element is not Elements.LINEAR or device != "cpu" or scheduler
+        if is_fastsims or with_ is not Simulator.FASTSIM:
+            raise InputError("--simulator takes no --element, --device, --with or --scheduler")
         iterations, steps = read_moves(vary)
         program = OutsideSimulator(simulator, time_limit, iterations[0])
         require_available()
@@ -101,6 +106,7 @@ def sweep(
             Console(highlight=False),
             simulators=list(dict.fromkeys((Simulator.FASTSIM, with_))),
             elements=element.each,
+            device=device,
             jobs=jobs,
             scheduler=scheduler,
             progress=progress_lines(),

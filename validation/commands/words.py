@@ -44,6 +44,13 @@ ChosenElements = Annotated[
     Elements | None,
     typer.Option("--element", help="of fastsim's tetrahedra; both: beside one another"),
 ]
+Device = Annotated[
+    str,
+    typer.Option(
+        help="of fastsim's explicit steps: cpu is the compiled core; cuda:0 or warp:cpu need the "
+        "extra gpu"
+    ),
+]
 ElementOfResult = Annotated[
     Element | None, typer.Option(help="of the answer, where it does not say; default: linear")
 ]

@@ -12,6 +12,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.fastsim.explicit_body import Precision as StepPrecision
+from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.integrators.schemes import Integrator, Steps
@@ -22,7 +24,7 @@ from palpate.validation.exchange.result_files import (
     room_for_answer,
 )
 from palpate.validation.quoting import visible
-from palpate.validation.simulators.fastsim import name_of, run_fastsim
+from palpate.validation.simulators.fastsim import Way, name_of, run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import (
@@ -105,17 +107,34 @@ class Candidate:
 
 
 def fastsim_candidate(
-    *, method: Method = Method.NEWTON, element: Element = Element.LINEAR
+    *,
+    method: Method = Method.NEWTON,
+    element: Element = Element.LINEAR,
+    device: str = CORE,
+    precision: StepPrecision = StepPrecision.DOUBLE,
 ) -> Candidate:
     """fastsim, which answers for both strain measures.
 
     Args:
         method: How it looks for equilibrium.
         element: Linear tetrahedra, plain or smoothed.
+        device: Of explicit steps: "cpu" is the compiled core; on others equilibrium is found by
+            dynamic relaxation.
+        precision: Of a motion's steps.
+
+    Raises:
+        DeviceUnavailableError: There is no such device, or Warp is not installed.
     """
-    solve = partial(run_fastsim, method=method, element=element)
+    device = check_device(device)
+    used = method if device == CORE else Method.RELAXATION
+    solve = partial(run_fastsim, way=Way(used, element, device, precision))
     return Candidate(
-        name_of(element), solve, has_both_strains=True, element=element, steps_without_lock=True
+        name_of(element, device),
+        solve,
+        has_both_strains=True,
+        element=element,
+        # Warp's launches come from one thread.
+        steps_without_lock=device == CORE,
     )
 
 
@@ -124,6 +143,9 @@ def candidates_for(
     time_limit: float,
     elements: Elements | None = None,
     stepping: Stepping | None = None,
+    *,
+    device: str = CORE,
+    precision: StepPrecision = StepPrecision.DOUBLE,
 ) -> list[Candidate]:
     """Fastsim by element, or the program of a command line.
 
@@ -132,9 +154,11 @@ def candidates_for(
         time_limit: Of the program [s].
         elements: Of fastsim; linear where None.
         stepping: How the program steps, where its result does not say.
+        device: Of fastsim's explicit steps; see `fastsim_candidate`.
+        precision: Of them.
 
     Raises:
-        InputError: The command line cannot be used, or an element goes with it.
+        InputError: The command line cannot be used, or an element or device goes with it.
     """
     stepping = stepping or Stepping()
     if command is None:
@@ -144,7 +168,12 @@ def candidates_for(
                 "takes central differences with the case's step; give --simulator"
             )
         chosen = Elements.LINEAR if elements is None else elements
-        return [fastsim_candidate(element=element) for element in chosen.each]
+        return [
+            fastsim_candidate(element=element, device=device, precision=precision)
+            for element in chosen.each
+        ]
+    if device != CORE:
+        raise InputError("--device is of fastsim; another simulator has its own: leave it out")
     if elements is not None:
         raise InputError(
             f"element = {elements}: only fastsim is asked for one; another simulator says in its "

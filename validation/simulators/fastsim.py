@@ -6,6 +6,7 @@ A candidate that diverges, crashes or answers NaN has failed; that is a verdict,
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import FastsimError
+from palpate.fastsim.explicit_body import Precision as StepPrecision
+from palpate.fastsim.gpu.devices import CORE
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
@@ -32,9 +35,27 @@ _STATIC = {"newton_iterations": "iterations", "linear_iterations": "linear_itera
 _MOVING = ("time_step", "critical_time_step", "num_steps")
 
 
-def name_of(element: Element) -> str:
-    """What fastsim with an element is called."""
-    return "fastsim" if element is Element.LINEAR else f"fastsim ({element})"
+@dataclass(frozen=True)
+class Way:
+    """How fastsim is to find its answers.
+
+    Attributes:
+        method: Of statics; a motion is stepped.
+        element: Linear tetrahedra, plain or smoothed.
+        device: Of explicit steps: "cpu" is the compiled core.
+        precision: Of a motion's steps.
+    """
+
+    method: Method = Method.NEWTON
+    element: Element = Element.LINEAR
+    device: str = CORE
+    precision: StepPrecision = StepPrecision.DOUBLE
+
+
+def name_of(element: Element, device: str = CORE) -> str:
+    """What fastsim with an element is called, on a device."""
+    name = "fastsim" if element is Element.LINEAR else f"fastsim ({element})"
+    return name if device == CORE else f"{name} on {device}"
 
 
 def run_fastsim(
@@ -42,8 +63,7 @@ def run_fastsim(
     strain: Strain,
     progress: Progress,
     *,
-    method: Method = Method.NEWTON,
-    element: Element = Element.LINEAR,
+    way: Way | None = None,
 ) -> State:
     """Solve by fastsim: statics, or from rest where there is time.
 
@@ -51,16 +71,17 @@ def run_fastsim(
         problem: What is held and pushed.
         strain: Strain measure.
         progress: Called with one line now and then.
-        method: Of statics; a motion is stepped.
-        element: Linear tetrahedra, plain or smoothed.
+        way: How; None is the usual one.
 
     Raises:
         CandidateFailedError: It diverged, or answered NaN.
     """
-    progress(f"{name_of(element)}, {strain} strain, {problem.mesh.num_cells} cells")
+    way = way or Way()
+    element, name = way.element, name_of(way.element, way.device)
+    progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        displacement, more = _solve(problem, strain, progress, method, element)
+        displacement, more = _solve(problem, strain, progress, way)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
     seconds = time.perf_counter() - start
@@ -73,7 +94,7 @@ def run_fastsim(
     return make_state(
         problem.mesh,
         displacement,
-        label=name_of(element),
+        label=name,
         element=element,
         simulator="fastsim",
         strain=strain,
@@ -84,22 +105,32 @@ def run_fastsim(
 
 
 def _solve(
-    problem: Problem, strain: Strain, progress: Progress, method: Method, element: Element
+    problem: Problem, strain: Strain, progress: Progress, way: Way
 ) -> tuple[Any, dict[str, Any]]:
     """The last displacement [m], (num_points, 3), and what else a state holds."""
+    element = way.element
     if problem.time is not None:
-        motion = simulate(problem, strain=strain, element=element, progress=progress)
+        motion = simulate(
+            problem,
+            strain=strain,
+            element=element,
+            precision=way.precision,
+            device=way.device,
+            progress=progress,
+        )
         forces = [track.mean_forces for track in motion.tools]
         return motion.displacements[-1], {
             "details": {name: getattr(motion, name) for name in _MOVING},
             "trajectory": Trajectory(motion.times, motion.displacements),
             "tool_forces": np.array(forces) if forces else None,
         }
-    if method is Method.RELAXATION:
-        rested = relax(problem, strain=strain, element=element, progress=progress)
+    if way.method is Method.RELAXATION:
+        rested = relax(
+            problem, strain=strain, element=element, device=way.device, progress=progress
+        )
         return rested.displacement, {
             "details": {
-                "method": method.value,
+                "method": way.method.value,
                 "steps": rested.steps,
                 "relative_residual": rested.relative_residual,
             },

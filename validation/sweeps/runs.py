@@ -15,7 +15,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case.units import Units
 from palpate.validation.solving import Simulator, solve
-from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
+from palpate.validation.states import CandidateFailedError, Method, Progress, State, in_silence
 from palpate.validation.sweeps.cluster import cluster
 from palpate.validation.sweeps.variants import Axis, Variant
 
@@ -55,6 +55,7 @@ def run_all(
     simulators: Sequence[Simulator],
     *,
     elements: Sequence[Element] = (Element.LINEAR,),
+    device: str = "cpu",
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Progress,
@@ -69,6 +70,7 @@ def run_all(
         found: The variants of them.
         simulators: Who solves each.
         elements: With which tetrahedra each of them does.
+        device: Of fastsim's explicit steps; on others than "cpu" equilibrium is by relaxation.
         jobs: Runs at a time, on this machine.
         scheduler: Address of a dask scheduler, on whose workers all run instead.
         progress: Called with one line now and then.
@@ -86,7 +88,7 @@ def run_all(
         for row in rows:
             given = [(variant.values, variant.case.problem) for variant in row]
             units = row[0].case.spec.units
-            chains.append(_Chain(axes, given, units, simulator, element, strain))
+            chains.append(_Chain(axes, given, units, simulator, element, strain, device))
     if scheduler is not None:
         with cluster(scheduler) as pool:
             waiting = [pool.submit(_Chain.run, chain) for chain in chains]
@@ -128,6 +130,14 @@ class _Chain:
     simulator: Simulator
     element: Element
     strain: Strain
+    device: str = "cpu"
+
+    def _solve(self, problem: Problem) -> State:
+        ask = functools.partial(solve, problem, strain=self.strain, element=self.element)
+        if self.device == "cpu" or self.simulator is Simulator.REFERENCE:
+            return ask(with_=self.simulator)
+        method = Method.NEWTON if problem.time is not None else Method.RELAXATION
+        return ask(method=method, device=self.device)
 
     def run(self, progress: Progress = in_silence) -> list[Run]:
         """Solve them, up to where equilibrium ends."""
@@ -142,9 +152,7 @@ class _Chain:
             kind = f"{self.element} tetrahedra, {self.strain} strain"
             progress(f"{self.simulator}, {kind}, {place}")
             try:
-                found = solve(
-                    problem, with_=self.simulator, strain=self.strain, element=self.element
-                )
+                found = self._solve(problem)
                 # A table and figures need no stresses, which are most of a state.
                 runs.append(run(dataclasses.replace(found, stresses=None)))
             except ReferenceUnavailableError:
