@@ -1,0 +1,105 @@
+"""fastsim on a device is one more candidate: same-mesh checks, in float32 and in float64."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from palpate.fastsim.explicit_body import Precision as StepPrecision
+from palpate.meshes.errors import InputError
+from palpate.validation.case import load_case
+from palpate.validation.cli import app
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.simulators.candidate import candidates_for, fastsim_candidate
+from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
+from palpate.validation.solving import solve
+from palpate.validation.states import Precision, Verdict
+
+WARP = "warp:cpu"
+
+
+@pytest.fixture(autouse=True)
+def _needs_warp() -> None:
+    pytest.importorskip("warp", reason="the extra `gpu` is not installed")
+
+
+def on_same_mesh(result: CaseResult) -> dict[str, tuple[float, Verdict]]:
+    found = {
+        f"{check.metric} {check.against}": (check.value, check.verdict)
+        for check in result.checks
+        if check.against == "same_mesh"
+    }
+    assert found
+    return found
+
+
+def test_in_double_precision_it_is_judged_as_the_core_is() -> None:
+    case = load_case("block-motion")
+    core, device = (
+        on_same_mesh(judge_case(case, candidate=fastsim_candidate(device=name)))
+        for name in ("cpu", WARP)
+    )
+    assert core.keys() == device.keys()
+    for name, (value, verdict) in core.items():
+        assert device[name][1] is verdict is Verdict.PASSED
+        # An amplitude is read off a fit, which is 1e-9 off for either.
+        exact = 1e-9 if name.startswith("oscillation") else 1e-10
+        assert device[name][0] == pytest.approx(value, abs=exact), name
+
+
+def test_in_single_precision_it_passes_where_that_is_granted() -> None:
+    case = load_case("block-motion")
+    single = fastsim_candidate(device=WARP, precision=StepPrecision.SINGLE)
+    granted = judge_case(case, candidate=single, precision=Precision.SINGLE)
+    found = on_same_mesh(granted)
+    assert {verdict for _, verdict in found.values()} == {Verdict.PASSED}
+    assert max(value for value, _ in found.values()) > 1e-10  # it is single precision
+    softer = judge_case(
+        case, candidate=with_fault(single, Fault.SOFTER), precision=Precision.SINGLE
+    )
+    assert Verdict.FAILED in {verdict for _, verdict in on_same_mesh(softer).values()}
+
+
+def test_a_static_case_is_relaxed_on_a_device() -> None:
+    result = judge_case(load_case("block"), candidate=fastsim_candidate(device=WARP))
+    assert {verdict for _, verdict in on_same_mesh(result).values()} == {Verdict.PASSED}
+
+
+def test_what_has_no_explicit_steps_takes_no_device() -> None:
+    problem = load_case("block").problem
+    with pytest.raises(InputError, match="relaxation"):
+        solve(problem, device=WARP)
+    with pytest.raises(InputError, match="reference"):
+        solve(problem, device=WARP, with_="reference")
+    with pytest.raises(InputError, match="its own"):
+        candidates_for("mysim {case} {result}", 10.0, device=WARP)
+    relaxed = solve(problem, method="relaxation", device=WARP)
+    assert relaxed.label == "fastsim on warp:cpu"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["gate", "block", "--device", "cuda:9"],
+        ["gate", "block", "--device", WARP, "--expected"],
+        ["sweep", "block", "--vary", "load[0].factor=1,2", "--device", WARP, "--jobs", "2"],
+        ["solve", "block", "--device", "cuda:9", "--method", "relaxation"],
+    ],
+)
+def test_the_command_line_refuses_with_a_reason(words: list[str], tmp_path: Path) -> None:
+    out = ["-o", str(tmp_path / "out.vtu")] if words[0] in ("sweep", "solve") else []
+    result = CliRunner().invoke(app, [*words, *out])
+    assert isinstance(result.exception, InputError)
+    assert "device" in str(result.exception)
+
+
+def test_a_sweep_runs_on_a_device(tmp_path: Path) -> None:
+    out = tmp_path / "sweep"
+    words = ["sweep", "block-motion", "--vary", "material.youngs_modulus=24,25", "-o", str(out)]
+    result = CliRunner().invoke(app, [*words, "--device", WARP])
+    assert result.exit_code == 0, result.output
+    assert (out / "report.html").is_file()
