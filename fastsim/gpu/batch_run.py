@@ -2,6 +2,7 @@
 
 On a GPU a block of `BLOCK` steps with the monitor's look is captured as a CUDA graph once and
 replayed: the rows of the plan are counted on the device, so that a graph knows no step's number.
+On the processor Warp records and replays the same launches, by which tests prove the path.
 """
 
 from __future__ import annotations
@@ -66,6 +67,10 @@ class BatchRun:
             takes a launch less and a third of the memory.
         tracks_energy: Keep the balance of energy.
 
+    Attributes:
+        uses_graphs: Whether blocks of steps are captured; on a GPU where nobody says otherwise.
+        launches: What is launched, and the arrays.
+
     Raises:
         InputError: Bodies that do not go together.
     """
@@ -99,7 +104,7 @@ class BatchRun:
             is_atomic=not is_repeatable,
             tracks_energy=tracks_energy,
         )
-        self._is_gpu = wp.get_device(warp_name(device)).is_cuda
+        self.uses_graphs = wp.get_device(warp_name(device)).is_cuda
         self._graphs: dict[bool, Any] = {}
         self._room = 0
 
@@ -161,7 +166,7 @@ class BatchRun:
         if not changes:
             self.launches.combine_loads()
         left = max(counts)
-        while left >= BLOCK and self._is_gpu:
+        while left >= BLOCK and self.uses_graphs:
             self._replay(changes)
             left -= BLOCK
         while left > 0:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Sequence
 from functools import cache
 from types import SimpleNamespace
@@ -278,3 +280,16 @@ class Launches:
             "elasticity": self.mesh.patches is not None,
         }
         return [m for topic, m in self._k.modules.items() if not unused.get(topic, False)]
+
+    def copy_bandwidth(self, num_bytes: int) -> float:
+        """What a copy of so many bytes reaches, read and written [bytes/s]; the best of five."""
+        wp, best = self._wp, math.inf
+        source = self.make.zeros(num_bytes // 4, wp.float32)
+        target = self.make.zeros(num_bytes // 4, wp.float32)
+        for _ in range(5):
+            wp.synchronize_device(self.device)
+            start = time.perf_counter()
+            wp.copy(target, source)
+            wp.synchronize_device(self.device)
+            best = min(best, time.perf_counter() - start)
+        return 2.0 * num_bytes / best

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
 from palpate.validation.benchmarks.children import (
     OURS,
@@ -79,13 +80,18 @@ NAMES = ("steps", "static", "truth", "delaunay", "mesh", "collision")
 
 
 def run_benchmark(
-    name: str, *, sizes: Sequence[int] | None = None, progress: Progress | None = None
+    name: str,
+    *,
+    sizes: Sequence[int] | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Time a benchmark.
 
     Args:
         name: Of `NAMES`.
         sizes: Problem sizes, of those the benchmark has; None times them all.
+        device: On which ours is timed as well; "cpu" is the compiled core, which always is.
         progress: Called with one line per row.
 
     Returns:
@@ -94,12 +100,17 @@ def run_benchmark(
         columns to show beside the common ones (all, where it is empty).
 
     Raises:
-        InputError: No such benchmark, or it does not have such a size.
+        InputError: No such benchmark, or it does not have such a size or runs on no device.
     """
     if name not in NAMES:
         raise InputError(f"no benchmark {name!r}; there are {', '.join(NAMES)}")
     module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
     benchmark: Benchmark = module.BENCHMARK
+    device = check_device(device)
+    if device != CORE:
+        if not hasattr(module, "on_device"):
+            raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
+        benchmark = module.on_device(benchmark, device)
     if unknown := [size for size in sizes or () if size not in benchmark.sizes]:
         known = ", ".join(map(str, benchmark.sizes))
         raise InputError(f"benchmark {name} has no size {unknown[0]}; it has {known}")
@@ -138,9 +149,11 @@ def time_all(benchmark: Benchmark, sizes: Sequence[int], progress: Progress) -> 
 
 
 def _row(child: Child, scene: Scene) -> Row:
-    """Seconds of the processor on one thread, of the clock on several."""
+    """Seconds of the processor on one thread, of the clock on several and on a GPU."""
     clocks = {clock: child.best(clock) for clock in ("processor", "wall")}
     threads = int(child.tool.options.get("num_threads", 1))
+    # What a GPU does, no processor's clock sees.
+    is_gpu = str(child.tool.options.get("device", CORE)).startswith("cuda")
     return {
         "tool": child.tool.name,
         "version": child.version,
@@ -149,7 +162,7 @@ def _row(child: Child, scene: Scene) -> Row:
         "precision": child.precision,
         **scene.columns,
         **{name: value for name, value in child.timings[-1].items() if name not in clocks},
-        "seconds": clocks["wall" if threads > 1 else "processor"],
+        "seconds": clocks["wall" if threads > 1 or is_gpu else "processor"],
         "wall_seconds": clocks["wall"],
     }
 

@@ -6,11 +6,15 @@ largest nodal force, at a random displacement of a tenth of a cell. Ours have re
 (simulated over spent time, at each element's own stable step), speedup_from_threads and, on the
 kidney, real_time_cells: how many cells of this body would run in real time. Smoothed tetrahedra
 have times_linear: a second of motion over that of plain ones; another law has rate_of_stvk: its
-rate over that of Saint-Venant-Kirchhoff's in the same run.
+rate over that of Saint-Venant-Kirchhoff's in the same run. With a device ours is there on it as
+well: bytes_per_cell, which a step moves, counted from the arrays; gigabytes_per_second that this
+makes; share_of_copy, of what copies reach there; times_two_cores, over our core on two threads; and
+paper_rate, what an H100's memory would allow at most (`palpate.fastsim.gpu.traffic`).
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -18,6 +22,7 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.explicit_body import SAFETY, Precision
+from palpate.fastsim.gpu.traffic import paper_rate
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box
@@ -42,7 +47,8 @@ SIZES: dict[int, Callable[[], TetMesh]] = {
 TISSUE = Material(1e4, 0.45, 1000.0)
 MASS_DAMPING = 5.0  # [1/s]
 WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
-_KIND, _COMPUTED = ("element", "precision", "law"), ("threads", "precision")
+_KIND = ("element", "precision", "law")
+_COMPUTED = ("threads", "precision", "device")
 # Short timings find the quiet moments of a busy machine.
 SCHEDULE = Schedule(turns=12, seconds=0.2)
 TOOLS = (
@@ -98,14 +104,18 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
                 row["relative_force_error"] = float(difference / np.abs(force).max())
             if row["tool"] != OURS:
                 continue
+            if "device" in row:
+                _compare_device(row, rows)
             row["real_time_factor"] = SAFETY * row["critical_time_step"] / row["seconds"]
             if size == KIDNEY:
                 # Cost grows as n, the stable step shrinks as n^(-1/3).
                 row["real_time_cells"] = round(row["size"] * row["real_time_factor"] ** 0.75)
-            alone = next(r for r in rows if all(r[name] == row[name] for name in _KIND))
+            alone = next(
+                r for r in rows if all(r.get(name) == row.get(name) for name in (*_KIND, "device"))
+            )
             if row is not alone:
                 row["speedup_from_threads"] = alone["wall_seconds"] / row["wall_seconds"]
-            plain = next(r for r in rows if all(r[name] == row[name] for name in _COMPUTED))
+            plain = next(r for r in rows if all(r.get(name) == row.get(name) for name in _COMPUTED))
             if row["law"] != Law.SAINT_VENANT_KIRCHHOFF:
                 row["rate_of_stvk"] = plain["wall_seconds"] / row["wall_seconds"]
             elif row is not plain:
@@ -118,6 +128,45 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
         {"body": "kidney" if size == KIDNEY else "box"},
         finish,
     )
+
+
+def on_device(benchmark: Benchmark, device: str) -> Benchmark:
+    """The benchmark with ours on a device besides."""
+    more = tuple(
+        Tool(
+            OURS,
+            "ours",
+            options={
+                "element": element,
+                "precision": precision.value,
+                "num_threads": 1,
+                "device": device,
+            },
+        )
+        for element in Element
+        for precision in Precision
+    )
+    ours = sum(tool.name == OURS for tool in benchmark.tools)
+    tools = (*benchmark.tools[:ours], *more, *benchmark.tools[ours:])
+    return dataclasses.replace(benchmark, tools=tools)
+
+
+def _compare_device(row: Row, rows: list[Row]) -> None:
+    """What a device's rate is of its memory's, and of two cores."""
+    moved = row["bytes_per_cell"] * row["size"] / row["seconds"] / 1e9
+    row["gigabytes_per_second"] = moved
+    row["share_of_copy"] = moved / row["copy_gigabytes_per_second"]
+    row["paper_rate"] = paper_rate(row["bytes_per_cell"]) / 1e6
+    cores = [
+        other
+        for other in rows
+        if other["tool"] == OURS
+        and "device" not in other
+        and other["threads"] == 2
+        and all(other[name] == row[name] for name in _KIND)
+    ]
+    if cores:
+        row["times_two_cores"] = cores[0]["wall_seconds"] / row["wall_seconds"]
 
 
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
@@ -137,6 +186,13 @@ def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
         for row in ours
         if "rate_of_stvk" in row
     ]
+    parts += [
+        f"{row['device']}, {row['element']}, {row['precision']}: {row['bytes_per_cell']:.0f} bytes "
+        f"per cell and step, {row['share_of_copy']:.0%} of what copies reach there; on paper an "
+        f"H100's memory (3.35 TB/s, nothing else in the way) allows {row['paper_rate']:.3g} at most"
+        for row in ours
+        if "bytes_per_cell" in row
+    ]
     if "real_time_cells" in ours[0]:
         parts.append(f"{ours[0]['real_time_cells']} cells in real time on one core")
     return parts
@@ -151,7 +207,8 @@ BENCHMARK = Benchmark(
     measure_work=lambda row: row["size"] / 1e6,
     rate_unit="million cells x steps per second",
     same=("body",),
-    table=("body", "element", "law", "times_linear", "rate_of_stvk", "speedup_from_threads",
+    table=("body", "device", "element", "law", "bytes_per_cell", "share_of_copy",
+           "times_two_cores", "times_linear", "rate_of_stvk", "speedup_from_threads",
            "relative_force_error",
            "real_time_factor", "peak_memory_mb"),
     remark=remark,

@@ -17,6 +17,9 @@ def bench(
     name: Annotated[str, typer.Argument(help="steps, static, truth, delaunay, mesh or collision")],
     json: Annotated[Path | None, typer.Option(help="file for the rows")] = None,
     size: Annotated[list[int] | None, typer.Option(help="only this size; repeatable")] = None,
+    device: Annotated[
+        str, typer.Option(help="of steps: ours on cuda:0 or warp:cpu as well, beside its core")
+    ] = "cpu",
 ) -> None:
     """Time palpate beside the rivals that are installed, in one run.
 
@@ -31,6 +34,7 @@ def bench(
     document = run_benchmark(
         name,
         sizes=size,
+        device=device,
         progress=lambda line: console.print(f"  {line}", style="dim", soft_wrap=True),
     )
     if json is not None:

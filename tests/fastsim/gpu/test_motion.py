@@ -167,6 +167,27 @@ def test_stepping_in_pieces_is_the_same_run(ragged_box: TetMesh) -> None:
     assert np.abs(plain.displacement - whole.displacement).max() > 1e-5
 
 
+@pytest.mark.parametrize("is_repeatable", [True, False])
+def test_captured_blocks_of_steps_are_the_same_run(
+    ragged_box: TetMesh, is_repeatable: bool
+) -> None:
+    plain, captured = (
+        ExplicitBody(
+            driven(ragged_box), device=WARP, is_repeatable=is_repeatable, tracks_energy=True
+        )
+        for _ in range(2)
+    )
+    captured.run.batch.uses_graphs = True  # type: ignore[attr-defined]
+    for body in (plain, captured):
+        body.step(20)
+        body.step(45)
+        body.set_mass_damping(5.0)
+        body.step(50)
+    assert captured.run.batch._graphs  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(captured.displacement, plain.displacement)
+    assert captured.energies() == plain.energies()
+
+
 SHAPES: list[tuple[ToolShape, float]] = [
     (SphereShape(0.4), 1.61),
     (CapsuleShape(0.3, 0.2), 1.71),

@@ -42,7 +42,19 @@ class Steps(_Ours):
             time_step=float(job["time_step"]),
             precision=Precision(self.precision),
             num_threads=int(job["num_threads"]),
+            device=str(job.get("device", "cpu")),
         )
+        self._about = self._of_device() if self._body.instruction_set.count(":") else {}
+
+    def _of_device(self) -> dict[str, Any]:
+        from palpate.fastsim.gpu.traffic import bytes_per_step, copy_bandwidth
+
+        num_cells = self._body.problem.mesh.num_cells
+        return {
+            "device": self._body.instruction_set,
+            "bytes_per_cell": bytes_per_step(self._body) / num_cells,
+            "copy_gigabytes_per_second": copy_bandwidth(self._body) / 1e9,
+        }
 
     def advance(self, num_steps: int) -> dict[str, Any]:
         """From one output to the next."""
@@ -54,6 +66,7 @@ class Steps(_Ours):
             "element": self._element.value,
             "law": self._body.elastic.law.value,
             "critical_time_step": self._body.critical_time_step,
+            **self._about,
         }
 
 

@@ -1,0 +1,77 @@
+"""Bytes that a step moves, counted from its arrays, and what they allow on paper.
+
+Counted once for each launch that reads or writes an array from end to end; points that several
+cells read are taken to come from the cache after the first. What acts on the boundary alone
+(pressure, supports, tools) is left out. An upper bound of the rate, not a measurement:
+
+    rate <= bandwidth / (bytes per cell and step)
+
+For the box of 600 000 cells of `palpate bench steps`, with 0.18 points a cell and one body, that is
+190 bytes in float32 and 360 in float64 for linear tetrahedra (repeatable). At the 3.35 TB/s that
+NVIDIA states for the memory of an H100 SXM: at most 17.6 and 9.3 thousand million cells x steps per
+second, if the memory gives all it can and nothing else holds the kernels up.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palpate.fastsim.explicit_body import ExplicitBody
+from palpate.fastsim.gpu.device_run import DeviceRun
+from palpate.fastsim.gpu.launches import BLOCK
+from palpate.meshes.errors import InputError
+
+# Of the memory of an H100 SXM, by NVIDIA's data sheet [bytes/s].
+H100_BANDWIDTH = 3.35e12
+
+
+def bytes_per_step(body: ExplicitBody) -> int:
+    """Bytes read and written in a step by all bodies of the batch that this one runs in.
+
+    Raises:
+        InputError: A body of the compiled core.
+    """
+    if not isinstance(body.run, DeviceRun):
+        raise InputError("bytes are counted of bodies on a device")
+    launches = body.run.batch.launches
+    m, cells, scheme = launches.motion, launches.mesh, launches.scheme
+    at_rest = _size(cells.corners, cells.gradients, cells.volumes)
+    if cells.patches is None:
+        kinds = _size(cells.kinds) if cells.num_kinds > 1 else 0
+        forces = at_rest + kinds + _size(m.displacement)
+    else:
+        p = cells.patches
+        forces = at_rest + _size(m.displacement, p.strains)
+        forces += _size(p.strains, *p.edges, p.edge_weights, p.edge_kinds, p.stresses)
+        forces += _size(p.strains, *p.nodes, p.node_weights, p.node_kinds, p.pressures)
+        forces += at_rest + _size(m.displacement, p.cell_edges, p.cell_nodes)
+        forces += _size(p.stresses, p.pressures)
+    if cells.cell_forces.size:
+        gathered = _size(cells.cell_forces) + _size(cells.cell_forces, *cells.gather, m.force)
+    else:
+        gathered = 3 * _size(m.force)  # cleared, then read and written by the sums
+    moved = _size(m.external, m.force, scheme.mobility) + 2 * _size(m.increment, m.displacement)
+    looked = _size(m.mass, m.is_free, m.external, m.increment, m.displacement)
+    looked += 2 * _size(m.counted, m.given, m.increment, m.displacement)
+    return int(forces + gathered + moved + looked / BLOCK)
+
+
+def paper_rate(bytes_per_cell: float, bandwidth: float = H100_BANDWIDTH) -> float:
+    """Cells x steps per second that a bandwidth [bytes/s] allows at most."""
+    return bandwidth / bytes_per_cell
+
+
+def copy_bandwidth(body: ExplicitBody, *, megabytes: int = 256) -> float:
+    """What copies on the body's device reach, read and written [bytes/s].
+
+    Raises:
+        InputError: A body of the compiled core.
+    """
+    if not isinstance(body.run, DeviceRun):
+        raise InputError("copies are timed on a device")
+    return body.run.batch.launches.copy_bandwidth(megabytes * 1_000_000)
+
+
+def _size(*arrays: Any) -> int:
+    """Bytes of them all."""
+    return sum(int(array.capacity) for array in arrays)
