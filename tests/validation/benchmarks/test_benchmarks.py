@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.meshes.bricks import brick_box
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.benchmarks import children, static, steps
 from palpate.validation.benchmarks.children import OURS, ChildFailedError, Schedule, Tool, timed
-from palpate.validation.benchmarks.run import summarise, time_all
+from palpate.validation.benchmarks.run import run_benchmark, summarise, time_all
 from palpate.validation.case import load_case
 from palpate.validation.states import in_silence
 
@@ -69,6 +70,32 @@ def test_step_rows_are_whole_and_the_rival_has_the_same_force(small_steps):
         assert other["rate_of_stvk"] == plain["wall_seconds"] / other["wall_seconds"]
         assert "times_linear" not in other
     assert all(row["peak_memory_mb"] > 1.0 for row in rows)
+
+
+def test_a_device_has_rows_beside_the_core_with_its_bytes_and_its_share(monkeypatch):
+    pytest.importorskip("warp", reason="the extra `gpu` is not installed")
+    box = partial(brick_box, (12, 3, 3), (4.0, 1.0, 1.0), ragged=0.15)
+    monkeypatch.setattr(steps, "SIZES", {648: box})
+    monkeypatch.delenv("PALPATE_BENCH_PYTHON", raising=False)
+    linear = [
+        tool
+        for tool in steps.on_device(steps.BENCHMARK, "warp:cpu").tools
+        if tool.name == OURS
+        and (tool.options["element"], "law" in tool.options) == ("linear", False)
+    ]
+    benchmark = dataclasses.replace(only(steps.BENCHMARK, turns=2, seconds=0.01), tools=linear)
+    rows = time_all(benchmark, (648,), in_silence)
+    assert [row.get("device") for row in rows] == [None] * 4 + ["warp:cpu"] * 2
+    for row, two_cores in zip(rows[4:], (rows[1], rows[3]), strict=True):
+        assert row["precision"] == two_cores["precision"]
+        assert row["times_two_cores"] == two_cores["wall_seconds"] / row["wall_seconds"]
+        moved = row["bytes_per_cell"] * row["rate"] * 1e6 / 1e9
+        assert row["gigabytes_per_second"] == pytest.approx(moved)
+        assert row["share_of_copy"] == pytest.approx(moved / row["copy_gigabytes_per_second"])
+        assert row["paper_rate"] == pytest.approx(3.35e6 / row["bytes_per_cell"])
+    assert any("on paper" in line for line in summarise(benchmark, rows))
+    with pytest.raises(InputError, match="runs on no device"):
+        run_benchmark("delaunay", device="warp:cpu")
 
 
 @pytest.mark.dolfinx
