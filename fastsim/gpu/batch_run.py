@@ -245,18 +245,16 @@ class BatchRun:
             vec13 = self._wp.types.vector(_TOOL_STEP, self._wp.float64)
             self.launches.tool_steps = make.zeros(steps, vec13) if num_tools else None
             self._graphs = {}
-        factors = np.zeros((many, self._room, histories))
-        changes = np.zeros_like(factors)
         for body, plan in enumerate(plans):
-            factors[body, : len(plan.factors), : plan.factors.shape[1]] = plan.factors
-            changes[body, : plan.num_steps, : plan.factors.shape[1]] = np.diff(plan.factors, axis=0)
-        self.launches.factors.assign(factors)
-        self.launches.changes.assign(changes)
-        if num_tools:
-            steps_of = np.zeros((many, self._room, num_tools, _TOOL_STEP))
-            for body, plan in enumerate(plans):
-                steps_of[body, : len(plan.tools)] = plan.tools.reshape(-1, num_tools, _TOOL_STEP)
-            self.launches.tool_steps.assign(steps_of)
+            count, width = plan.factors.shape
+            given, ahead = np.zeros((2, count, histories))
+            given[:, :width] = plan.factors
+            ahead[:-1, :width] = np.diff(plan.factors, axis=0)
+            self.launches.factors[body][:count].assign(given)
+            self.launches.changes[body][:count].assign(ahead)
+            if num_tools:
+                steps_of = plan.tools.reshape(-1, num_tools, _TOOL_STEP)
+                self.launches.tool_steps[body][:count].assign(steps_of)
 
     def _begin(self, counts: Indices) -> None:
         m = self.launches.motion

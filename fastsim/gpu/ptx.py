@@ -1,8 +1,18 @@
-"""What the kernels become on a GPU, found without one: PTX, its doubles and its registers."""
+"""What the kernels become on a GPU, found without one: PTX, its doubles, registers of machine code.
+
+Registers of 32 bits that a thread has on Hopper (sm_90), of at most 255, by CUDA 13.4's assembler:
+
+                          float32   float64
+    force_cells                56        90
+    force_smoothed_cells       48        66
+    gather_forces              32        40
+    move_points                32        32
+"""
 
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,10 +34,9 @@ class KernelPtx:
     Attributes:
         name: As in `kernels/`.
         doubles: Instructions on numbers of double precision.
-        virtual_registers: By kind ("f32", "f64", "b32", ...), as PTX declares them. These are the
-            compiler's names for values, each written once; the driver's assembler maps them onto
-            the at most 255 registers of 32 bits that a thread has. So they bound nothing from
-            below, and say which kinds of numbers a kernel computes with.
+        virtual_registers: By kind ("f32", "f64", "b32", ...), as PTX declares them: one for each
+            value ever computed, so not what a thread takes (see `registers`), but which kinds of
+            numbers it computes with.
     """
 
     name: str
@@ -35,14 +44,17 @@ class KernelPtx:
     virtual_registers: dict[str, int]
 
 
-def compile_ptx(topic: str, precision: str, architecture: int, folder: Path) -> Path:
-    """The PTX file of a topic's kernels, compiled into a folder; needs no GPU.
+def compile_topic(
+    topic: str, precision: str, architecture: int, folder: Path, *, is_ptx: bool = True
+) -> Path:
+    """A topic's kernels, compiled into a file in a folder; needs no GPU.
 
     Args:
         topic: One of `kernels.kit.TOPICS`.
         precision: "float32" or "float64".
         architecture: 80, 90 or 100, ...
         folder: Made where it is not there.
+        is_ptx: PTX; else machine code of that architecture.
 
     Raises:
         DeviceUnavailableError: Warp is not installed.
@@ -52,8 +64,9 @@ def compile_ptx(topic: str, precision: str, architecture: int, folder: Path) -> 
     wp = load_warp(WARP_CPU)
     module = kernels_of(wp, precision).modules[topic]
     folder.mkdir(parents=True, exist_ok=True)
-    paths = wp.compile_aot_module(module, arch=architecture, module_dir=folder, use_ptx=True)
-    return next(Path(path) for path in paths if str(path).endswith(".ptx"))
+    paths = wp.compile_aot_module(module, arch=architecture, module_dir=folder, use_ptx=is_ptx)
+    suffix = ".ptx" if is_ptx else ".cubin"
+    return next(Path(path) for path in paths if str(path).endswith(suffix))
 
 
 def read_ptx(path: Path) -> list[KernelPtx]:
@@ -69,8 +82,39 @@ def read_ptx(path: Path) -> list[KernelPtx]:
         counts: dict[str, int] = {}
         for kind, count in _REGISTERS.findall(body):
             counts[kind] = counts.get(kind, 0) + int(count) - 1
-        name = re.sub(r"^make__locals__|_[0-9a-f]{8}_cuda_kernel_(forward|backward)$", "",
-                      begin.group(1))  # fmt: skip
+        name = _plain(begin.group(1))
         doubles = tuple(line.strip() for line in _DOUBLE.findall(body))
         found.append(KernelPtx(name, doubles, counts))
     return found
+
+
+def registers(path: Path) -> dict[str, int]:
+    """Registers of 32 bits that a thread of each kernel takes, by a file of machine code.
+
+    They stand in its section .nv.info, an entry (4, 0x2f) for each kernel: symbol and count.
+    """
+    data = path.read_bytes()
+    (table,) = struct.unpack_from("<Q", data, 40)
+    size, count, names_at = struct.unpack_from("<HHH", data, 58)
+    # Name, type, flags, address, offset, size, link, ... of each section of the ELF file.
+    sections = [struct.unpack_from("<IIQQQQIIQQ", data, table + k * size) for k in range(count)]
+
+    def text(base: int, offset: int) -> str:
+        return data[base + offset : data.index(b"\0", base + offset)].decode()
+
+    by_name = {text(sections[names_at][4], section[0]): section for section in sections}
+    symbols, notes = by_name[".symtab"], by_name[".nv.info"]
+    found, at = {}, notes[4]
+    while at < notes[4] + notes[5]:
+        form, kind, length = struct.unpack_from("<BBH", data, at)
+        if (form, kind) == (4, 0x2F):
+            symbol, number = struct.unpack_from("<II", data, at + 4)
+            (offset,) = struct.unpack_from("<I", data, symbols[4] + 24 * symbol)
+            found[_plain(text(sections[symbols[6]][4], offset))] = number
+        at += 4 + (length if form == 4 else 0)
+    return found
+
+
+def _plain(name: str) -> str:
+    """A kernel's own name."""
+    return re.sub(r"^make__locals__|_[0-9a-f]{8}_cuda_kernel_(forward|backward)$", "", name)

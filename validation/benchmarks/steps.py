@@ -8,8 +8,9 @@ kidney, real_time_cells: how many cells of this body would run in real time. Smo
 have times_linear: a second of motion over that of plain ones; another law has rate_of_stvk: its
 rate over that of Saint-Venant-Kirchhoff's in the same run. With a device ours is there on it as
 well: bytes_per_cell, which a step moves, counted from the arrays; gigabytes_per_second that this
-makes; share_of_copy, of what copies reach there; times_two_cores, over our core on two threads; and
-paper_rate, what an H100's memory would allow at most (`palpate.fastsim.gpu.traffic`).
+makes; share_of_copy, of what copies reach there, if a body is beyond the caches; times_two_cores,
+over our core on two threads; and paper_rate, what an H100's memory would allow at most
+(`palpate.fastsim.gpu.traffic`).
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ MASS_DAMPING = 5.0  # [1/s]
 WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
 _KIND = ("element", "precision", "law")
 _COMPUTED = ("threads", "precision", "device")
+# Bytes that a step moves: a smaller body may stay in a cache, and says nothing of the memory.
+_BEYOND_CACHES = 1e8
 # Short timings find the quiet moments of a busy machine.
 SCHEDULE = Schedule(turns=12, seconds=0.2)
 TOOLS = (
@@ -155,7 +158,8 @@ def _compare_device(row: Row, rows: list[Row]) -> None:
     """What a device's rate is of its memory's, and of two cores."""
     moved = row["bytes_per_cell"] * row["size"] / row["seconds"] / 1e9
     row["gigabytes_per_second"] = moved
-    row["share_of_copy"] = moved / row["copy_gigabytes_per_second"]
+    if row["bytes_per_cell"] * row["size"] > _BEYOND_CACHES:
+        row["share_of_copy"] = moved / row["copy_gigabytes_per_second"]
     row["paper_rate"] = paper_rate(row["bytes_per_cell"]) / 1e6
     cores = [
         other
@@ -167,6 +171,11 @@ def _compare_device(row: Row, rows: list[Row]) -> None:
     ]
     if cores:
         row["times_two_cores"] = cores[0]["wall_seconds"] / row["wall_seconds"]
+
+
+def _share(row: Row) -> str:
+    share = row.get("share_of_copy")
+    return "" if share is None else f", {share:.0%} of what copies reach there"
 
 
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
@@ -188,7 +197,7 @@ def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
     ]
     parts += [
         f"{row['device']}, {row['element']}, {row['precision']}: {row['bytes_per_cell']:.0f} bytes "
-        f"per cell and step, {row['share_of_copy']:.0%} of what copies reach there; on paper an "
+        f"per cell and step{_share(row)}; on paper an "
         f"H100's memory (3.35 TB/s, nothing else in the way) allows {row['paper_rate']:.3g} at most"
         for row in ours
         if "bytes_per_cell" in row

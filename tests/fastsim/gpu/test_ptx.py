@@ -23,9 +23,9 @@ KERNELS = {
 def test_single_precision_computes_in_single_precision(
     topic: str, architecture: int, tmp_path: Path
 ) -> None:
-    from palpate.fastsim.gpu.ptx import compile_ptx, read_ptx
+    from palpate.fastsim.gpu.ptx import compile_topic, read_ptx
 
-    path = compile_ptx(topic, "float32", architecture, tmp_path)
+    path = compile_topic(topic, "float32", architecture, tmp_path)
     assert f".target sm_{architecture}" in path.read_text("utf-8", errors="replace")
     kernels = read_ptx(path)
     assert {kernel.name for kernel in kernels} >= KERNELS.get(topic, set())
@@ -39,11 +39,23 @@ def test_single_precision_computes_in_single_precision(
 
 @pytest.mark.parametrize("topic", ["elasticity", "gathering", "stepping"])
 def test_double_precision_compiles_and_the_search_sees_it(topic: str, tmp_path: Path) -> None:
-    from palpate.fastsim.gpu.ptx import compile_ptx, read_ptx
+    from palpate.fastsim.gpu.ptx import compile_topic, read_ptx
 
-    kernels = read_ptx(compile_ptx(topic, "float64", 90, tmp_path))
+    kernels = read_ptx(compile_topic(topic, "float64", 90, tmp_path))
     moving = [kernel for kernel in kernels if kernel.name != "finish_step"]
     assert all(kernel.doubles for kernel in moving)
+
+
+@pytest.mark.parametrize(("precision", "stated"), [("float32", 56), ("float64", 90)])
+def test_registers_of_machine_code_are_about_those_stated(
+    precision: str, stated: int, tmp_path: Path
+) -> None:
+    from palpate.fastsim.gpu.ptx import compile_topic, registers
+
+    found = registers(compile_topic("elasticity", precision, 90, tmp_path, is_ptx=False))
+    assert found.keys() == {"force_cells"}
+    # Another release of the compiler may do a little otherwise; 255 is where memory takes over.
+    assert abs(found["force_cells"] - stated) <= 24
 
 
 def test_what_a_step_moves_is_counted_from_its_arrays() -> None:
