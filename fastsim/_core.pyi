@@ -1,6 +1,6 @@
 """Compiled core of palpate.fastsim."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import overload
 
@@ -172,6 +172,10 @@ class SurfaceMesh:
     recovered_facets: int
     sliver_flips: int
     sliver_moves: int
+    sliver_work: int
+    slivers_left: int
+    is_cut_short: bool
+    stopped_in: str
     sliver_insertions: int
     steiner_points: int
     boundary_steiner_points: int
@@ -179,7 +183,8 @@ class SurfaceMesh:
 def mesh_surface(
     points: Floats, facets: Ints, lattice: Lattice, edge_length: float, jitter: float,
     clearance: float, seed: int, grows_inwards: bool, sliver_target: float, sliver_passes: int,
-    sizes: SizeGrid
+    least_altitude: float, least_work: int, work_per_cell: float, sizes: SizeGrid, seconds: float,
+    tell: Callable[[str, int], None]
 ) -> SurfaceMesh: ...
 
 class InstructionSet(Enum):

@@ -225,6 +225,19 @@ class Body:
         if self.element is Element.SMOOTHED:
             squared = self.core.smoothed_bound(self.lumped_mass, _ROUNDS_OF_BOUND)
             return float(2.0 / np.sqrt(squared))
+        return float(self.cell_time_steps().min())
+
+    def cell_time_steps(self) -> Floats:
+        """Each linear tetrahedron's own stable step about rest [s], shape (num_cells,).
+
+        The smallest is `critical_time_step_bound`; where it is much smaller than the rest, few
+        cells decide the step of the whole body.
+
+        Raises:
+            InputError: Of the smoothed element, whose patches decide and not its cells.
+        """
+        if self.element is Element.SMOOTHED:
+            raise InputError("smoothed tetrahedra have no step cell by cell; use the linear ones")
         # Square root of D / rho in Voigt order (xx, yy, zz, xy, yz, zx), by material.
         elasticity = np.zeros((len(self._materials), 6, 6))
         lmbda, mu, _, density = self._materials.T
@@ -232,7 +245,7 @@ class Body:
         elasticity[:, :3, :3] += lmbda[:, None, None]
         values, vectors = np.linalg.eigh(elasticity / density[:, None, None])
         roots = vectors * np.sqrt(values)[:, None, :] @ vectors.transpose(0, 2, 1)
-        largest = 0.0
+        largest = np.zeros(self.mesh.num_cells)
         for part in np.array_split(
             np.arange(self.mesh.num_cells), max(1, self.mesh.num_cells // 20000)
         ):
@@ -245,9 +258,8 @@ class Body:
                 strain[:, 4, 3 * a + 1], strain[:, 4, 3 * a + 2] = gz, gy
                 strain[:, 5, 3 * a], strain[:, 5, 3 * a + 2] = gz, gx
             half = roots[self._row[part]] @ strain
-            values = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
-            largest = max(largest, float(values.max()))
-        return float(2.0 / np.sqrt(4.0 * largest))
+            largest[part] = np.linalg.eigvalsh(half @ half.transpose(0, 2, 1))[:, -1]
+        return np.asarray(2.0 / np.sqrt(4.0 * largest), dtype=np.float64)
 
     def critical_time_step(
         self,

@@ -7,6 +7,8 @@ mesher, which puts them together. The surface is kept as it is given.
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
@@ -41,8 +43,24 @@ _ATTEMPTS = (
 _SLIVER_TARGET = 0.54
 # Of a graded interior where no length is asked for: the largest edge, in mean edges of the surface.
 LARGEST_GRADED = 8.0
+# The work of sliver removal is bounded, in cells tried: ordinary meshes need 0.01 to 0.4 of it for
+# each of their cells, small ones of twisted shapes up to 12 000 in all; a unit takes some 20 us.
+_LEAST_WORK, _WORK_PER_CELL = 100_000, 1.0
+# Of a mesh, for each point of the surface and each inside, about.
+_CELLS_PER_POINT = (2.7, 6.0)
 # Pairs of facets that an error names at most: a surface on itself has millions.
 _MOST_PAIRS = 1000
+
+
+class TimeLimitError(InputError):
+    """The time was up before there was a mesh; `.time_limit` [s] and `.stage`."""
+
+    def __init__(self, time_limit: float, stage: str) -> None:
+        self.time_limit, self.stage = time_limit, stage
+        super().__init__(
+            f"no mesh within {time_limit:g} s: the time was up while {stage}; allow more, take "
+            "longer edges, or better facets (a free boundary)"
+        )
 
 
 class MeshingError(InputError):
@@ -126,6 +144,9 @@ class MeshingReport:
         boundary_steiner_points: Those that had to stay on the surface, at its facets to
             rounding; they follow the surface's points. With any, the mesh's boundary has more
             facets than were given.
+        slivers_left: Cells with a dihedral angle below 10 degrees.
+        is_cut_short: Whether sliver removal ended for the work that it had done, which is
+            bounded in proportion to the cells; the worst cells come first.
         attempts: Lattices tried.
         remesh: What was done to a free boundary; None where it was kept.
     """
@@ -137,6 +158,8 @@ class MeshingReport:
     sliver_insertions: int
     steiner_points: int
     boundary_steiner_points: int
+    slivers_left: int
+    is_cut_short: bool
     attempts: int
     remesh: RemeshReport | None = None
 
@@ -156,6 +179,8 @@ def mesh_surface(
     boundary: Boundary = Boundary.KEPT,
     boundary_distance: float | None = None,
     seed: int = 0,
+    least_altitude: float = 0.0,
+    time_limit: float | None = None,
     progress: Callable[[str], None] | None = None,
     report: Callable[[MeshingReport], None] | None = None,
 ) -> TetMesh:
@@ -177,7 +202,10 @@ def mesh_surface(
         boundary_distance: How far a free boundary may lie from the given one [m], > 0; see
             `surface_remesher`.
         seed: Of the jitter; the same seed gives the same mesh.
-        progress: Called with one line per attempt.
+        least_altitude: Cells with a smaller altitude are improved as slivers are [m]; 0 takes what
+            the surface's thinnest facet and mean edge suggest.
+        time_limit: Seconds after which there is an error and no mesh, > 0; None is no limit.
+        progress: Called with a line for each stage, and how much there is to do.
         report: Called with what was done, when it is.
 
     Returns:
@@ -190,8 +218,30 @@ def mesh_surface(
         InputError: A size field that gives no size, or asks for too many cells.
         SurfaceError: The surface does not bound a solid, or intersects itself.
         MeshingError: This mesher does not manage it; the message says what is in the way.
+        TimeLimitError: The time was up.
         RemeshError: No free boundary within the distance.
     """
+    if time_limit is not None:
+        require_positive(time_limit=time_limit)
+    end = math.inf if time_limit is None else time.monotonic() + time_limit
+
+    def time_left(stage: str) -> float:
+        left = end - time.monotonic()
+        if left <= 0.0:
+            assert time_limit is not None
+            raise TimeLimitError(time_limit, stage)
+        return left
+
+    def tell(stage: str, amount: int) -> None:
+        if progress is None:
+            return
+        if stage == "inserting points":
+            inner = amount - len(points)
+            cells = _CELLS_PER_POINT[0] * len(points) + _CELLS_PER_POINT[1] * inner
+            progress(f"inserting {amount} points, some {cells:.2g} cells expected")
+        else:
+            progress(f"{stage}: {amount}")
+
     remesh = None
     if boundary is Boundary.FREE:
         if boundary_distance is None:
@@ -233,8 +283,16 @@ def mesh_surface(
             grows_inwards,
             _SLIVER_TARGET,
             20 if improve else 0,
+            least_altitude,
+            _LEAST_WORK,
+            _WORK_PER_CELL,
             sizes,
+            time_left("looking at the surface"),
+            tell,
         )
+        if made.stopped_in:
+            assert time_limit is not None
+            raise TimeLimitError(time_limit, made.stopped_in)
         if made.equal_points[0] >= 0:
             raise DuplicatePointError(*(int(used[point]) for point in made.equal_points))
         if len(made.cells) == 0:

@@ -7,10 +7,14 @@
 #include "surface/self_intersection.hpp"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/function.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <cstdint>
+#include <functional>
+#include <string>
 #include <tuple>
 
 using namespace fastsim;
@@ -38,7 +42,8 @@ void bind_mesher(nb::module_ &module) {
             DelaunayCells result;
             {
                 nb::gil_scoped_release release;
-                result = Triangulation(rows).build();
+                Watch nobody;
+                result = Triangulation(rows).build(nobody);
             }
             return std::make_tuple(as_table<Index, 4>(result.cells), result.duplicates,
                                    result.is_flat);
@@ -91,6 +96,10 @@ void bind_mesher(nb::module_ &module) {
                      [](const Mesh &mesh) { return mesh.recovery.recovered_facets; })
         .def_prop_ro("sliver_flips", [](const Mesh &mesh) { return mesh.slivers.flips; })
         .def_prop_ro("sliver_moves", [](const Mesh &mesh) { return mesh.slivers.moves; })
+        .def_prop_ro("sliver_work", [](const Mesh &mesh) { return mesh.slivers.work; })
+        .def_prop_ro("slivers_left", [](const Mesh &mesh) { return mesh.slivers.left; })
+        .def_prop_ro("is_cut_short", [](const Mesh &mesh) { return mesh.slivers.is_cut_short; })
+        .def_ro("stopped_in", &Mesh::stopped_in)
         .def_prop_ro("sliver_insertions", [](const Mesh &mesh) { return mesh.slivers.insertions; })
         .def_prop_ro("steiner_points",
                      [](const Mesh &mesh) { return mesh.recovery.steiner_points.size(); })
@@ -100,18 +109,31 @@ void bind_mesher(nb::module_ &module) {
         "mesh_surface",
         [](Points points, Facets facets, Lattice lattice, double edge_length, double jitter,
            double clearance, std::uint64_t seed, bool grows_inwards, double sliver_target,
-           int sliver_passes, const SizeGrid &sizes) {
+           int sliver_passes, double least_altitude, std::size_t least_work, double work_per_cell,
+           const SizeGrid &sizes, double seconds,
+           const std::function<void(std::string, std::size_t)> &tell) {
             const auto point_rows = as_rows<Point>(points);
             const auto facet_rows = as_rows<Triple>(facets);
+            Watch watch(seconds, [&](const std::string &stage, std::size_t amount) {
+                const nb::gil_scoped_acquire acquire;
+                // Python's own wish to stop, by Ctrl-C.
+                if (PyErr_CheckSignals() != 0)
+                    throw nb::python_error();
+                if (amount > 0)
+                    tell(stage, amount);
+            });
             nb::gil_scoped_release release;
             return mesh_surface(point_rows, facet_rows,
                                 {{lattice, edge_length, jitter, clearance, seed, grows_inwards},
                                  sliver_target,
-                                 sliver_passes},
-                                sizes);
+                                 sliver_passes,
+                                 least_altitude,
+                                 {least_work, work_per_cell}},
+                                sizes, watch);
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("lattice"),
         nb::arg("edge_length"), nb::arg("jitter"), nb::arg("clearance"), nb::arg("seed"),
         nb::arg("grows_inwards"), nb::arg("sliver_target"), nb::arg("sliver_passes"),
-        nb::arg("sizes"));
+        nb::arg("least_altitude"), nb::arg("least_work"), nb::arg("work_per_cell"),
+        nb::arg("sizes"), nb::arg("seconds"), nb::arg("tell"));
 }

@@ -100,6 +100,21 @@ def test_mesh_then_solve(tmp_path: Path, write_case: Write) -> None:
     assert np.abs(fields["displacement"]).max() > 0.01
 
 
+def test_mesh_keeps_to_a_time_and_says_what_decides_the_step(tmp_path: Path) -> None:
+    write_surface(tmp_path / "k.stl", shape_kidney(edge_length=12e-3))
+    command = ("mesh", "k.stl", "-o", "k.vtu", "--unit", "m")
+    late = palpate(*command, "--size", "1e-3", "--uniform", "--time-limit", "0.02", folder=tmp_path)
+    assert late.returncode == 2
+    assert "within 0.02 s" in late.stderr
+    assert not (tmp_path / "k.vtu").exists()
+    tissue = ("--material", "1e4", "0.45", "1000")
+    done = palpate(*command, *tissue, "--target-step", "1", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("  cell ") == 10
+    assert "target step 1 s not reached" in done.stdout
+    assert "forces at most" in done.stdout
+
+
 def test_mesh_tells_what_it_finds_and_mends_on_request(tmp_path: Path) -> None:
     kidney = shape_kidney(edge_length=12e-3)
     write_surface(tmp_path / "torn.off", TriSurface(kidney.points, kidney.facets[3:, ::-1]))

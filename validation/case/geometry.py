@@ -21,7 +21,14 @@ from palpate.meshes.shapes import shape_beam, shape_box, shape_cylinder, shape_s
 from palpate.meshes.shells import turn_bodies
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.filling import BODY, BuiltMesh, fill, fill_bodies, require_countable
+from palpate.validation.case.filling import (
+    BODY,
+    BuiltMesh,
+    Filling,
+    fill,
+    fill_bodies,
+    require_countable,
+)
 from palpate.validation.case.geometry_schema import SHAPES, GeometrySpec, MeshSpec
 from palpate.validation.case.schema import CaseSpec
 from palpate.validation.case.surface_advice import advised, crossing_message
@@ -74,24 +81,26 @@ def fill_loaded(
     spec: MeshSpec,
     units: Units,
     inclusions: Mapping[str, LoadedSurface] | None = None,
+    how: Filling | None = None,
 ) -> BuiltMesh:
     """`fill`, with what is wrong said by the file's numbers; inclusions become groups of cells."""
     if inclusions:
         surfaces = {name: one.surface for name, one in inclusions.items()}
         bodies = {BODY: loaded, **inclusions}
         try:
-            return fill_bodies({BODY: loaded.surface, **surfaces}, spec, units, loaded.groups)
+            given = {BODY: loaded.surface, **surfaces}
+            return fill_bodies(given, spec, units, loaded.groups, how)
         except CrossingBodiesError as error:
             files = {name: one.path for name, one in bodies.items()}
             as_given = [name for name, one in bodies.items() if one.is_as_given]
             error.args = (crossing_message(error, files, as_given=as_given),)
             raise
     if loaded.path is None:
-        return fill(loaded.surface, spec, units, loaded.groups)
+        return fill(loaded.surface, spec, units, loaded.groups, how)
     # A free boundary has facets of its own.
     is_as_given = loaded.is_as_given and spec.boundary_distance is None
     with advised(loaded.path, loaded.surface, is_as_given=is_as_given):
-        return fill(loaded.surface, spec, units, loaded.groups)
+        return fill(loaded.surface, spec, units, loaded.groups, how)
 
 
 def _choices(geometry: GeometrySpec, units: Units) -> RepairChoices | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -57,6 +58,16 @@ def mesh(
         list[str] | None,
         typer.Option(help="NAME=FILE: a surface within, whose cells are a group; repeatable"),
     ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(help="seconds, after which there is an error and no file")
+    ] = None,
+    material: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="E [Pa], nu, density [kg/m3]: the time step is told for it"),
+    ] = None,
+    target_step: Annotated[
+        float | None, typer.Option(help="time step that explicit runs want, in seconds")
+    ] = None,
     grade_to: Annotated[
         tuple[float, float, float] | None, typer.Option(help="point with the smallest cells")
     ] = None,
@@ -66,13 +77,17 @@ def mesh(
     """Fill a closed surface with tetrahedra, keeping its facets."""
     import numpy as np
 
+    from palpate.fastsim.critical_cells import find_critical_cells
     from palpate.meshes.files import MESH_SUFFIXES, in_file_unit, write_mesh
     from palpate.meshes.kidney import shape_kidney
+    from palpate.meshes.problem import Material
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
+    from palpate.validation.case.filling import Filling
     from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
     from palpate.validation.case.geometry_schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
+    from palpate.validation.commands.step_words import TISSUE, step_lines, verdict_line
     from palpate.validation.output_files import require_outputs
 
     if unit not in LENGTH:
@@ -80,6 +95,9 @@ def mesh(
     if output.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"{output}: unknown kind; use {', '.join(MESH_SUFFIXES)}")
     require_outputs({"--output": output}, inputs=[] if surface == "kidney" else [surface])
+    began = time.monotonic()
+    if target_step is not None and (material is None or mesher is not Mesher.FASTSIM):
+        raise InputError("--target-step needs --material, and fastsim's mesher")
     if (grade_to is None) != (smallest is None):
         raise InputError("--grade-to and --smallest go together")
     lengths = (
@@ -88,6 +106,8 @@ def mesh(
         ("--free", free),
         ("--smallest", smallest),
         ("--growth", growth),
+        ("--time-limit", time_limit),
+        ("--target-step", target_step),
     )
     for option, value in lengths:
         if value is not None and not (math.isfinite(value) and value > 0.0):
@@ -124,8 +144,15 @@ def mesh(
             else [{"point": grade_to, "smallest": smallest, "growth": growth}],
         }
     )
+    tissue = TISSUE if material is None else Material(*material)
+    how = Filling(
+        progress=progress_lines(),
+        time_limit=time_limit,
+        began=began,
+        target=None if target_step is None else (tissue, target_step),
+    )
     with units.in_own_words():
-        built = fill_loaded(loaded, spec, units, within)
+        built = fill_loaded(loaded, spec, units, within, how)
     quality = measure_quality(built.mesh)
     files = [one.given for one in (loaded, *within.values()) if one.given is not None]
     points = in_file_unit(built.mesh.points, np.vstack(files) if files else None, scale)
@@ -138,6 +165,11 @@ def mesh(
         f" degrees, volume {built.mesh.volume:.6g} m3"
     )
     print(for_terminal(line))
+    critical = find_critical_cells(built.mesh, tissue)
+    for words in step_lines(critical, is_stated=material is not None, scale=scale, unit=unit):
+        print(for_terminal(words))
+    if target_step is not None:
+        print(for_terminal(verdict_line(critical, target_step, scale, unit)))
 
 
 def _inclusions(given: list[str]) -> list[tuple[str, Path]]:

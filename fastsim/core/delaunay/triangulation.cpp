@@ -29,6 +29,7 @@ std::array<std::int32_t, 4> with_infinity_last(std::array<std::int32_t, 4> v) {
 // coordinates. Where those are huge, only the exact predicates are asked.
 constexpr double smallest_trusted = 1e-250;
 constexpr double largest_trusted = 1e20;
+constexpr std::int32_t points_between_looks = 4096;
 
 } // namespace
 
@@ -156,7 +157,7 @@ Triangulation::Index Triangulation::locate(const Point &point) {
     }
 }
 
-DelaunayCells Triangulation::build() {
+DelaunayCells Triangulation::build(Watch &watch) {
     DelaunayCells result;
     std::array<Index, 4> first{};
     // Random points have 6.77 cells each; what is not touched is not allocated.
@@ -170,6 +171,8 @@ DelaunayCells Triangulation::build() {
         if (std::find(first.begin(), first.end(), p) != first.end()) {
             continue;
         }
+        if (p % points_between_looks == 0)
+            watch.look();
         const Point here = place(p);
         const Index c = locate(here);
         const Corners &v = _corners[at(c)];

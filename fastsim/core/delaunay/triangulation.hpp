@@ -16,6 +16,7 @@
 // exact predicate where that cannot tell (after the stored minors of Marot, Pellerin, Remacle
 // 2019, "One machine, one minute, three billion tetrahedra").
 
+#include "mesher/watch.hpp"
 #include "predicates/predicates.hpp"
 
 #include <array>
@@ -35,8 +36,9 @@ class Triangulation {
   public:
     explicit Triangulation(std::span<const Point> points);
 
-    /// Inserts all points in an order that keeps neighbours together; deterministic.
-    DelaunayCells build();
+    /// Inserts all points in an order that keeps neighbours together; deterministic. Looks at the
+    /// watch now and then.
+    DelaunayCells build(Watch &watch);
 
   private:
     using Index = std::int32_t;

@@ -88,10 +88,8 @@ void collect(const TetComplex &inside, Index num_fixed, SurfaceMesh &result) {
     }
 }
 
-} // namespace
-
-SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
-                         const MeshSettings &settings, const SizeGrid &sizes) {
+SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> facets,
+                         const MeshSettings &settings, const SizeGrid &sizes, Watch &watch) {
     SurfaceMesh result;
     const auto num_surface = static_cast<Index>(points.size());
 
@@ -102,6 +100,7 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
         complex.add_point(corner);
 
     // 2 to 4. Lattice, disarranged, those well inside.
+    watch.begin("placing points", 0);
     std::vector<Point> all(points.begin(), points.end());
     const std::vector<Point> inner = interior_points(points, facets, settings.lattice, sizes);
     all.insert(all.end(), inner.begin(), inner.end());
@@ -109,7 +108,8 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
     // 5. Insert by Delaunay's criterion, the cube's corners among the points.
     for (const Point &p : all)
         complex.add_point(p);
-    const DelaunayCells delaunay = Triangulation(complex.points).build();
+    watch.begin("inserting points", all.size());
+    const DelaunayCells delaunay = Triangulation(complex.points).build(watch);
     if (!delaunay.duplicates.empty()) {
         const Index late = delaunay.duplicates.front();
         for (Index v = 0; v < static_cast<Index>(complex.points.size()); ++v)
@@ -128,7 +128,7 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
             v += cube_corners;
     Protection protection;
     RecoveryReport &recovery = result.recovery;
-    recovery = recover_boundary(complex, shifted, cube_corners + num_surface, protection);
+    recovery = recover_boundary(complex, shifted, cube_corners + num_surface, protection, watch);
     if (!recovery.missing_edges.empty() || !recovery.missing_facets.empty()) {
         for (auto &e : recovery.missing_edges)
             for (Index &v : e)
@@ -150,19 +150,37 @@ SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> 
         inside.add_point(p);
     inside.set_cells(kept);
     std::vector<Index> stuck;
-    if (recovery.refined)
-        stuck = remove_steiner_points(inside, *recovery.refined, shifted, recovery.steiner_points);
+    if (recovery.refined) {
+        watch.begin("moving points off the surface", recovery.steiner_points.size());
+        stuck = remove_steiner_points(inside, *recovery.refined, shifted, recovery.steiner_points,
+                                      watch);
+    }
     // The boundary has no neighbours: nothing has to be protected.
     remove_flat_cells(inside, {}, true);
     if (!stuck.empty())
         bring_forward(inside, stuck, cube_corners + num_surface);
     result.num_boundary_steiner = stuck.size();
     const Index num_fixed = cube_corners + num_surface + static_cast<Index>(stuck.size());
+    watch.begin("improving cells", kept.size());
     if (settings.sliver_passes > 0)
         result.slivers =
-            remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes);
+            remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,
+                           settings.least_altitude, settings.sliver_budget, watch);
     collect(inside, num_fixed, result);
     return result;
+}
+
+} // namespace
+
+SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
+                         const MeshSettings &settings, const SizeGrid &sizes, Watch &watch) {
+    try {
+        return fill_surface(points, facets, settings, sizes, watch);
+    } catch (const TimeUp &up) {
+        SurfaceMesh none_made;
+        none_made.stopped_in = up.stage;
+        return none_made;
+    }
 }
 
 } // namespace fastsim

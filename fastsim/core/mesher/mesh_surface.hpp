@@ -5,12 +5,16 @@
 #include "recovery/boundary_recovery.hpp"
 #include "slivers/sliver_removal.hpp"
 
+#include <string>
+
 namespace fastsim {
 
 struct MeshSettings {
     LatticeSettings lattice;
-    double sliver_target; // smallest sine of a dihedral angle below which cells are improved
-    int sliver_passes;    // 0 leaves the slivers
+    double sliver_target;  // smallest sine of a dihedral angle below which cells are improved
+    int sliver_passes;     // 0 leaves the slivers
+    double least_altitude; // cells below it are improved, too; 0 takes what the surface suggests
+    SliverBudget sliver_budget;
 };
 
 struct SurfaceMesh {
@@ -21,11 +25,12 @@ struct SurfaceMesh {
     // Points that had to stay on the surface's edges and facets; they follow the surface's own.
     std::size_t num_boundary_steiner = 0;
     std::array<Index, 2> equal_points{none, none}; // two of them, when there are any
+    std::string stopped_in; // the stage in which the time was up; there are no cells then
 };
 
 /// Meshes the inside of a closed, outward surface. When `recovery` lists missing edges or facets,
-/// or `equal_points` is set, there are no cells.
+/// or `equal_points` or `stopped_in` is set, there are no cells.
 SurfaceMesh mesh_surface(std::span<const Point> points, std::span<const Triple> facets,
-                         const MeshSettings &settings, const SizeGrid &sizes);
+                         const MeshSettings &settings, const SizeGrid &sizes, Watch &watch);
 
 } // namespace fastsim

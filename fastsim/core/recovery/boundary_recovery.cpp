@@ -12,9 +12,13 @@ constexpr std::size_t most_flips = 100;
 constexpr int most_passes = 2;
 
 /// Tries each item, those that are stuck again once others are there; leaves what is stuck.
-template <typename Item, typename Try> void try_each(std::vector<Item> &items, const Try &attempt) {
+template <typename Item, typename Try>
+void try_each(std::vector<Item> &items, Watch &watch, const Try &attempt) {
     for (int pass = 0; pass < most_passes && !items.empty(); ++pass)
-        std::erase_if(items, attempt);
+        std::erase_if(items, [&](const Item &item) {
+            watch.look();
+            return attempt(item);
+        });
 }
 
 /// The surface of all parts. A part that two facets share, once each way, lies between points of
@@ -35,12 +39,12 @@ RefinedSurface refine(std::span<const Triple> facets, const SteinerRecovery &ste
 } // namespace
 
 RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> facets,
-                                Index first_inner, Protection &protection) {
+                                Index first_inner, Protection &protection, Watch &watch) {
     using Edge = std::array<Index, 2>;
     RecoveryReport report;
     FlipRecovery flips(complex, protection);
     // The limit bounds the work: many times what any surface tried so far has needed.
-    SteinerRecovery steiner(complex, protection, first_inner, 500 + 4 * facets.size());
+    SteinerRecovery steiner(complex, protection, first_inner, 500 + 4 * facets.size(), watch);
 
     std::vector<Edge> edges;
     std::unordered_set<std::uint64_t> seen;
@@ -54,6 +58,7 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
             else
                 edges.push_back(e);
         }
+    watch.begin("bringing edges of the surface in", edges.size());
     report.recovered_edges = edges.size();
     const auto flip_in = [&](const Edge &e) {
         const bool is_there = flips.recover_edge(e[0], e[1], most_flips);
@@ -61,14 +66,14 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
             protection.edges.insert(edge_key(e[0], e[1]));
         return is_there;
     };
-    try_each(edges, flip_in);
+    try_each(edges, watch, flip_in);
     if (!edges.empty()) {
         // Points in one plane but for roundings make cells that flips cannot see through.
         remove_flat_cells(complex, protection, true);
-        try_each(edges, flip_in);
+        try_each(edges, watch, flip_in);
     }
     report.recovered_edges -= edges.size();
-    try_each(edges, [&](const Edge &e) { return steiner.recover_edge(e[0], e[1]); });
+    try_each(edges, watch, [&](const Edge &e) { return steiner.recover_edge(e[0], e[1]); });
     report.missing_edges = edges;
 
     std::vector<Index> lost;
@@ -83,9 +88,10 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
     for (std::size_t i = 0; i < facets.size(); ++i)
         if (!protect_if_there(facets[i]))
             lost.push_back(static_cast<Index>(i));
+    watch.begin("bringing facets of the surface in", lost.size());
     report.recovered_facets = lost.size();
     const auto facet = [&](Index i) -> const Triple & { return facets[TetComplex::at(i)]; };
-    try_each(lost, [&](Index i) {
+    try_each(lost, watch, [&](Index i) {
         return !steiner.is_cut(facet(i)) && flips.recover_facet(facet(i), most_flips) &&
                protect_if_there(facet(i));
     });

@@ -9,6 +9,7 @@
 //      (steiner_removal.hpp; after George, Borouchaki and Saltel 2003, Si 2015).
 
 #include "mesher/flips.hpp"
+#include "mesher/watch.hpp"
 #include "recovery/refined_surface.hpp"
 
 #include <optional>
@@ -31,6 +32,6 @@ struct RecoveryReport {
 /// Brings the facets into the complex; `protection` comes out holding what is there. Points from
 /// `first_inner` on are not the surface's.
 RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> facets,
-                                Index first_inner, Protection &protection);
+                                Index first_inner, Protection &protection, Watch &watch);
 
 } // namespace fastsim

@@ -74,6 +74,7 @@ bool SteinerRecovery::ring_of(Index a, Index b, std::vector<Index> &ring) const 
 Index SteinerRecovery::next_point(Front &front, Index a, Index b) {
     const Triple &f = front.facet;
     for (int look = 0; look < most_looks; ++look) {
+        _watch.look();
         std::vector<Index> ring;
         if (!ring_of(a, b, ring))
             return none;

@@ -16,8 +16,8 @@ constexpr double flat = 1e-9;
 } // namespace
 
 SteinerRecovery::SteinerRecovery(TetComplex &complex, Protection &protection, Index first_inner,
-                                 std::size_t most_points)
-    : _complex(complex), _protection(protection), _flips(complex, protection),
+                                 std::size_t most_points, Watch &watch)
+    : _complex(complex), _protection(protection), _watch(watch), _flips(complex, protection),
       _first_inner(first_inner), _most_points(most_points) {}
 
 bool SteinerRecovery::recover_edge(Index a, Index b) {
@@ -28,6 +28,7 @@ bool SteinerRecovery::recover_edge(Index a, Index b) {
     Index from = std::min(a, b);
     std::vector<Index> ahead{std::max(a, b)};
     while (!ahead.empty()) {
+        _watch.look();
         const Index to = ahead.back();
         if (_flips.recover_edge(from, to, most_flips)) {
             _protection.edges.insert(edge_key(from, to));

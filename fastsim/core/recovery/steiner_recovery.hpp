@@ -5,6 +5,7 @@
 // through the complex from its rim inwards, triangle by triangle; where an edge of the complex
 // pierces it, that edge is cut. Either has no more cuts than crossings, so both end.
 
+#include "mesher/watch.hpp"
 #include "recovery/flip_recovery.hpp"
 #include "recovery/refined_surface.hpp"
 
@@ -16,7 +17,7 @@ namespace fastsim {
 class SteinerRecovery {
   public:
     SteinerRecovery(TetComplex &complex, Protection &protection, Index first_inner,
-                    std::size_t most_points);
+                    std::size_t most_points, Watch &watch);
 
     /// Brings in edge (a, b), cut into parts where needed. False when it stays missing.
     bool recover_edge(Index a, Index b);
@@ -61,6 +62,7 @@ class SteinerRecovery {
 
     TetComplex &_complex;
     Protection &_protection;
+    Watch &_watch;
     FlipRecovery _flips;
     Index _first_inner;
     std::size_t _most_points;

@@ -227,14 +227,17 @@ class Removal {
 } // namespace
 
 std::vector<Index> remove_steiner_points(TetComplex &complex, RefinedSurface &surface,
-                                         std::span<const Triple> given,
-                                         std::vector<Index> steiner) {
+                                         std::span<const Triple> given, std::vector<Index> steiner,
+                                         Watch &watch) {
     Removal removal(complex, surface, given);
     std::erase_if(steiner, [&](Index s) { return !surface.has_point(s); });
     // Last in, first out; one that is stuck may come free once its neighbours are gone.
     std::reverse(steiner.begin(), steiner.end());
     for (int pass = 0; pass < most_passes && !steiner.empty(); ++pass)
-        if (std::erase_if(steiner, [&](Index s) { return removal.remove(s); }) == 0)
+        if (std::erase_if(steiner, [&](Index s) {
+                watch.look();
+                return removal.remove(s);
+            }) == 0)
             // Flat cells at the point leave it no room: they go, and it is tried again.
             if (remove_flat_cells(complex, {}, true) > 0 && pass > 0)
                 break;

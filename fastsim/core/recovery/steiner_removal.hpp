@@ -9,6 +9,7 @@
 // enough step always does, in floating point it is checked by the exact predicate.
 
 #include "mesher/flips.hpp"
+#include "mesher/watch.hpp"
 #include "recovery/refined_surface.hpp"
 
 #include <vector>
@@ -19,6 +20,7 @@ namespace fastsim {
 /// inside of `surface`. `given` are the facets that the surface refines. Returns the points that
 /// had to stay.
 std::vector<Index> remove_steiner_points(TetComplex &complex, RefinedSurface &surface,
-                                         std::span<const Triple> given, std::vector<Index> steiner);
+                                         std::span<const Triple> given, std::vector<Index> steiner,
+                                         Watch &watch);
 
 } // namespace fastsim

@@ -30,13 +30,23 @@ constexpr int most_refusals = 2;
 constexpr double least_progress = 0.05;
 // Steps of the search for a place, in parts of the longest edge at the point.
 constexpr double first_step = 0.2, last_step = 0.01;
+// Cells tried that cost as much as one tried insertion.
+constexpr std::size_t work_of_insertion = 8;
+// sin 10 degrees.
+constexpr double told_sine = 0.17364817766693033;
 
 class SliverRemoval {
   public:
-    SliverRemoval(TetComplex &complex, Index num_fixed, double target)
+    SliverRemoval(TetComplex &complex, Index num_fixed, double target, double least_altitude,
+                  SliverBudget budget, Watch &watch)
         : _complex(complex), _num_fixed(num_fixed), _target(target), _insertion(complex),
-          _most_insertions(complex.num_slots() / 10) {
-        complex.wanted_altitude = find_wanted_altitude(complex);
+          _most_insertions(complex.num_slots() / 10),
+          _most_work(
+              budget.least +
+              static_cast<std::size_t>(budget.per_cell * static_cast<double>(complex.num_slots()))),
+          _watch(watch) {
+        complex.wanted_altitude =
+            least_altitude > 0.0 ? least_altitude : find_wanted_altitude(complex);
         _quality.resize(complex.num_slots());
         _tried.assign(complex.num_slots(), 0);
         _refusals.assign(complex.num_slots(), 0);
@@ -72,11 +82,16 @@ class SliverRemoval {
         _last_pass = _turn;
         std::sort(bad.begin(), bad.end());
         std::size_t changes = 0;
-        for (const auto &[quality, c] : bad)
+        for (const auto &[quality, c] : bad) {
+            if (report.work > _most_work) {
+                report.is_cut_short = true;
+                return false;
+            }
             // Bad by its edges, or still as bad as it was.
             if (_complex.is_alive(c) && has_news(c) &&
                 (quality_of(c) < _target || quality_of(c) == quality))
                 changes += improve(c, report) ? 1 : 0;
+        }
         return changes > 0;
     }
 
@@ -117,6 +132,8 @@ class SliverRemoval {
     }
 
     bool improve(Index c, SliverReport &report) {
+        _watch.look();
+        ++report.work;
         if (flip_around(c)) {
             ++report.flips;
             return true;
@@ -132,6 +149,7 @@ class SliverRemoval {
             return true;
         if (quality_of(c) < insertion_share * _target && report.insertions < _most_insertions &&
             _refusals[TetComplex::at(c)] < most_refusals) {
+            report.work += work_of_insertion;
             if (_insertion.insert_at(c, _quality)) {
                 note_fresh_cells();
                 ++report.insertions;
@@ -259,6 +277,8 @@ class SliverRemoval {
     PointInsertion _insertion;
     // Bounds the work and the growth of the mesh.
     std::size_t _most_insertions;
+    std::size_t _most_work;
+    Watch &_watch;
     std::vector<double> _quality;        // by slot
     std::vector<std::uint64_t> _tried;   // by slot: turn at which work on it was in vain
     std::vector<int> _refusals;          // by slot: insertions tried in vain
@@ -274,13 +294,20 @@ class SliverRemoval {
 
 } // namespace
 
-SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes) {
+SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes,
+                            double least_altitude, SliverBudget budget, Watch &watch) {
     SliverReport report;
-    SliverRemoval removal(complex, num_fixed, target);
+    SliverRemoval removal(complex, num_fixed, target, least_altitude, budget, watch);
     for (int pass = 0; pass < max_passes && removal.pass(report); ++pass) {
     }
     for (int pass = 0; pass < finishing_passes && max_passes > 0 && removal.finish(report);
          ++pass) {
+    }
+    complex.wanted_altitude = 0.0; // angles alone
+    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
+        const auto c = static_cast<Index>(slot);
+        if (complex.is_alive(c) && cell_quality(complex, complex.cell(c)) < told_sine)
+            ++report.left;
     }
     return report;
 }

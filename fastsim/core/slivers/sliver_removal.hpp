@@ -4,6 +4,7 @@
 // The boundary is never touched.
 
 #include "mesher/flips.hpp"
+#include "mesher/watch.hpp"
 
 namespace fastsim {
 
@@ -11,10 +12,22 @@ struct SliverReport {
     std::size_t flips = 0;
     std::size_t moves = 0;
     std::size_t insertions = 0;
+    std::size_t work = 0; // see the budget
+    bool is_cut_short = false;
+    std::size_t left = 0; // cells with a dihedral angle below 10 degrees
+};
+
+/// Bounds the work: cells tried, of which one that a point is tried for counts as many. Ordinary
+/// meshes need a part of it, noisy ones are cut short with the worst cells done.
+struct SliverBudget {
+    std::size_t least;
+    double per_cell;
 };
 
 /// Improves cells whose smallest sine of a dihedral angle is below `target`. Points numbered
-/// below `num_fixed` are never moved.
-SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes);
+/// below `num_fixed` are never moved. A cell counts as bad below `least_altitude`, too; 0 takes
+/// what the surface suggests (find_wanted_altitude).
+SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target, int max_passes,
+                            double least_altitude, SliverBudget budget, Watch &watch);
 
 } // namespace fastsim

@@ -1,0 +1,116 @@
+"""Which cells decide the time step, what the surface forces, and what a target does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.body import Body
+from palpate.fastsim.critical_cells import (
+    cell_steps,
+    facet_altitudes,
+    find_critical_cells,
+    mesh_to_time_step,
+    wave_speed,
+)
+from palpate.fastsim.mesher import TimeLimitError, mesh_surface
+from palpate.meshes.errors import InputError
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.problem import Element, Material
+from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.tet_mesh import TetMesh
+
+TISSUE = Material(1e4, 0.45, 1000.0)
+
+
+def test_the_first_cell_decides_and_no_cell_beats_its_facet() -> None:
+    mesh = mesh_surface(shape_sphere(0.05, edge_length=0.012))
+    found = find_critical_cells(mesh, TISSUE)
+    body = Body(mesh, TISSUE)
+    steps = body.cell_time_steps()
+    assert found.time_step == steps.min() == body.critical_time_step_bound()
+    assert len(found.cells) == 10
+    assert (np.diff(found.steps) >= 0.0).all()
+    # Alone, the first cell has the same step.
+    alone = TetMesh(mesh.points[mesh.cells[found.cells[0]]], np.array([[0, 1, 2, 3]]))
+    assert Body(alone, TISSUE).critical_time_step_bound() == pytest.approx(found.time_step)
+    # And so says the formula by blocks.
+    np.testing.assert_allclose(cell_steps(mesh.points[mesh.cells], TISSUE), steps, rtol=1e-10)
+    # Every cell with a facet on the surface keeps below that facet's altitude over c.
+    owner = {tuple(sorted(f)): k for k, f in enumerate(mesh.boundary_facets.tolist())}
+    altitudes = facet_altitudes(mesh.points[mesh.boundary_facets])
+    seen = 0
+    for cell, step in zip(mesh.cells.tolist(), steps, strict=True):
+        for k in range(4):
+            facet = owner.get(tuple(sorted(cell[:k] + cell[k + 1 :])))
+            if facet is not None:
+                assert step <= altitudes[facet] / wave_speed(TISSUE)
+                seen += 1
+    assert seen == len(altitudes)
+    assert found.surface_step == pytest.approx(altitudes.min() / wave_speed(TISSUE))
+    assert altitudes[found.surface_facet] == altitudes.min()
+
+
+def test_wave_speed_and_altitude_by_hand() -> None:
+    # nu = 0.25: (lambda + 2 mu) = E 0.75 / (1.25 0.5) = 1.2 E.
+    assert wave_speed(Material(1000.0, 0.25, 1.2)) == pytest.approx(1000.0**0.5)
+    triangle = np.array([[[0.0, 0, 0], [3.0, 0, 0], [0.0, 4.0, 0]]])
+    assert facet_altitudes(triangle) == pytest.approx([12.0 / 5.0])
+
+
+def test_smoothed_cells_have_no_step_of_their_own() -> None:
+    mesh = mesh_surface(shape_sphere(0.05, edge_length=0.03))
+    with pytest.raises(InputError, match="smoothed"):
+        Body(mesh, TISSUE, element=Element.SMOOTHED).cell_time_steps()
+
+
+def test_a_target_lengthens_the_step_and_the_boundary_stays() -> None:
+    surface = shape_kidney(edge_length=0.012)
+
+    def make(altitude: float) -> TetMesh:
+        return mesh_surface(surface, least_altitude=altitude)
+
+    plain = find_critical_cells(make(0.0), TISSUE)
+    told: list[str] = []
+    wanted = 1.1 * plain.time_step
+    mesh = mesh_to_time_step(TISSUE, wanted, make, told.append)
+    longer = find_critical_cells(mesh, TISSUE)
+    assert longer.time_step >= wanted
+    assert 1 <= len(told) <= 4
+    np.testing.assert_array_equal(mesh.points[: len(surface.points)], surface.points)
+    assert abs(mesh.volume / surface.volume - 1.0) < 1e-12
+    # More than the thinnest facet allows is never reached, and the best mesh is kept.
+    told.clear()
+    best = mesh_to_time_step(TISSUE, 2.0 * plain.surface_step, make, told.append)
+    reached = find_critical_cells(best, TISSUE)
+    assert plain.time_step <= reached.time_step <= reached.surface_step
+    assert len(told) == 4
+
+
+def test_no_time_is_an_error_that_says_where() -> None:
+    surface = shape_sphere(0.05, edge_length=0.006)
+    with pytest.raises(TimeLimitError, match="the time was up while") as caught:
+        mesh_surface(surface, time_limit=1e-9)
+    assert caught.value.time_limit == 1e-9
+    with pytest.raises(TimeLimitError) as caught:
+        mesh_surface(surface, edge_length=0.0008, time_limit=0.05)
+    assert caught.value.stage
+    with pytest.raises(InputError):
+        mesh_surface(surface, time_limit=0.0)
+
+
+def test_progress_names_the_stages_with_their_amounts() -> None:
+    told: list[str] = []
+    mesh = mesh_surface(shape_sphere(0.05, edge_length=0.01), progress=told.append)
+    (expected,) = (line for line in told if "expected" in line)
+    assert float(expected.split("some ")[1].split()[0]) == pytest.approx(mesh.num_cells, rel=0.15)
+    assert any(line.startswith("improving cells: ") for line in told)
+
+
+def test_a_caller_may_end_the_work() -> None:
+    def stop(line: str) -> None:
+        if "improving" in line:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mesh_surface(shape_sphere(0.05, edge_length=0.02), progress=stop)
