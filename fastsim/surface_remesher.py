@@ -3,7 +3,7 @@
 Poor triangles (marching cubes, decimation) bound the quality of every mesh that keeps them. Where
 the surface may move a little, this gives it others: splits, collapses, flips and moves after
 Botsch and Kobbelt (2004), each refused where the surface would leave the distance. Sharp edges
-are kept.
+are kept, and so is the enclosed volume, as far as the distance allows (kept_volume).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from palpate.fastsim import _core
 from palpate.fastsim.grading.sampled_sizes import grid_of_sizes
 from palpate.fastsim.grading.size_fields import SizeField
+from palpate.fastsim.kept_volume import keep_volume
 from palpate.fastsim.surface_arrays import (
     compact_facets,
     mean_edge_length,
@@ -48,7 +49,8 @@ class RemeshReport:
     Attributes:
         distance: Largest distance of either surface from the other, measured at points, middles
             of edges and centres of facets [m].
-        volume_change: Enclosed volume over the given one, minus 1.
+        volume_change: Enclosed volume over the given one, minus 1; not 0 to rounding where the
+            distance did not allow to move further.
         splits, collapses, flips, moves: Steps taken.
         smallest_angle_before, smallest_angle_after: Of all facets [degrees].
     """
@@ -111,10 +113,14 @@ def remesh_surface(
         moved, new_facets = made.points, made.facets
         if made.distance > distance or len(_core.find_self_intersections(moved, new_facets, 1)):
             continue
+        kept = keep_volume(
+            moved, new_facets, (points, facets), distance=distance, reached=made.distance
+        )
+        moved = kept.points
         new = TriSurface(moved + origin, new_facets)
         require_closed(new)
         return new, RemeshReport(
-            made.distance,
+            kept.distance,
             new.volume / surface.volume - 1.0,
             made.splits,
             made.collapses,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.fastsim.kept_volume import keep_volume
 from palpate.fastsim.mesher import Boundary, MeshingReport, mesh_surface
 from palpate.fastsim.surface_remesher import remesh_surface
 from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
 from palpate.meshes.quality import measure_quality
-from palpate.meshes.shapes import shape_box, shape_sphere
+from palpate.meshes.shapes import shape_box, shape_cylinder, shape_sphere
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
 
@@ -53,6 +54,35 @@ def test_a_coarser_surface_on_request() -> None:
     coarse, report = remesh_surface(fine, distance=0.03, edge_length=0.3)
     assert coarse.num_facets < fine.num_facets / 4
     assert report.distance <= 0.03
+    # 300 triangles with their corners on the sphere enclose 4 % less; these stand off it instead.
+    assert coarse.volume == pytest.approx(fine.volume, rel=1e-11)
+    assert np.linalg.norm(coarse.points, axis=1).mean() > 1.005
+
+
+def test_a_cylinder_keeps_volume_and_sharp_rims() -> None:
+    fine = shape_cylinder(0.03, 0.1, edge_length=0.004)
+    coarse, report = remesh_surface(fine, distance=0.001, edge_length=0.01)
+    assert abs(report.volume_change) < 1e-11
+    assert report.distance <= 0.001
+    # Measured apart from the code judged, against the true cylinder: the rims are where they were,
+    # and no point is further than the distance from it, but for the given facets' own sagitta.
+    assert np.ptp(coarse.points[:, 2]) == pytest.approx(0.1, rel=1e-12)
+    sagitta = 0.004**2 / (8 * 0.03) * 2
+    assert np.hypot(*coarse.points[:, :2].T).max() < 0.03 + 0.001 + sagitta
+
+
+def test_a_distance_too_small_for_the_volume_is_kept_and_said() -> None:
+    fine = shape_sphere(1.0, edge_length=0.1)
+    new, _ = remesh_surface(fine, distance=0.03, edge_length=0.3)
+    points = np.ascontiguousarray(new.points * (1.0 - 0.02))
+    given = (np.ascontiguousarray(fine.points), np.ascontiguousarray(fine.facets))
+    kept = keep_volume(points, new.facets, given, distance=0.03, reached=0.02)
+    assert 0.0 < kept.part <= 1.0
+    assert kept.distance <= 0.03
+    # No way at all: nothing moves, and that is said.
+    stuck = keep_volume(points, new.facets, given, distance=1e-6, reached=0.02)
+    np.testing.assert_array_equal(stuck.points, points)
+    assert stuck.part == 0.0
 
 
 def test_the_mesh_has_better_cells_than_with_the_boundary_kept() -> None:
