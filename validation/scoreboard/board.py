@@ -108,9 +108,7 @@ def compute_board(
             if who is entry
             and not is_kept(entry, of := under[case.path.stem, entry.law], kept, time_limit)
         )
-        first = next(missing, None)
-        if first is not None:
-            warm_up(entry, first, clock.say)
+        any(warm_up(entry, of, clock.say) for of in missing)  # until one can be posed to it
     truths: dict[tuple[str, Law], Truth] = {}
     rooms = threading.Semaphore(processes or _cores())
 

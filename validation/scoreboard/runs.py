@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import time
 from dataclasses import dataclass, field
@@ -117,14 +116,23 @@ def is_kept(entry: Entry, case: Case, kept: Kept, time_limit: float) -> bool:
     return kept.read(*_place(entry, case, time_limit)) is not None
 
 
-def warm_up(entry: Entry, case: Case, progress: Progress) -> None:
-    """Run a simulator once for nothing, so that no answer waits for what is compiled at first."""
+def warm_up(entry: Entry, case: Case, progress: Progress) -> bool:
+    """Run a simulator once for nothing, so that no answer waits for what is compiled at first.
+
+    Returns:
+        Whether it ran: False where the case cannot be posed to it.
+    """
     command = entry.command_line(is_motion=case.problem.time is not None)
     if command is None:
-        return
-    progress(f"{entry.name} runs once for nothing, and compiles")
-    with contextlib.suppress(CandidateFailedError, InputError):
+        return False
+    progress(f"{entry.name} compiles: once for nothing, on {case.path.stem}")
+    try:
         OutsideSimulator(command, _WARM_UP).run(case.problem, case.strain, in_silence)
+    except CannotPoseError:
+        return False
+    except (CandidateFailedError, InputError):
+        return True
+    return True
 
 
 def _place(entry: Entry, case: Case, time_limit: float) -> tuple[str, str]:

@@ -74,9 +74,6 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
             return Truth(case, why=str(error))
     problem, name = case.problem, f"truth-{case.name}"
     key = key_of(problem_key(problem), *made_by(), f"{_SECONDS:g}")
-    failed = kept.read(name, key)
-    if failed is not None:
-        return Truth(case, why=str(failed[0].get("why", "")))
     path = kept.path(name, key, ".npz")
     try:
         references, made_for, _ = read_reference(path)
@@ -96,10 +93,10 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
             request=TruthRequest(seconds=_SECONDS, metrics={case.strain: ("displacement_l2",)}),
         )
     except (ReferenceFailedError, InputError) as error:
-        return _keep_failure(case, kept, name, key, str(error))
+        return Truth(case, why=str(error))
     if references.truth(case.strain) is None and references.same_mesh(case.strain) is None:
         why = "; ".join(references.failures.values()) or "the reference found no answer"
-        return _keep_failure(case, kept, name, key, why)
+        return Truth(case, why=why)
     seconds = time.monotonic() - begin
     told = {**references.provenance, _TOLD_SECONDS: seconds}
     references = dataclasses.replace(references, provenance=told)
@@ -119,8 +116,3 @@ def made_by() -> tuple[str, ...]:
     text = b"\0".join(source.read_bytes() for source in sources)
     installed = json.dumps(availability.versions(), sort_keys=True)
     return installed, hashlib.sha256(text).hexdigest()
-
-
-def _keep_failure(case: Case, kept: Kept, name: str, key: str, why: str) -> Truth:
-    kept.write(name, key, {"why": why}, None)
-    return Truth(case, why=why)

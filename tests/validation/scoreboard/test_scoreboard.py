@@ -154,6 +154,22 @@ u = numpy.load({str(tmp_path / "u.npy")!r})"""
     assert changed[1].distance == pytest.approx(0.01, rel=1e-3)
 
 
+def test_who_compiles_runs_once_for_nothing_on_a_case_that_can_be_posed(tmp_path) -> None:
+    calls = tmp_path / "calls"
+    answer = f"""
+key = json.loads(Path(sys.argv[1], "case.json").read_text("utf-8"))
+with open({str(calls)!r}, "a") as log: log.write(key["name"] + " ")
+if key["name"] == "stretch": sys.exit(77)
+sys.exit("no")"""
+    entry = program(tmp_path, "compiles", answer).model_copy(update={"compiles": True})
+    board_of(tmp_path, [entry], ["stretch", "shear"], processes=1)
+    asked = calls.read_text().split()
+    # Once for nothing and once for its answer; a refusal compiles nothing.
+    assert asked.count("shear") == 2
+    board_of(tmp_path, [entry], ["stretch", "shear"])
+    assert calls.read_text().split() == asked
+
+
 def test_other_versions_are_asked_anew(monkeypatch) -> None:
     entry = next(e for e in read_entries() if e.name == "felupe-tetra4")
     found = set()
