@@ -127,7 +127,8 @@ def warm_up(entry: Entry, case: Case, progress: Progress) -> bool:
         return False
     progress(f"{entry.name} compiles: once for nothing, on {case.path.stem}")
     try:
-        OutsideSimulator(command, _WARM_UP).run(case.problem, case.strain, in_silence)
+        simulator = OutsideSimulator(command, _WARM_UP)
+        simulator.run(case.problem, case.strain, in_silence, case_name=case.path.stem)
     except CannotPoseError:
         return False
     except (CandidateFailedError, InputError):
