@@ -2,8 +2,9 @@
 
 Of these the section in plane strain tells all, and that is solved in two dimensions by polynomials
 of high degree (`plane`) until the answer is known to some 1e-5; how well is what the last rise of
-degree and layers changed. Edges and their singular stresses are those of any clamped or re-entrant
-body; the corners where three faces meet are not, as the walls are smooth: those has "slender".
+degree and layers changed, and where such changes fall slowly, all that would follow. Edges and
+their singular stresses are those of any clamped or re-entrant body; the corners where three faces
+meet are not, as the walls are smooth: those has "slender".
 
 Where a law gives way at a pressed corner (see `plane`) the finest grid that has an equilibrium, and
 that the one before led to, has the word: it changes at most half of what that one did.
@@ -11,6 +12,8 @@ that the one before led to, has the word: it changes at most half of what that o
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -48,7 +51,7 @@ _LINES = {
 _LEFT_OUT = {"bracket": (1, 1), "notched": (1, 1)}
 # Strain far from corners; and degrees with layers, each of which begins where the last one ended.
 _STRAIN = {"linear": 0.05, Law.SAINT_VENANT_KIRCHHOFF: 0.015, Law.NEO_HOOKEAN_STABLE: 0.03}
-_LINEAR_LEVELS = ((6, 5), (8, 7))
+_LINEAR_LEVELS = ((4, 3), (6, 5), (8, 7))
 _ROUNDING = 1e-7
 _LEVELS = ((4, 2), (6, 3), (6, 4), (6, 5))
 
@@ -168,23 +171,32 @@ def _answer(
             break
         area, outline = plane.sizes(start[1])
         moved = plane.at(start[1], grid)
-        if found:
-            steps.append(_apart(moved, found[-1][0]))
-        if len(steps) > 1 and steps[-1] > max(0.5 * steps[-2], _ROUNDING):
+        step = _apart(moved, found[-1][0]) if found else math.inf
+        if len(steps) > 1 and step > max(0.5 * steps[-1], _ROUNDING):
             break
+        steps.append(step)
         found.append((moved, width * area, 2.0 * area + width * outline))
     if len(found) < 2:
         return None
-    (before, *sizes_before), (moved, volume, surface_area) = found[-2:]
-    displacement = np.insert(moved, 1, 0.0, axis=1)
-    off = _apart(moved, before)
-    doubts = dict.fromkeys(("displacement_l2", "displacement_max", "max_displacement"), off)
-    rests = {"volume": mesh.volume, "surface_area": mesh.surface_area}
-    for (metric, rest), new, old in zip(
-        rests.items(), (volume, surface_area), sizes_before, strict=True
+    moved, volume, surface_area = found[-1]
+    displacements = ("displacement_l2", "displacement_max", "max_displacement")
+    doubts = dict.fromkeys(displacements, _left(steps[1:]))
+    for metric, rest, sizes in (
+        ("volume", mesh.volume, [each[1] for each in found]),
+        ("surface_area", mesh.surface_area, [each[2] for each in found]),
     ):
-        doubts[metric] = abs(new - old) / size_of_change(new, rest)
-    return told(mesh, displacement, (volume, surface_area), strain, doubts)
+        scale = size_of_change(sizes[-1], rest)
+        doubts[metric] = _left((np.abs(np.diff(sizes)) / scale).tolist())
+    return told(mesh, np.insert(moved, 1, 0.0, axis=1), (volume, surface_area), strain, doubts)
+
+
+def _left(steps: Sequence[float]) -> float:
+    """What may be left after the last step: at least that, more where they fall slowly."""
+    last = steps[-1]
+    if len(steps) == 1 or last <= _ROUNDING:
+        return last
+    fall = last / max(steps[-2], _ROUNDING)
+    return last * max(1.0, fall / (1.0 - fall)) if fall < 1.0 else math.inf
 
 
 def _apart(new: Floats, old: Floats) -> float:
