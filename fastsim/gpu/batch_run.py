@@ -64,7 +64,7 @@ class BatchRun:
         device: "warp:cpu" or "cuda:0".
         precision: "float32" or "float64".
         is_repeatable: Two runs have the same bits; else forces are added as they come, which
-            takes a launch less and a third of the memory.
+            takes a launch less and no room for the forces of single cells.
         tracks_energy: Keep the balance of energy.
 
     Attributes:

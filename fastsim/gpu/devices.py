@@ -2,6 +2,8 @@
 
 "cpu" means what it always meant, C++ on the processor, and needs nothing installed. "warp:cpu"
 runs the kernels of the GPU on the processor: one thread, slower than the core, there to prove them.
+Kernels are compiled when first needed and kept in Warp's own cache of the user, or in the folder
+that the environment variable WARP_CACHE_PATH names; nothing is written beside the sources.
 """
 
 from __future__ import annotations
