@@ -223,24 +223,44 @@ void TetComplex::cells_around(Index point, std::vector<Index> &out) const {
     }
 }
 
+template <typename Fits> Index TetComplex::first_around(Index point, const Fits &fits) const {
+    const Index start = cell_at(point);
+    if (start == none || fits(start))
+        return start;
+    ++_visit_stamp;
+    thread_local std::vector<Index> around; // kept for its memory
+    around.assign(1, start);
+    _visit[at(start)] = _visit_stamp;
+    for (std::size_t i = 0; i < around.size(); ++i) {
+        const Index c = around[i];
+        for (int k = 0; k < 4; ++k) {
+            if (_cells[at(c)][slot(k)] == point)
+                continue;
+            const Index n = neighbour(c, k);
+            if (n == none || _visit[at(n)] == _visit_stamp)
+                continue;
+            if (fits(n))
+                return n;
+            _visit[at(n)] = _visit_stamp;
+            around.push_back(n);
+        }
+    }
+    return none;
+}
+
 bool TetComplex::has_edge(Index a, Index b) const {
-    std::vector<Index> around;
-    cells_around(a, around);
-    return std::any_of(around.begin(), around.end(), [&](Index c) { return corner_of(c, b) >= 0; });
+    return first_around(a, [&](Index c) { return corner_of(c, b) >= 0; }) != none;
 }
 
 Side TetComplex::find_facet(Index a, Index b, Index c) const {
-    std::vector<Index> around;
-    cells_around(a, around);
-    for (const Index t : around) {
-        if (corner_of(t, b) < 0 || corner_of(t, c) < 0)
-            continue;
+    const Index t =
+        first_around(a, [&](Index n) { return corner_of(n, b) >= 0 && corner_of(n, c) >= 0; });
+    if (t != none)
         for (int k = 0; k < 4; ++k) {
             const Index v = _cells[at(t)][slot(k)];
             if (v != a && v != b && v != c)
                 return {t, k};
         }
-    }
     return {none, -1};
 }
 
@@ -249,12 +269,9 @@ void TetComplex::edge_ring(Index a, Index b, std::vector<Index> &cells, std::vec
     cells.clear();
     ring.clear();
     is_closed = false;
-    std::vector<Index> around;
-    cells_around(a, around);
-    const auto found =
-        std::find_if(around.begin(), around.end(), [&](Index c) { return corner_of(c, b) >= 0; });
-    if (found != around.end())
-        edge_ring_from(*found, a, b, cells, ring, is_closed);
+    const Index found = first_around(a, [&](Index c) { return corner_of(c, b) >= 0; });
+    if (found != none)
+        edge_ring_from(found, a, b, cells, ring, is_closed);
 }
 
 void TetComplex::edge_ring_from(Index start, Index a, Index b, std::vector<Index> &cells,

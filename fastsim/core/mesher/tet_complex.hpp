@@ -83,6 +83,8 @@ class TetComplex {
   private:
     static std::size_t slot(int k) { return static_cast<std::size_t>(k); }
     Index new_slot();
+    /// The first living cell at a point, in the order of cells_around, that `fits`, or none.
+    template <typename Fits> Index first_around(Index point, const Fits &fits) const;
     void close_boundary(std::span<const Index> corners);
     void link(std::span<const Index> cells);
 

@@ -97,7 +97,8 @@ bool small_offsets(const std::array<const Point *, n> &points,
         }
     if (lowest > highest || highest - lowest >= most_bits || lowest <= 1 || lowest >= 2000)
         return false; // all zero, or not small, or the unit's inverse is no double
-    const double unit = std::ldexp(1.0, 1023 - lowest);
+    // 2^(1023 - lowest), by its bits.
+    const auto unit = std::bit_cast<double>(static_cast<std::uint64_t>(2046 - lowest) << 52);
     for (std::size_t k = 0; k + 1 < n; ++k)
         for (std::size_t i = 0; i < 3; ++i)
             out[k][i] = static_cast<std::int64_t>(offsets[k][i] * unit);
