@@ -145,9 +145,9 @@ def peak_memory_mb() -> float:
 
 
 def refuse(why: str) -> NoReturn:
-    """End: the case cannot be posed to this simulator."""
-    print(why)
-    sys.exit(NOT_POSED)
+    """End: the case cannot be posed to this simulator; some libraries say goodbye after that."""
+    print(why, flush=True)
+    os._exit(NOT_POSED)
 
 
 def _of_children_mb() -> float:
