@@ -3,10 +3,7 @@
 Where it is clamped, or where tools touch it, the strain changes from cell to cell. Three meshes,
 each refined from the last where its motion says, tell how far the last of them is from the limit;
 three time steps on the second (on the first, nodes that come to a tool and leave it would drown it)
-how far the shortest is. The truth is the finest mesh's with the shortest step. With tools, whose
-steps are many times dearer, what shorter steps change on the second mesh is added to the finest
-mesh's motion instead; how far that would have been off from the first mesh to the second is then
-in the part of the bar that is of time.
+how far the shortest is. The truth is the finest mesh's with the shortest step.
 """
 
 from __future__ import annotations
@@ -26,7 +23,6 @@ from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.references.motion_runs import solve_implicit
 from palpate.validation.references.motion_sequences import (
     assess_sequence,
-    difference,
     truth_metrics,
 )
 from palpate.validation.references.sequences import as_data, bar_of
@@ -69,18 +65,9 @@ def solve_motion_truth(
     )
     in_time = assess_sequence(problem, (quarter, half, second))
     in_space = assess_sequence(problem, (finest, second, first))
-    if problem.tools:
-        first_quarter = solve_implicit(problem, strain, short, progress)
-        truth = _changed(problem.mesh, finest, second, quarter)
-        guessed = _changed(problem.mesh, first, second, quarter)
-        off = {m: difference(m, problem, guessed, first_quarter) for m in in_time}
-    else:
-        truth = _read_at(problem.mesh, solve_implicit(meshes[-1], strain, short, progress))
-        off = dict.fromkeys(in_time, 0.0)
+    truth = _read_at(problem.mesh, solve_implicit(meshes[-1], strain, short, progress))
     bars = {
-        metric: BarParts(
-            discretisation=bar_of(in_space[metric]), time=bar_of(in_time[metric]) + off[metric]
-        )
+        metric: BarParts(discretisation=bar_of(in_space[metric]), time=bar_of(in_time[metric]))
         for metric in truth_metrics(problem)
     }
     details = {
@@ -145,20 +132,6 @@ def _read_at(mesh: TetMesh, run: State) -> State:
     """A run on a refined mesh at the points of the mesh it came from, which come first."""
     assert run.trajectory is not None
     return _with(mesh, run, run.trajectory.displacements[:, : mesh.num_points], run.tool_forces)
-
-
-def _changed(mesh: TetMesh, run: State, before: State, after: State) -> State:
-    """A run and what changes from one other to another, all at the same points and outputs."""
-    moved, forces = _motion(run)
-    ends, starts = _motion(after), _motion(before)
-    both = None if forces is None else forces + (ends[1] - starts[1])
-    return _with(mesh, run, moved + (ends[0] - starts[0]), both)
-
-
-def _motion(run: State) -> tuple[Floats, Any]:
-    """Displacements [m] and forces on the tools [N] over time; None of a body without tools."""
-    assert run.trajectory is not None
-    return run.trajectory.displacements, run.tool_forces
 
 
 def _with(mesh: TetMesh, run: State, moved: Floats, forces: Floats | None) -> State:
