@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.fastsim import mesher
 from palpate.fastsim.body import Body
 from palpate.fastsim.critical_cells import (
     cell_steps,
@@ -13,7 +14,7 @@ from palpate.fastsim.critical_cells import (
     mesh_to_time_step,
     wave_speed,
 )
-from palpate.fastsim.mesher import TimeLimitError, mesh_surface
+from palpate.fastsim.mesher import Interior, MeshingReport, TimeLimitError, mesh_surface
 from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Element, Material
@@ -105,6 +106,22 @@ def test_progress_names_the_stages_with_their_amounts() -> None:
     (expected,) = (line for line in told if "expected" in line)
     assert float(expected.split("some ")[1].split()[0]) == pytest.approx(mesh.num_cells, rel=0.15)
     assert any(line.startswith("improving cells: ") for line in told)
+
+
+def test_work_on_slivers_is_bounded_only_where_the_interior_is_graded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Uniform meshes are those of cases, which stay what they are.
+    surface = shape_kidney(edge_length=0.012)
+    whole = mesh_surface(surface)
+    monkeypatch.setattr(mesher, "_LEAST_WORK", 1)
+    monkeypatch.setattr(mesher, "_WORK_PER_CELL", 0.0)
+    reports: list[MeshingReport] = []
+    again = mesh_surface(surface, report=reports.append)
+    np.testing.assert_array_equal(again.points, whole.points)
+    graded = mesh_surface(surface, interior=Interior.GRADED, report=reports.append)
+    assert [report.is_cut_short for report in reports] == [False, True]
+    assert graded.volume == pytest.approx(surface.volume, rel=1e-12)
 
 
 def test_a_caller_may_end_the_work() -> None:
