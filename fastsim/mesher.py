@@ -51,6 +51,8 @@ _LEAST_WORK, _WORK_PER_CELL = 100_000, 1.0
 _UNBOUNDED_WORK = 2**62
 # Of a mesh, for each point of the surface and each inside, about.
 _CELLS_PER_POINT = (2.7, 6.0)
+# Of the lattice in the surface's box, mostly empty or not: each takes some 70 ns.
+_MOST_CUBES = 5e8
 # Pairs of facets that an error names at most: a surface on itself has millions.
 _MOST_PAIRS = 1000
 
@@ -267,6 +269,7 @@ def mesh_surface(
             raise InputError("the paper's cubes are all alike; a graded interior needs the others")
         if edge_length is None:
             size *= LARGEST_GRADED
+    _refuse_too_many_cubes(points, size)
     sizes = grid_of_sizes(points, size, size_field)
     kind = _core.Lattice.cubic if lattice is Lattice.PAPER else _core.Lattice.body_centred
     # The paper's jitter must break the cubes' symmetry; a body-centred lattice needs none.
@@ -321,6 +324,18 @@ def mesh_surface(
     if report:
         report(best[1])
     return best[0]
+
+
+def _refuse_too_many_cubes(points: Points, size: float) -> None:
+    """The lattice fills the box around all parts, however far apart they lie."""
+    extents = np.ptp(points, axis=0)
+    cubes = float(np.prod(np.maximum(extents / size, 1.0)))
+    if not cubes <= _MOST_CUBES:
+        raise MeshingError(
+            f"an edge length of {size:.3g} m asks for {cubes:.0e} cubes in a box of "
+            f"{extents.max():.3g} m, more than {_MOST_CUBES:.0e}: take a longer one, or mesh parts "
+            "that lie far apart one by one"
+        )
 
 
 def largest_edge(surface: TriSurface) -> float:

@@ -8,7 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.fastsim import _core
-from palpate.fastsim.mesher import DuplicatePointError, Interior, Lattice, mesh_surface
+from palpate.fastsim.mesher import (
+    DuplicatePointError,
+    Interior,
+    Lattice,
+    MeshingError,
+    mesh_surface,
+)
 from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.quality import dihedral_angles, edge_lengths, measure_quality
@@ -38,6 +44,16 @@ def _require_kept(surface: TriSurface, mesh: TetMesh) -> None:
     assert abs(mesh.volume / surface.volume - 1.0) < VOLUME_TOLERANCE
     for cell in mesh.cells[:: max(1, len(mesh.cells) // 200)]:
         assert _core.orient3d(*(mesh.points[k].tolist() for k in cell)) == 1
+
+
+def test_parts_too_far_apart_for_one_lattice_are_refused_at_once() -> None:
+    ball = shape_sphere(1.0, edge_length=0.4)
+    both = TriSurface(
+        np.vstack([ball.points, ball.points + 1e3]),
+        np.vstack([ball.facets, ball.facets + len(ball.points)]),
+    )
+    with pytest.raises(MeshingError, match="mesh parts that lie far apart one by one"):
+        mesh_surface(both)
 
 
 @pytest.mark.parametrize("name", SHAPES)
