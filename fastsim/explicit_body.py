@@ -356,7 +356,10 @@ class ExplicitBody:
         self._is_looked_at = False
 
     def moved(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
-        """Take note of steps that `run` has made; raises as `step` does."""
+        """Take note of `steps_done` that `run` has made; raises as `step` does.
+
+        `reason` and `point` say what ended them, as the core's run does, and where.
+        """
         self._is_read = self._is_looked_at = False
         self._settle(steps_done, reason, point)
 
