@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.fastsim import _core, explicit_body
+from palpate.fastsim import _core, explicit_run
 from palpate.fastsim.amplitudes import smooth_ramp
 from palpate.fastsim.body import Body
 from palpate.fastsim.dynamics import DynamicResult, simulate
@@ -154,7 +154,7 @@ def test_a_wrong_force_breaks_the_balance(
 
     names = {name: getattr(_core, name) for name in dir(_core) if not name.startswith("__")}
     seeded = SimpleNamespace(**{**names, "ExplicitRun": Stiffer})
-    monkeypatch.setattr(explicit_body, "_core", seeded)
+    monkeypatch.setattr(explicit_run, "_core", seeded)
     result = run(mesh, BodyForce((0.0, 40.0, -200.0)), ramped=ramped)
     assert imbalance(result) > limit
 
