@@ -161,7 +161,7 @@ def judge(outcomes: list[Outcome]) -> list[Finding]:
     """What a person with a scan asks."""
     made = [o for o in outcomes if o.version.kind != _OF_FOLDER]
     meshed = [o for o in made if o.trial.ending is Ending.MESHED]
-    ended = [o for o in outcomes if o.trial.ending is not Ending.CRASHED]
+    ended = [o for o in outcomes if o.trial.ending in (Ending.MESHED, Ending.REFUSED)]
     far = [o for o in outcomes if not o.is_near]
     unsound = [o for o in outcomes if not o.is_sound]
     slow = [o for o in outcomes if not o.is_in_time]
@@ -180,7 +180,7 @@ def judge(outcomes: list[Outcome]) -> list[Finding]:
             len(made) >= FEWEST and len(meshed) >= FEWEST_MESHED,
         ),
         judged(
-            "none crashes, and what is refused is refused for a stated reason",
+            "each is meshed or refused for a stated reason: none crashes, none has to be ended",
             _names([o for o in outcomes if o not in ended]) or f"all {len(ended)} as they should",
             len(ended) == len(outcomes) and all(o.trial.said for o in ended),
         ),

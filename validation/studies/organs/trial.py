@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from palpate.meshes.supervised import run_supervised
 from palpate.meshes.tri_surface import TriSurface
 
+# The mesher is told to give up by itself after this, by the clock [s].
+_MOST_MESHING = 100.0
 # Beyond what is allowed a run is ended after this much processor time, and this much by the clock
 # for a machine that does other things as well [s].
 _MOST_CPU, _MOST_WALL = 120, 1800.0
@@ -98,7 +100,7 @@ def attempt(surface: TriSurface, *, distance: float, smallest_shell: float) -> T
         choices = RepairChoices(distance=distance, smallest_shell=smallest_shell)
         mended = mend_surface(surface, choices)
         mended_at = time.process_time()
-        mesh = mesh_surface(mended.surface)
+        mesh = mesh_surface(mended.surface, time_limit=_MOST_MESHING)
     except InputError as error:
         end = time.process_time()
         where = "" if mended_at == start else "mended, but not meshed: "
