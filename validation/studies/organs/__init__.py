@@ -259,6 +259,7 @@ def _draw(outcomes: Sequence[Outcome]) -> str:
             tick.set_color("black" if o.measured else RED)
         axes.set_ylim(-1, len(outcomes))
         tidy(axes)
+        figure.tight_layout()
         return figure_svg(figure)
 
 
