@@ -48,6 +48,7 @@ SIZES: dict[int, Callable[[], TetMesh]] = {
 TISSUE = Material(1e4, 0.45, 1000.0)
 MASS_DAMPING = 5.0  # [1/s]
 WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
+_NEWTON = "pip install newton warp-lang"
 _KIND = ("element", "precision", "law")
 _COMPUTED = ("threads", "precision", "device")
 # Bytes that a step moves: a smaller body may stay in a cache, and says nothing of the memory.
@@ -82,7 +83,7 @@ TOOLS = (
     Tool("numba", "numba_loop", "pip install numba", {"precision": "float32"}),
     Tool("numba", "numba_loop", "pip install numba", {"precision": "float64"}),
     Tool("mujoco", "mujoco_flex", "pip install mujoco"),
-    Tool("newton", "newton_neo_hookean", "pip install newton warp-lang"),
+    Tool("newton", "newton_neo_hookean", _NEWTON),
     Tool("taichi", "taichi_loop", "pip install taichi"),
     DOLFINX,
 )
@@ -134,7 +135,7 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
 
 
 def on_device(benchmark: Benchmark, device: str) -> Benchmark:
-    """The benchmark with ours on a device besides."""
+    """The benchmark with ours on a device besides, and the simulators of others that Warp runs."""
     more = tuple(
         Tool(
             OURS,
@@ -150,7 +151,11 @@ def on_device(benchmark: Benchmark, device: str) -> Benchmark:
         for precision in Precision
     )
     ours = sum(tool.name == OURS for tool in benchmark.tools)
-    tools = (*benchmark.tools[:ours], *more, *benchmark.tools[ours:])
+    there = {"device": device.removeprefix("warp:")}
+    rivals = [Tool("mujoco-warp", "mujoco_on_warp", "pip install mujoco-warp", there)]
+    if there["device"] != "cpu":  # where it is timed anyway
+        rivals.append(Tool("newton", "newton_neo_hookean", _NEWTON, there))
+    tools = (*benchmark.tools[:ours], *more, *benchmark.tools[ours:], *rivals)
     return dataclasses.replace(benchmark, tools=tools)
 
 

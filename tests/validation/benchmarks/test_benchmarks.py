@@ -72,6 +72,12 @@ def test_step_rows_are_whole_and_the_rival_has_the_same_force(small_steps):
     assert all(row["peak_memory_mb"] > 1.0 for row in rows)
 
 
+def test_simulators_of_others_that_warp_runs_are_timed_on_the_device_too():
+    tools = steps.on_device(steps.BENCHMARK, "cuda:0").tools
+    there = {tool.name for tool in tools if tool.options.get("device") == "cuda:0"}
+    assert there == {OURS, "newton", "mujoco-warp"}
+
+
 def test_a_device_has_rows_beside_the_core_with_its_bytes_and_its_share(monkeypatch):
     pytest.importorskip("warp", reason="the extra `gpu` is not installed")
     box = partial(brick_box, (12, 3, 3), (4.0, 1.0, 1.0), ragged=0.15)

@@ -1,4 +1,4 @@
-"""Newton (Warp) on the processor, semi-implicit: stable neo-Hookean with its logarithm; to rest.
+"""Newton (Warp), semi-implicit: stable neo-Hookean with its logarithm; on the processor, to rest.
 
     palpate gate CASE --law neo-hookean-stable-log --simulator "python newton_neo_hookean.py ..."
 
@@ -11,11 +11,14 @@ from __future__ import annotations
 from typing import Any
 
 import newton
+import warp as wp
 from mechanics import stable_step
 from newton_soft import Rested, SoftMesh
 
 
 class _SemiImplicit(SoftMesh):  # type: ignore[misc]
+    device = "cpu"
+
     def constants(self, lmbda: float, mu: float) -> tuple[float, float]:
         """Its energy's derivatives at rest are 3/4 k_mu and k_lambda - 5/8 k_mu (Smith 2018).
 
@@ -25,7 +28,7 @@ class _SemiImplicit(SoftMesh):  # type: ignore[misc]
 
     def make_solver(self, builder: Any) -> Any:
         """Neither triangles nor contacts: the tetrahedra and the update alone."""
-        self.model = builder.finalize(device="cpu")
+        self.model = builder.finalize(device=self.device)
         self.model.particle_grid = None
         return newton.solvers.SolverSemiImplicit(self.model, enable_tri_contact=False)
 
@@ -38,13 +41,16 @@ class Steps(_SemiImplicit):
     """Its law is not ours, so forces are not compared."""
 
     def __init__(self, job: dict[str, Any]) -> None:
+        self.device = str(job.get("device", self.device))
         gravity = job["external_force"].sum(axis=0) / job["lumped_mass"].sum()
         super().__init__(job, float(job["time_step"]), gravity)
 
-    def advance(self, num_steps: int) -> None:
-        """Whole steps."""
+    def advance(self, num_steps: int) -> dict[str, Any]:
+        """Whole steps, to their end."""
         for _ in range(num_steps):
             self.step()
+        wp.synchronize_device(self.model.device)
+        return {"device": self.device}
 
 
 class Static(_SemiImplicit, Rested):  # type: ignore[misc]
