@@ -142,7 +142,8 @@ def test_a_sphere_feels_what_the_support_gives(box):
     assert np.abs(internal[held].sum(axis=0) - felt).max() <= 1e-8 * felt[2]
 
 
-# Against the stored truth, what a prototype written apart from this measured on the same meshes.
+# Against the stored truth, what a prototype written apart from this measured on the same meshes;
+# truths have been refined since, within their bars.
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "error"),
@@ -150,12 +151,14 @@ def test_a_sphere_feels_what_the_support_gives(box):
 )
 def test_error_against_the_truth_is_what_a_prototype_had(name, error):
     problem = load_case(name).problem
-    truth = load_stored(name, problem).truth(Strain.GREEN)
+    stored = load_stored(name, problem)
+    truth, bar = stored.truth(Strain.GREEN), stored.bars["displacement_l2", Strain.GREEN]
     found = solve_static(problem, element=SMOOTHED)
     state = make_state(
         problem.mesh, found.displacement, label="", simulator="reference", strain=Strain.GREEN
     )
-    assert displacement_l2(problem.mesh, state, truth).value == pytest.approx(error, rel=0.02)
+    measured = displacement_l2(problem.mesh, state, truth).value
+    assert measured == pytest.approx(error, rel=0.02, abs=bar)
 
 
 @pytest.mark.parametrize("fault", ["edge", "node", "material"])
