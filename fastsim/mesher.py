@@ -302,12 +302,13 @@ def mesh_surface(
             raise TimeLimitError(time_limit, made.stopped_in)
         if made.equal_points[0] >= 0:
             raise DuplicatePointError(*(int(used[point]) for point in made.equal_points))
-        if len(made.cells) == 0:
+        cells = made.cells
+        if len(cells) == 0:
             edges = [(int(used[a]), int(used[b])) for a, b in made.missing_edges]
             failure = BoundaryRecoveryError(made.missing_facets, edges)
             continue
         try:
-            mesh = TetMesh(made.points, made.cells)
+            mesh = TetMesh(made.points, cells)
         except InvertedCellError as error:
             failure = FlatCellError(error.cells)
             continue
@@ -316,7 +317,7 @@ def mesh_surface(
         if is_kept or best is None:
             best = mesh, MeshingReport(**counts, attempts=attempt, remesh=remesh)
         if is_kept:
-            _require_boundary(facets, mesh)
+            require_boundary(facets, mesh)
             break
     if best is None:
         assert failure is not None
@@ -365,12 +366,27 @@ def delaunay(points: Points) -> tuple[Indices, list[int]]:
     return cells, duplicates
 
 
-def _require_boundary(facets: Indices, mesh: TetMesh) -> None:
-    """The mesh's own boundary is the surface, facet by facet."""
-    wanted = {tuple(row) for row in np.sort(facets, axis=1).tolist()}
-    found = {tuple(row) for row in np.sort(mesh.boundary_facets, axis=1).tolist()}
-    if wanted != found:
+def require_boundary(facets: Indices, mesh: TetMesh) -> None:
+    """Refuse a mesh whose boundary is not the surface, facet by facet, told from its cells alone.
+
+    Args:
+        facets: The surface's, by the mesh's points, shape (num_facets, 3).
+        mesh: What was made of it.
+
+    Raises:
+        BoundaryRecoveryError: With the facets that are not there.
+    """
+
+    def in_order(rows: Indices) -> Indices:
+        # Corners ascending, then rows.
+        rows = np.sort(rows, axis=1)
+        ordered: Indices = rows[np.lexsort(rows.T[::-1])]
+        return ordered
+
+    found = _core.find_boundary_facets(mesh.cells, mesh.num_points)
+    if not np.array_equal(in_order(facets), in_order(found)):
+        kept = set(map(tuple, np.sort(found, axis=1).tolist()))
         lost = [
-            k for k, row in enumerate(np.sort(facets, axis=1).tolist()) if tuple(row) not in found
+            k for k, row in enumerate(np.sort(facets, axis=1).tolist()) if tuple(row) not in kept
         ]
         raise BoundaryRecoveryError(lost, [])

@@ -30,9 +30,9 @@ def checked_points(points: Any) -> Points:
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         raise ShapeError(f"points need shape (num_points, 3) of reals, got {array.shape}")
     array = np.array(array, dtype=np.float64, order="C")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if bad.size:
-        raise NonFiniteError(bad.tolist())
+    is_finite = np.isfinite(array)
+    if not is_finite.all():
+        raise NonFiniteError(np.flatnonzero(~is_finite.all(axis=1)).tolist())
     array.setflags(write=False)
     return array
 
@@ -60,9 +60,9 @@ def checked_indices(indices: Any, width: int, num_points: int, what: str) -> Ind
         width > 1 and (array.ndim != 2 or array.shape[1] != width)
     ):
         raise ShapeError(f"{what} need shape {shape}, got {array.shape}")
-    outside = (array < 0) | (array >= num_points)
-    rows = np.flatnonzero(outside if width == 1 else outside.any(axis=1))
-    if rows.size:
+    if array.size and (array.min() < 0 or array.max() >= num_points):
+        outside = (array < 0) | (array >= num_points)
+        rows = np.flatnonzero(outside if width == 1 else outside.any(axis=1))
         raise IndexRangeError(what, rows.tolist(), num_points)
     array = np.array(array, dtype=np.int32, order="C")
     array.setflags(write=False)

@@ -17,12 +17,18 @@ from palpate.meshes.tri_surface import TriSurface
 # Facet k of a positive cell lies opposite its vertex k; seen from outside, counter-clockwise.
 CELL_FACETS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]], dtype=np.int32)
 
+# Cells at once: so few numbers stay in the processor's cache.
+_BLOCK = 4096
+
 
 def signed_volumes(points: Points, cells: Indices) -> Floats:
     """Signed volume of each cell, det(x1 - x0, x2 - x0, x3 - x0) / 6 [m3], shape (num_cells,)."""
-    origin = points[cells[:, 0]]
-    a, b, c = (points[cells[:, k]] - origin for k in (1, 2, 3))
-    volumes: Floats = np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0
+    volumes = np.empty(len(cells))
+    for first in range(0, len(cells), _BLOCK):
+        block = cells[first : first + _BLOCK]
+        origin = points[block[:, 0]]
+        a, b, c = (points[block[:, k]] - origin for k in (1, 2, 3))
+        volumes[first : first + _BLOCK] = np.einsum("ij,ij->i", np.cross(a, b), c) / 6.0
     return volumes
 
 

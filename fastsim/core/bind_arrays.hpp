@@ -50,10 +50,11 @@ template <typename Array> auto as_span(Array &array) {
 // A copy that Python owns.
 template <typename T, std::size_t width>
 nb::ndarray<nb::numpy, T> as_table(std::span<const std::array<T, width>> rows) {
-    auto table = new_array<T>({rows.size(), width});
+    T *numbers = new T[rows.size() * width]; // not zeroed first: tables are large
     for (std::size_t r = 0; r < rows.size(); ++r)
-        std::copy(rows[r].begin(), rows[r].end(), table.data() + r * width);
-    return table;
+        std::copy(rows[r].begin(), rows[r].end(), numbers + r * width);
+    nb::capsule owner(numbers, [](void *p) noexcept { delete[] static_cast<T *>(p); });
+    return nb::ndarray<nb::numpy, T>(numbers, {rows.size(), width}, owner);
 }
 
 template <typename T, std::size_t width>

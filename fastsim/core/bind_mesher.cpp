@@ -1,6 +1,7 @@
 // Bindings of the mesher: no logic, no defaults. Python has checked every array.
 #include "bind_arrays.hpp"
 #include "delaunay/triangulation.hpp"
+#include "mesher/boundary_facets.hpp"
 #include "mesher/mesh_surface.hpp"
 #include "predicates/predicates.hpp"
 #include "slivers/star.hpp"
@@ -65,6 +66,19 @@ void bind_mesher(nb::module_ &module) {
         },
         nb::arg("points").noconvert(), nb::arg("facets").noconvert(), nb::arg("place"),
         nb::arg("altitude"));
+
+    module.def(
+        "find_boundary_facets",
+        [](Cells cells, std::size_t num_points) {
+            const auto rows = as_rows<Cell>(cells);
+            std::vector<Triple> facets;
+            {
+                nb::gil_scoped_release release;
+                facets = find_boundary_facets(rows, num_points);
+            }
+            return as_table<Index, 3>(facets);
+        },
+        nb::arg("cells").noconvert(), nb::arg("num_points"));
 
     module.def(
         "find_self_intersections",

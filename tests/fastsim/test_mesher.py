@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 
 from palpate.fastsim import _core
 from palpate.fastsim.mesher import (
+    BoundaryRecoveryError,
     DuplicatePointError,
     Interior,
     Lattice,
     MeshingError,
     mesh_surface,
+    require_boundary,
 )
 from palpate.meshes.errors import InputError, OpenSurfaceError, SelfIntersectionError
 from palpate.meshes.kidney import shape_kidney
@@ -222,3 +224,42 @@ def test_no_cell_is_much_thinner_than_the_thinnest_facet() -> None:
     areas = 0.5 * np.linalg.norm(normals, axis=2).max(axis=1)
     altitudes = 3.0 * signed_volumes(mesh.points, mesh.cells) / areas
     assert altitudes.min() > 0.6 * thinnest
+
+
+def _fan_about_one_point(num_cells: int) -> TetMesh:
+    """Cells around one edge: each corner of it is in all of them."""
+    angle = 2.0 * np.pi * np.arange(num_cells) / num_cells
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros(num_cells)], axis=1)
+    k = np.arange(num_cells) + 2
+    ahead = np.roll(k, -1)
+    zero, one = np.zeros_like(k), np.ones_like(k)
+    points = np.vstack([[[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]], ring])
+    return TetMesh(points, np.stack([zero, k, ahead, one], axis=1).astype(np.int32))
+
+
+@pytest.mark.parametrize("of", ["kidney", "fan"])
+def test_boundary_facets_are_those_of_one_cell(of: str) -> None:
+    mesh = mesh_surface(SHAPES["kidney"]()) if of == "kidney" else _fan_about_one_point(90)
+    found = _core.find_boundary_facets(mesh.cells, mesh.num_points)
+    np.testing.assert_array_equal(found, mesh.boundary_facets)
+    # A cell that is there twice pairs with itself; three times, each of its sides is single again.
+    for copies, single in ((2, 0), (3, 4)):
+        cells = np.repeat(mesh.cells[:1], copies, axis=0)
+        assert len(_core.find_boundary_facets(cells, mesh.num_points)) == single
+
+
+@pytest.mark.parametrize("spoil", ["a cell is gone", "a facet is not wanted", "another is wanted"])
+def test_a_boundary_that_is_not_the_surface_is_refused(spoil: str) -> None:
+    surface = SHAPES["sphere"]()
+    mesh, facets = mesh_surface(surface), surface.facets
+    require_boundary(facets[::-1], mesh)
+    if spoil == "a cell is gone":
+        behind = np.isin(mesh.cells, facets[7]).sum(axis=1) == 3
+        mesh = TetMesh(mesh.points, mesh.cells[~behind])
+    elif spoil == "a facet is not wanted":
+        facets = facets[:-1]
+    else:
+        facets = np.vstack([facets, facets[:1] + np.array([0, 0, 1])]).astype(np.int32)
+    with pytest.raises(BoundaryRecoveryError) as caught:
+        require_boundary(facets, mesh)
+    assert (7 in caught.value.facets) == (spoil == "a cell is gone")

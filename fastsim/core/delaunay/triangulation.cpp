@@ -157,7 +157,7 @@ Triangulation::Index Triangulation::locate(const Point &point) {
     }
 }
 
-DelaunayCells Triangulation::build(Watch &watch) {
+DelaunayCells Triangulation::build(Watch &watch, bool with_neighbours) {
     DelaunayCells result;
     std::array<Index, 4> first{};
     // Random points have 6.77 cells each; what is not touched is not allocated.
@@ -188,14 +188,17 @@ DelaunayCells Triangulation::build(Watch &watch) {
         fill(p);
     }
     std::sort(result.duplicates.begin(), result.duplicates.end());
-    collect(result);
+    collect(result, with_neighbours);
     return result;
 }
 
 // Hands over the corners' own memory, in the points' given numbers.
-void Triangulation::collect(DelaunayCells &result) {
+void Triangulation::collect(DelaunayCells &result, bool with_neighbours) {
     for (const Index c : _free_cells) {
         _corners[at(c)][3] = infinite;
+    }
+    if (with_neighbours) {
+        list_neighbours(result.neighbours);
     }
     std::vector<Cell>().swap(_cells);
     std::vector<Vertex>().swap(_vertices);
@@ -210,6 +213,25 @@ void Triangulation::collect(DelaunayCells &result) {
     }
     _corners.resize(kept);
     result.cells = std::move(_corners);
+}
+
+// Numbers the finite cells in their order, in their marks.
+void Triangulation::list_neighbours(std::vector<std::array<Index, 4>> &out) {
+    constexpr auto outside = static_cast<std::uint32_t>(-1);
+    std::uint32_t kept = 0;
+    for (std::size_t c = 0; c < _cells.size(); ++c) {
+        _cells[c].mark = _corners[c][3] == infinite ? outside : kept++;
+    }
+    out.reserve(kept);
+    for (const Cell &cell : _cells) {
+        if (cell.mark == outside) {
+            continue;
+        }
+        std::array<Index, 4> &row = out.emplace_back();
+        for (std::size_t k = 0; k < 4; ++k) {
+            row[k] = static_cast<Index>(_cells[at(cell.neighbour[k] >> 2)].mark);
+        }
+    }
 }
 
 } // namespace fastsim

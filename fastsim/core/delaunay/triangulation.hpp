@@ -28,8 +28,10 @@ namespace fastsim {
 
 struct DelaunayCells {
     std::vector<std::array<std::int32_t, 4>> cells; // positive by the exact predicate
-    std::vector<std::int32_t> duplicates;           // points left out: an equal one came first
-    bool is_flat = false;                           // all points lie in one plane: no cells
+    // Cell beyond the facet opposite each corner, -1 at the hull; filled where it is asked for.
+    std::vector<std::array<std::int32_t, 4>> neighbours;
+    std::vector<std::int32_t> duplicates; // points left out: an equal one came first
+    bool is_flat = false;                 // all points lie in one plane: no cells
 };
 
 class Triangulation {
@@ -38,7 +40,7 @@ class Triangulation {
 
     /// Inserts all points in an order that keeps neighbours together; deterministic. Looks at the
     /// watch now and then.
-    DelaunayCells build(Watch &watch);
+    DelaunayCells build(Watch &watch, bool with_neighbours = false);
 
   private:
     using Index = std::int32_t;
@@ -90,7 +92,8 @@ class Triangulation {
     void set_sphere(Index c, const Spoke &p, const Spoke &q, const Spoke &r);
     void set_plane(Index c, const Spoke &p, const Spoke &q);
     Index new_cell();
-    void collect(DelaunayCells &result);
+    void collect(DelaunayCells &result, bool with_neighbours);
+    void list_neighbours(std::vector<std::array<Index, 4>> &out);
 
     std::vector<std::int32_t> _order; // turn -> given number
     std::vector<Vertex> _vertices;

@@ -1,50 +1,72 @@
 #include "mesher/carve.hpp"
 
-#include <unordered_map>
+#include "mesher/facet_table.hpp"
+
+#include <utility>
+#include <vector>
 
 namespace fastsim {
 
-std::vector<Cell> carve(const TetComplex &complex, std::span<const Triple> facets) {
-    std::unordered_map<Triple, Triple, TripleHash> given;
-    for (const Triple &f : facets)
-        given.emplace(sorted_triple(f[0], f[1], f[2]), f);
-    const auto is_same_way = [](const Triple &f, const Triple &g) {
-        return (f[0] == g[0] && f[1] == g[1]) || (f[0] == g[1] && f[1] == g[2]) ||
-               (f[0] == g[2] && f[1] == g[0]);
-    };
-    std::vector<char> seen(complex.num_slots(), 0);
-    std::vector<Cell> kept;
+namespace {
+
+bool is_same_way(const Triple &f, const Triple &g) {
+    return (f[0] == g[0] && f[1] == g[1]) || (f[0] == g[1] && f[1] == g[2]) ||
+           (f[0] == g[2] && f[1] == g[0]);
+}
+
+} // namespace
+
+TetComplex carve(const TetComplex &complex, std::span<const Triple> facets) {
+    TetComplex inside;
+    const FacetTable given(facets);
+    // Of kept cells that in their turn, of others some number that nobody asks for.
+    std::vector<Index> number(complex.num_slots(), none);
+    std::vector<Cell> kept, neighbours;
+    std::vector<Index> region;
     for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
-        if (seen[slot] || !complex.is_alive(static_cast<Index>(slot)))
+        if (number[slot] != none || !complex.is_alive(static_cast<Index>(slot)))
             continue;
         // One region: cells reachable without crossing a facet of the surface.
-        std::vector<Index> region{static_cast<Index>(slot)};
-        seen[slot] = 1;
+        const auto first = static_cast<Index>(kept.size());
+        region.assign(1, static_cast<Index>(slot));
+        number[slot] = first;
         bool is_inside = false, is_outside = false;
-        for (std::size_t i = 0; i < region.size(); ++i)
+        for (std::size_t i = 0; i < region.size(); ++i) {
+            const Index c = region[i];
+            Cell beyond{none, none, none, none};
             for (int k = 0; k < 4; ++k) {
-                const Index c = region[i], n = complex.neighbour(c, k);
                 const Triple f = complex.facet(c, k);
-                const auto wall = given.find(sorted_triple(f[0], f[1], f[2]));
-                if (wall != given.end()) {
+                const Index wall = given.find(f);
+                if (wall != none) {
                     // The surface faces outwards, and so does the facet seen from its own cell.
-                    (is_same_way(f, wall->second) ? is_inside : is_outside) = true;
+                    (is_same_way(f, facets[TetComplex::at(wall)]) ? is_inside : is_outside) = true;
                     continue;
                 }
-                if (n == none)
+                const Index n = complex.neighbour(c, k);
+                if (n == none) {
                     is_outside = true;
-                else if (!seen[TetComplex::at(n)]) {
-                    seen[TetComplex::at(n)] = 1;
+                    continue;
+                }
+                Index &next = number[TetComplex::at(n)];
+                if (next == none) {
+                    next = first + static_cast<Index>(region.size());
                     region.push_back(n);
                 }
+                beyond[static_cast<std::size_t>(k)] = next;
             }
+            kept.push_back(complex.cell(c));
+            neighbours.push_back(beyond);
+        }
         if (is_inside && is_outside)
-            return {};
-        if (is_inside)
-            for (const Index c : region)
-                kept.push_back(complex.cell(c));
+            return inside;
+        if (!is_inside) {
+            kept.resize(TetComplex::at(first));
+            neighbours.resize(TetComplex::at(first));
+        }
     }
-    return kept;
+    inside.add_points(complex.points);
+    inside.set_cells(std::move(kept), std::move(neighbours));
+    return inside;
 }
 
 } // namespace fastsim

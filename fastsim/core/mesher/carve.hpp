@@ -4,12 +4,11 @@
 #include "mesher/tet_complex.hpp"
 
 #include <span>
-#include <vector>
 
 namespace fastsim {
 
-/// Keeps the cells that lie behind the facets, which face outwards; in the result the boundary
-/// has no neighbours. Empty when a region lies on both sides of the surface.
-std::vector<Cell> carve(const TetComplex &complex, std::span<const Triple> facets);
+/// The cells that lie behind the facets, which face outwards, on all the points; the boundary has
+/// no neighbours. Without cells when a region lies on both sides of the surface.
+TetComplex carve(const TetComplex &complex, std::span<const Triple> facets);
 
 } // namespace fastsim

@@ -6,6 +6,7 @@
 #include "slivers/flat_cells.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace fastsim {
 
@@ -49,18 +50,30 @@ void bring_forward(TetComplex &complex, std::span<const Index> chosen, Index fir
     std::vector<Point> points(complex.points.size());
     for (std::size_t v = 0; v < points.size(); ++v)
         points[TetComplex::at(number[v])] = complex.points[v];
-    std::vector<Cell> cells;
+    // Slots close up.
+    std::vector<Index> slot_number(complex.num_slots(), none);
+    Index num_cells = 0;
     for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
-        if (complex.is_alive(static_cast<Index>(slot))) {
-            Cell cell = complex.cell(static_cast<Index>(slot));
-            for (Index &v : cell)
-                v = number[TetComplex::at(v)];
-            cells.push_back(cell);
+        if (complex.is_alive(static_cast<Index>(slot)))
+            slot_number[slot] = num_cells++;
+    std::vector<Cell> cells, neighbours;
+    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
+        const auto c = static_cast<Index>(slot);
+        if (!complex.is_alive(c))
+            continue;
+        Cell cell = complex.cell(c), beyond{none, none, none, none};
+        for (std::size_t k = 0; k < 4; ++k) {
+            cell[k] = number[TetComplex::at(cell[k])];
+            const Index n = complex.neighbour(c, static_cast<int>(k));
+            if (n != none)
+                beyond[k] = slot_number[TetComplex::at(n)];
         }
+        cells.push_back(cell);
+        neighbours.push_back(beyond);
+    }
     complex = TetComplex();
-    for (const Point &p : points)
-        complex.add_point(p);
-    complex.set_cells(cells);
+    complex.add_points(points);
+    complex.set_cells(std::move(cells), std::move(neighbours));
 }
 
 /// Points on the boundary keep their order, without the cube; inner points that no cell uses are
@@ -96,20 +109,16 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
     // 1. The circum-cube. The paper cuts it into five cells and inserts into them; here its
     // corners are points like the others, which gives the same cells.
     TetComplex complex;
-    for (const Point &corner : cube_corners_around(points, cube_margin))
-        complex.add_point(corner);
+    complex.add_points(cube_corners_around(points, cube_margin));
+    complex.add_points(points);
 
     // 2 to 4. Lattice, disarranged, those well inside.
     watch.begin("placing points", 0);
-    std::vector<Point> all(points.begin(), points.end());
-    const std::vector<Point> inner = interior_points(points, facets, settings.lattice, sizes);
-    all.insert(all.end(), inner.begin(), inner.end());
+    complex.add_points(interior_points(points, facets, settings.lattice, sizes));
 
     // 5. Insert by Delaunay's criterion, the cube's corners among the points.
-    for (const Point &p : all)
-        complex.add_point(p);
-    watch.begin("inserting points", all.size());
-    const DelaunayCells delaunay = Triangulation(complex.points).build(watch);
+    watch.begin("inserting points", complex.points.size() - TetComplex::at(cube_corners));
+    DelaunayCells delaunay = Triangulation(complex.points).build(watch, true);
     if (!delaunay.duplicates.empty()) {
         const Index late = delaunay.duplicates.front();
         for (Index v = 0; v < static_cast<Index>(complex.points.size()); ++v)
@@ -119,7 +128,7 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
                                        std::max(v, late) - cube_corners};
         return result;
     }
-    complex.set_cells(delaunay.cells);
+    complex.set_cells(std::move(delaunay.cells), std::move(delaunay.neighbours));
 
     // Boundary points and topology.
     std::vector<Triple> shifted(facets.begin(), facets.end());
@@ -137,18 +146,14 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
     }
 
     const std::vector<Triple> walls = recovery.refined ? recovery.refined->triangles() : shifted;
-    const std::vector<Cell> kept = carve(complex, walls);
-    if (kept.empty()) {
+    // On the inside alone from here: the boundary has no neighbours, so no flip touches it.
+    TetComplex inside = carve(complex, walls);
+    if (inside.num_slots() == 0) {
         for (std::size_t f = 0; f < facets.size(); ++f)
             recovery.missing_facets.push_back(static_cast<Index>(f));
         return result;
     }
 
-    // On the inside alone from here: the boundary has no neighbours, so no flip touches it.
-    TetComplex inside;
-    for (const Point &p : complex.points)
-        inside.add_point(p);
-    inside.set_cells(kept);
     std::vector<Index> stuck;
     if (recovery.refined) {
         watch.begin("moving points off the surface", recovery.steiner_points.size());
@@ -161,7 +166,7 @@ SurfaceMesh fill_surface(std::span<const Point> points, std::span<const Triple> 
         bring_forward(inside, stuck, cube_corners + num_surface);
     result.num_boundary_steiner = stuck.size();
     const Index num_fixed = cube_corners + num_surface + static_cast<Index>(stuck.size());
-    watch.begin("improving cells", kept.size());
+    watch.begin("improving cells", inside.num_slots());
     if (settings.sliver_passes > 0)
         result.slivers =
             remove_slivers(inside, num_fixed, settings.sliver_target, settings.sliver_passes,

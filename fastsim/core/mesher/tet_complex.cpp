@@ -1,9 +1,8 @@
 #include "mesher/tet_complex.hpp"
 
 #include <algorithm>
-#include <iterator>
 #include <stdexcept>
-#include <tuple>
+#include <utility>
 
 namespace fastsim {
 
@@ -48,48 +47,15 @@ Index TetComplex::new_slot() {
     return static_cast<Index>(_cells.size() - 1);
 }
 
-void TetComplex::set_cells(std::span<const Cell> cells) {
-    _cells.reserve(_cells.size() + cells.size());
-    _neighbours.reserve(_cells.capacity());
-    _visit.reserve(_cells.capacity());
-    for (const Cell &c : cells)
-        _cells[at(new_slot())] = c;
-    // Two sides are one facet when their sorted corners agree: sides are gathered by the smallest
-    // corner, of which there are few, and sorted there by the other two.
-    struct GatheredSide {
-        Index middle, largest, side;
-    };
-    std::vector<std::size_t> first(points.size() + 1, 0);
-    const auto sorted_side = [&](std::size_t side) {
-        const Triple f = facet(static_cast<Index>(side / 4), static_cast<int>(side % 4));
-        return sorted_triple(f[0], f[1], f[2]);
-    };
-    const std::size_t num_sides = 4 * _cells.size();
-    for (std::size_t side = 0; side < num_sides; ++side)
-        ++first[at(sorted_side(side)[0]) + 1];
-    for (std::size_t v = 0; v < points.size(); ++v)
-        first[v + 1] += first[v];
-    std::vector<GatheredSide> sides(num_sides);
-    std::vector<std::size_t> next(first.begin(), first.end() - 1);
-    for (std::size_t side = 0; side < num_sides; ++side) {
-        const Triple t = sorted_side(side);
-        sides[next[at(t[0])]++] = {t[1], t[2], static_cast<Index>(side)};
-    }
-    for (std::size_t v = 0; v < points.size(); ++v) {
-        const auto begin = sides.begin() + static_cast<std::ptrdiff_t>(first[v]);
-        const auto end = sides.begin() + static_cast<std::ptrdiff_t>(first[v + 1]);
-        std::sort(begin, end, [](const GatheredSide &x, const GatheredSide &y) {
-            return std::tie(x.middle, x.largest, x.side) < std::tie(y.middle, y.largest, y.side);
-        });
-        for (auto here = begin; here != end; ++here) {
-            const auto there = std::next(here);
-            if (there == end || there->middle != here->middle || there->largest != here->largest)
-                continue;
-            _neighbours[at(here->side / 4)][slot(here->side % 4)] = there->side / 4;
-            _neighbours[at(there->side / 4)][slot(there->side % 4)] = here->side / 4;
-            here = there;
-        }
-    }
+void TetComplex::add_points(std::span<const Point> more) {
+    points.insert(points.end(), more.begin(), more.end());
+    _cell_of_point.resize(points.size(), none);
+}
+
+void TetComplex::set_cells(std::vector<Cell> cells, std::vector<Cell> neighbours) {
+    _cells = std::move(cells);
+    _neighbours = std::move(neighbours);
+    _visit.assign(_cells.size(), 0);
     for (std::size_t c = 0; c < _cells.size(); ++c)
         for (const Index v : _cells[c])
             _cell_of_point[at(v)] = static_cast<Index>(c);

@@ -51,8 +51,9 @@ class TetComplex {
     Index cell_at(Index point) const { return _cell_of_point[at(point)]; }
 
     void add_point(const Point &point);
-    /// Start: cells without neighbours known; links them.
-    void set_cells(std::span<const Cell> cells);
+    void add_points(std::span<const Point> more);
+    /// Start: cells with their neighbours, by facet; none where there is none.
+    void set_cells(std::vector<Cell> cells, std::vector<Cell> neighbours);
 
     Triple facet(Index c, int k) const;
     int corner_of(Index c, Index point) const; // -1 when it is not a corner

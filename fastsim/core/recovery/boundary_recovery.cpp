@@ -1,5 +1,6 @@
 #include "recovery/boundary_recovery.hpp"
 
+#include "mesher/facet_table.hpp"
 #include "recovery/flip_recovery.hpp"
 #include "recovery/steiner_recovery.hpp"
 #include "slivers/flat_cells.hpp"
@@ -19,6 +20,20 @@ void try_each(std::vector<Item> &items, Watch &watch, const Try &attempt) {
             watch.look();
             return attempt(item);
         });
+}
+
+/// Which of the facets are there, in one walk over all cells.
+std::vector<char> find_all(const TetComplex &complex, const FacetTable &table, std::size_t count) {
+    std::vector<char> is_there(count, 0);
+    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
+        const auto c = static_cast<Index>(slot);
+        for (int k = 0; k < 4 && complex.is_alive(c); ++k) {
+            const Index found = table.find(complex.facet(c, k));
+            if (found != none)
+                is_there[TetComplex::at(found)] = 1;
+        }
+    }
+    return is_there;
 }
 
 /// The surface of all parts. A part that two facets share, once each way, lies between points of
@@ -46,25 +61,35 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
     // The limit bounds the work: many times what any surface tried so far has needed.
     SteinerRecovery steiner(complex, protection, first_inner, 500 + 4 * facets.size(), watch);
 
+    const FacetTable table(facets);
+    std::vector<char> is_there = find_all(complex, table, facets.size());
     std::vector<Edge> edges;
-    std::unordered_set<std::uint64_t> seen;
-    for (const Triple &f : facets)
+    std::unordered_set<std::uint64_t> missing;
+    protection.edges.reserve(3 * facets.size() / 2);
+    for (std::size_t i = 0; i < facets.size(); ++i)
         for (std::size_t k = 0; k < 3; ++k) {
-            const Edge e{f[k], f[(k + 1) % 3]};
-            if (!seen.insert(edge_key(e[0], e[1])).second)
+            const Edge e{facets[i][k], facets[i][(k + 1) % 3]};
+            const std::uint64_t key = edge_key(e[0], e[1]);
+            // With a facet its edges are there; others may be there without it.
+            if (is_there[i])
+                protection.edges.insert(key);
+            else if (protection.edges.contains(key) || missing.contains(key))
                 continue;
-            if (complex.has_edge(e[0], e[1]))
-                protection.edges.insert(edge_key(e[0], e[1]));
-            else
+            else if (complex.has_edge(e[0], e[1]))
+                protection.edges.insert(key);
+            else {
+                missing.insert(key);
                 edges.push_back(e);
+            }
         }
     watch.begin("bringing edges of the surface in", edges.size());
     report.recovered_edges = edges.size();
+    const bool has_changed = !edges.empty();
     const auto flip_in = [&](const Edge &e) {
-        const bool is_there = flips.recover_edge(e[0], e[1], most_flips);
-        if (is_there)
+        const bool is_flipped_in = flips.recover_edge(e[0], e[1], most_flips);
+        if (is_flipped_in)
             protection.edges.insert(edge_key(e[0], e[1]));
-        return is_there;
+        return is_flipped_in;
     };
     try_each(edges, watch, flip_in);
     if (!edges.empty()) {
@@ -77,23 +102,27 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
     report.missing_edges = edges;
 
     std::vector<Index> lost;
-    const auto protect_if_there = [&](const Triple &f) {
-        // Beside a cut edge the whole one may be there too.
-        const bool is_there =
-            !steiner.is_cut(f) && complex.find_facet(f[0], f[1], f[2]).cell != none;
-        if (is_there)
-            protection.facets.insert(sorted_triple(f[0], f[1], f[2]));
-        return is_there;
+    const auto protect = [&](const Triple &f) {
+        protection.facets.insert(sorted_triple(f[0], f[1], f[2]));
     };
+    if (has_changed)
+        is_there = find_all(complex, table, facets.size());
+    protection.facets.reserve(facets.size());
     for (std::size_t i = 0; i < facets.size(); ++i)
-        if (!protect_if_there(facets[i]))
+        // Beside a cut edge the whole one may be there too.
+        if (is_there[i] && !steiner.is_cut(facets[i]))
+            protect(facets[i]);
+        else
             lost.push_back(static_cast<Index>(i));
     watch.begin("bringing facets of the surface in", lost.size());
     report.recovered_facets = lost.size();
     const auto facet = [&](Index i) -> const Triple & { return facets[TetComplex::at(i)]; };
     try_each(lost, watch, [&](Index i) {
-        return !steiner.is_cut(facet(i)) && flips.recover_facet(facet(i), most_flips) &&
-               protect_if_there(facet(i));
+        const bool is_flipped_in =
+            !steiner.is_cut(facet(i)) && flips.recover_facet(facet(i), most_flips);
+        if (is_flipped_in)
+            protect(facet(i));
+        return is_flipped_in;
     });
     report.recovered_facets -= lost.size();
     if (report.missing_edges.empty())

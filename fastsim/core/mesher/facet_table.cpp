@@ -1,0 +1,49 @@
+#include "mesher/facet_table.hpp"
+
+#include <algorithm>
+#include <tuple>
+
+namespace fastsim {
+
+FacetTable::FacetTable(std::span<const Triple> facets) {
+    Index highest = none;
+    for (const Triple &f : facets)
+        highest = std::max({highest, f[0], f[1], f[2]});
+    // Of an empty table only the end is there.
+    _first.assign(TetComplex::at(highest + 1) + 1, 0);
+    for (const Triple &f : facets)
+        ++_first[TetComplex::at(std::min({f[0], f[1], f[2]})) + 1];
+    for (std::size_t v = 1; v < _first.size(); ++v)
+        _first[v] += _first[v - 1];
+    std::vector<std::size_t> next(_first.begin(), _first.end() - 1);
+    _entries.resize(facets.size());
+    for (std::size_t i = 0; i < facets.size(); ++i) {
+        const Triple t = sorted_triple(facets[i][0], facets[i][1], facets[i][2]);
+        _entries[next[TetComplex::at(t[0])]++] = {t[1], t[2], static_cast<Index>(i)};
+    }
+    for (std::size_t v = 0; v + 1 < _first.size(); ++v)
+        std::sort(_entries.begin() + static_cast<std::ptrdiff_t>(_first[v]),
+                  _entries.begin() + static_cast<std::ptrdiff_t>(_first[v + 1]),
+                  [](const Entry &x, const Entry &y) {
+                      return std::tie(x.middle, x.largest, x.facet) <
+                             std::tie(y.middle, y.largest, y.facet);
+                  });
+}
+
+Index FacetTable::find(const Triple &facet) const {
+    const auto count = static_cast<Index>(_first.size()) - 1;
+    // Most facets that are asked about have a corner inside.
+    if (facet[0] >= count || facet[1] >= count || facet[2] >= count)
+        return none;
+    const Triple t = sorted_triple(facet[0], facet[1], facet[2]);
+    const auto end =
+        _entries.begin() + static_cast<std::ptrdiff_t>(_first[TetComplex::at(t[0]) + 1]);
+    const auto found = std::lower_bound(
+        _entries.begin() + static_cast<std::ptrdiff_t>(_first[TetComplex::at(t[0])]), end, t,
+        [](const Entry &x, const Triple &y) {
+            return x.middle < y[1] || (x.middle == y[1] && x.largest < y[2]);
+        });
+    return found != end && found->middle == t[1] && found->largest == t[2] ? found->facet : none;
+}
+
+} // namespace fastsim
