@@ -142,6 +142,22 @@ def _cause(stderr_tail: str) -> str:
     return (named or lines or ["it wrote no message"])[-1]
 
 
+class ReferenceTooLongError(ReferenceFailedError):
+    """Runs that would not fit into the time they may take together were not begun.
+
+    Attributes:
+        needed: That they would take at least, by the first of them [s].
+        budget: That they may take [s].
+    """
+
+    def __init__(self, needed: float, budget: float) -> None:
+        self.needed, self.budget = needed, budget
+        super().__init__(
+            f"it would take {needed:.0f} s or more, and may take {budget:g} s; coarsen the mesh, "
+            "ask for fewer outputs or allow more time"
+        )
+
+
 class ReferenceTimeoutError(ReferenceFailedError):
     """The process of the reference was ended at its time limit.
 

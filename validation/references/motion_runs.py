@@ -30,7 +30,7 @@ _WITH_TOOLS = 0.0
 _BALANCED_WITH_TOOLS = 1e-6
 # Of an implicit motion that is to be the truth, the shortest of those that bound its error.
 STEPS_PER_OUTPUT = 4
-_TIME_LIMIT = 4 * 3600.0
+TIME_LIMIT = 4 * 3600.0
 
 
 def solve_explicit(
@@ -39,8 +39,16 @@ def solve_explicit(
     progress: Progress,
     *,
     element: Element = Element.LINEAR,
+    time_limit: float = TIME_LIMIT,
 ) -> State:
     """The trajectory of the case's tetrahedra, from rest, with the case's time step.
+
+    Args:
+        problem: With a time span.
+        strain: Strain measure.
+        progress: Called with one line.
+        element: Linear tetrahedra, plain or smoothed.
+        time_limit: Of the run [s], > 0.
 
     Raises:
         InputError: The case states no time step: then there is nothing to be equal to.
@@ -53,7 +61,7 @@ def solve_explicit(
         raise InputError("a dynamic case needs time_step in [time] for its reference")
     progress(f"{OF_ELEMENT[element]} in motion, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
-    found = run_task(ExplicitTask(strain, element), problem)
+    found = run_task(ExplicitTask(strain, element), problem, time_limit=time_limit)
     return _on_the_mesh(
         problem,
         strain,
@@ -123,7 +131,7 @@ def solve_by_steps(
     )
     start = time.perf_counter()
     result = run_task(
-        SteppedTask(steps.integrator, strain, element), stepped, time_limit=_TIME_LIMIT
+        SteppedTask(steps.integrator, strain, element), stepped, time_limit=TIME_LIMIT
     )
     return _on_the_mesh(
         problem,
@@ -151,6 +159,7 @@ def solve_implicit(
     *,
     degree: int = 2,
     at: TetMesh | None = None,
+    time_limit: float = TIME_LIMIT,
 ) -> State:
     """The trajectory by the implicit reference, from rest.
 
@@ -161,6 +170,7 @@ def solve_implicit(
         progress: Called with one line now and then.
         degree: Of the elements.
         at: The mesh whose points are kept; one it was refined from has them first.
+        time_limit: Of the run [s], > 0.
 
     Raises:
         InputError: A load or tool that cannot be used.
@@ -183,7 +193,7 @@ def solve_implicit(
         task = dataclasses.replace(
             task, spectral_radius=_WITH_TOOLS, relative_tolerance=_BALANCED_WITH_TOOLS
         )
-    found = run_task(task, stepped, time_limit=_TIME_LIMIT)
+    found = run_task(task, stepped, time_limit=time_limit)
     mesh = at or problem.mesh
     # A truth in seven digits: its error bar is far above, and the file half as large.
     kept = found.displacements[:, : mesh.num_points].astype(np.float32).astype(np.float64)

@@ -8,6 +8,8 @@ It asks nothing of the candidate's step, mesh or method.
 
 from __future__ import annotations
 
+import functools
+import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,11 +17,15 @@ from typing import Any
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.reference.errors import (
+    ReferenceFailedError,
+    ReferenceTooLongError,
+    ReferenceUnavailableError,
+)
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
 from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, with_bar
 from palpate.validation.references.limits import without_limits
-from palpate.validation.references.motion_runs import solve_explicit, solve_implicit
+from palpate.validation.references.motion_runs import TIME_LIMIT, solve_explicit, solve_implicit
 from palpate.validation.references.motion_sequences import (
     difference,
     truth_metrics,
@@ -50,6 +56,7 @@ def solve_motion_set(
     elements: Collection[Element] = (Element.LINEAR,),
     strains: Collection[Strain] = tuple(Strain),
     truth_strains: Collection[Strain] | None = None,
+    seconds: float = TIME_LIMIT,
 ) -> ReferenceSet:
     """The explicit runs and the truth of a dynamic case, one for each strain measure.
 
@@ -63,6 +70,8 @@ def solve_motion_set(
         elements: Of the explicit runs.
         strains: Of which.
         truth_strains: Of the truth, where those are fewer.
+        seconds: That an explicit run, and the runs of a truth that is not for storing together,
+            may take [s], > 0.
 
     Returns:
         States, bars, and why one is missing: a run that found no answer leaves the others be.
@@ -88,7 +97,7 @@ def solve_motion_set(
             for strain in strains:
                 with _failure_kept(failures, (label, strain), is_for_storing):
                     states[label, strain] = solve_explicit(
-                        problem, strain, progress, element=element
+                        problem, strain, progress, element=element, time_limit=seconds
                     )
     held = {} if stored is None else _truths(stored)
     if "truth" in wanted and held and stored is not None:
@@ -96,7 +105,8 @@ def solve_motion_set(
         states |= held
         bars |= stored.bars
     elif "truth" in wanted:
-        solve = solve_motion_truth if is_for_storing else _truth_here
+        here = functools.partial(_truth_here, seconds=seconds)
+        solve = solve_motion_truth if is_for_storing else here
         for strain in strains if truth_strains is None else truth_strains:
             with _failure_kept(failures, (QUADRATIC, strain), is_for_storing):
                 truth, made_of, details = solve(problem, strain, progress)
@@ -140,17 +150,29 @@ def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:
 
 
 def _truth_here(
-    problem: Problem, strain: Strain, progress: Progress
+    problem: Problem, strain: Strain, progress: Progress, *, seconds: float
 ) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
     """Two time steps, and one finer mesh: Roache's rule for two grids of each.
+
+    The coarse run tells what all three take together, cells times steps: where that is more than
+    they may, the others are not begun.
 
     In time of second order, which generalised-alpha has: 3 d / (2^2 - 1) = d. In space of first,
     because clamped edges are singular, and from a mesh on which only the cells with a part b of the
     roughness are cut, so that d is that part of what halving all would find: 3 d / b.
     """
-    coarse, fine = (solve_implicit(problem, strain, steps, progress) for steps in LIVE_STEPS)
+    begin, (few, more) = time.monotonic(), LIVE_STEPS
+
+    def left() -> float:
+        return max(1.0, seconds - (time.monotonic() - begin))
+
+    coarse = solve_implicit(problem, strain, few, progress, time_limit=left())
     finer, bulk = refine_where_rough(problem, coarse)
-    graded = solve_implicit(finer, strain, LIVE_STEPS[0], progress, at=problem.mesh)
+    growth = 1.0 + more / few + finer.mesh.num_cells / problem.mesh.num_cells
+    if coarse.seconds * growth > seconds:
+        raise ReferenceTooLongError(coarse.seconds * growth, seconds)
+    fine = solve_implicit(problem, strain, more, progress, time_limit=left())
+    graded = solve_implicit(finer, strain, few, progress, at=problem.mesh, time_limit=left())
     bars = {
         metric: BarParts(
             discretisation=SAFETY_FACTOR / bulk * difference(metric, problem, coarse, graded),

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 from palpate.meshes.material_law import Law
 from palpate.validation.case import Case
+from palpate.validation.scoreboard import words
 from palpate.validation.scoreboard.entries import Entry
 from palpate.validation.scoreboard.judge import Score, judge_run
 from palpate.validation.scoreboard.kept import Kept
@@ -42,7 +43,8 @@ class Board:
         truths: By name of case and law.
         time_limit: Of one run [s].
         date: When the board was made.
-        minutes: That making it took this time.
+        minutes: That making it took this time, by the clock.
+        processor_minutes: Likewise of the processor, of everything that was run for it.
     """
 
     entries: Sequence[Entry]
@@ -53,6 +55,7 @@ class Board:
     time_limit: float
     date: str
     minutes: float
+    processor_minutes: float
 
     def score(self, entry: Entry, case: Case) -> Score:
         """Of one simulator on one case."""
@@ -86,7 +89,7 @@ def compute_board(
         progress: Called with one line for each thing done.
         processes: How many things are done at once; as many as there are cores where None.
     """
-    begin = time.monotonic()
+    begin, spent = time.monotonic(), _processor_seconds()
     absent = [e for e in entries if e.is_outside and e.command_line() is None]
     for entry in absent:
         progress(f"{entry.name}: {entry.why_missing()}")
@@ -138,6 +141,7 @@ def compute_board(
             runs[run.entry, case.path.stem] = run
             if run.status is Status.ANSWERED:
                 need(case, laws[run.entry])
+    clock.say("every run has ended; judged now")
     scores: dict[tuple[str, str], Score] = {}
     own_steps = OwnSteps(kept, clock.say)
     for entry, case in asked:
@@ -150,7 +154,9 @@ def compute_board(
         clock.say(told(scores[entry.name, name]))
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes")
     minutes = (time.monotonic() - begin) / 60.0
-    return Board(present, absent, cases, scores, truths, time_limit, date, minutes)
+    processor = (_processor_seconds() - spent) / 60.0
+    clock.say(f"done: {words.minutes(processor)} of processor time")
+    return Board(present, absent, cases, scores, truths, time_limit, date, minutes, processor)
 
 
 def _under_laws(cases: Sequence[Case], entries: Sequence[Entry]) -> dict[tuple[str, Law], Case]:
@@ -183,6 +189,12 @@ def _pool(threads: int) -> Iterator[ThreadPoolExecutor]:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _processor_seconds() -> float:
+    """Of this process, all threads, and of those that it has waited for."""
+    now = os.times()
+    return now.user + now.system + now.children_user + now.children_system
 
 
 def _cores() -> int:

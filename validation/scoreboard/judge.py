@@ -121,7 +121,7 @@ def judge_run(
         apart = distance(state.displacements, same.displacements)
         score = dataclasses.replace(score, same_mesh=apart)
     if best is None:
-        return dataclasses.replace(score, why="the case has no truth, only its own mesh")
+        return dataclasses.replace(score, why=f"no truth, only on its own mesh: {truth.why}")
     found = measure(metric, case.problem, state, best)
     bar = references.bars.get((metric, case.strain), np.inf) + found.uncertainty
     verdict = Verdict.SKIPPED if limit is None else decide(found.value, bar, limit)

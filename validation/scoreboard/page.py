@@ -48,8 +48,11 @@ def write_board(board: Board, folder: Path) -> Path:
     (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
     (folder / "summary.md").write_text(summary_markdown(board), encoding="utf-8")
     environment = page_environment()
-    for name in ("percent", "seconds", "memory", "outcome", "kind", "hint", "said", "need"):
-        environment.globals[name] = getattr(words, name)
+    for word in (
+        words.percent, words.seconds, words.memory, words.minutes, words.outcome, words.kind,
+        words.hint, words.said, words.need,
+    ):  # fmt: skip
+        environment.globals[word.__name__] = word
     environment.globals["version_of_entry"] = version_of_entry
     common = {
         "board": board,
@@ -125,6 +128,7 @@ def document(board: Board, table: Table) -> dict[str, Any]:
         "palpate": version_of("palpate"),
         "date": board.date,
         "minutes": board.minutes,
+        "processor_minutes": board.processor_minutes,
         "minutes_of_all": minutes_of(board),
         "time_limit": board.time_limit,
         "machine": describe_machine(),

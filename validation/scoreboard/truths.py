@@ -15,21 +15,23 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.reference import availability
-from palpate.reference.errors import ReferenceFailedError
+from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case import Case
 from palpate.validation.judging.judge import find_references
 from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
 from palpate.validation.references.live import solve_live
+from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.references.reference_files import read_reference, write_reference
 from palpate.validation.references.sets import BOTH, ReferenceSet
 from palpate.validation.references.stored import problem_key
 from palpate.validation.scoreboard.kept import Kept, key_of
 from palpate.validation.states import Progress
 
-# After which no finer mesh of a truth is begun: a board has many of them [s].
-_SECONDS = 60.0
-_TOLD_SECONDS = "seconds"
+# After which no finer mesh of a truth is begun, and that the runs of a motion take together: a
+# board has many of them [s].
+_SECONDS, _SECONDS_OF_A_MOTION = 60.0, 240.0
+_TOLD_SECONDS, _WHY = "seconds", "why"
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class Truth:
     Attributes:
         case: Under the law.
         references: States and bars.
-        why: There are none.
+        why: There are none, or none but on the case's own mesh.
         seconds: By the clock, that solving them took where they were solved for the board.
     """
 
@@ -73,35 +75,49 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
         except InputError as error:
             return Truth(case, why=str(error))
     problem, name = case.problem, f"truth-{case.name}"
-    key = key_of(problem_key(problem), *made_by(), f"{_SECONDS:g}")
+    limit = _SECONDS if problem.time is None else _SECONDS_OF_A_MOTION
+    key = key_of(problem_key(problem), *made_by(), f"{limit:g}")
     path = kept.path(name, key, ".npz")
+    if (none := kept.read(name, key)) is not None:
+        return Truth(case, why=str(none[0].get(_WHY)))
     try:
         references, made_for, _ = read_reference(path)
         if made_for == key:
-            return Truth(case, references, seconds=_seconds_of(references))
+            why = str(references.provenance.get(_WHY, ""))
+            return Truth(case, references, why, _seconds_of(references))
     except (MissingReferenceError, UntrustedReferenceError):
         pass
     begin = time.monotonic()
     try:
-        references = solve_live(
-            problem,
-            progress,
-            wanted=BOTH,
-            strains=(case.strain,),
-            has_stress=False,
-            # The distance of displacement is all that is told of it.
-            request=TruthRequest(seconds=_SECONDS, metrics={case.strain: ("displacement_l2",)}),
-        )
-    except (ReferenceFailedError, InputError) as error:
+        references = _solve(case, limit, progress)
+    except ReferenceUnavailableError as error:
         return Truth(case, why=str(error))
-    if references.truth(case.strain) is None and references.same_mesh(case.strain) is None:
+    except (ReferenceFailedError, InputError) as error:
+        kept.write(name, key, {_WHY: str(error)}, None)
+        return Truth(case, why=str(error))
+    why = ""
+    if references.truth(case.strain) is None:
         why = "; ".join(references.failures.values()) or "the reference found no answer"
+    if why and references.same_mesh(case.strain) is None:
+        kept.write(name, key, {_WHY: why}, None)
         return Truth(case, why=why)
     seconds = time.monotonic() - begin
-    told = {**references.provenance, _TOLD_SECONDS: seconds}
+    told = {**references.provenance, _TOLD_SECONDS: seconds, _WHY: why}
     references = dataclasses.replace(references, provenance=told)
     write_reference(path, case.name, key, references, told)
-    return Truth(case, references, seconds=seconds)
+    return Truth(case, references, why, seconds)
+
+
+def _solve(case: Case, seconds: float, progress: Progress) -> ReferenceSet:
+    """The references of a case under another law, of its own strain measure."""
+    problem, strains = case.problem, (case.strain,)
+    if problem.time is not None:
+        # Without a stated step there is none on the same mesh to be equal to.
+        wanted = {"truth"} if problem.time.time_step is None else BOTH
+        return solve_motion_set(problem, progress, wanted=wanted, strains=strains, seconds=seconds)
+    # The distance of displacement is all that is told of it.
+    request = TruthRequest(seconds=seconds, metrics={case.strain: ("displacement_l2",)})
+    return solve_live(problem, progress, strains=strains, has_stress=False, request=request)
 
 
 def _seconds_of(references: ReferenceSet) -> float:

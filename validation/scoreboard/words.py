@@ -30,6 +30,12 @@ def seconds(value: float | None) -> str:
     return f"{value:.2g} s" if value < 100.0 else f"{value:.0f} s"
 
 
+def minutes(value: float) -> str:
+    """Whole minutes, with their unit."""
+    whole = round(value)
+    return "less than a minute" if whole < 1 else "1 minute" if whole == 1 else f"{whole} minutes"
+
+
 def memory(value: float | None) -> str:
     """Whole megabytes."""
     return f"{value:.0f} MB" if isinstance(value, int | float) else "–"

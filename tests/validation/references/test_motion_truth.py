@@ -201,7 +201,7 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
     calls: list[tuple[str, Strain]] = []
 
     def explicit(
-        _problem: Problem, strain: Strain, _progress: object, *, element: Element
+        _problem: Problem, strain: Strain, *_rest: object, element: Element, **_options: object
     ) -> State:
         assert element is Element.LINEAR
         calls.append(("explicit", strain))

@@ -39,7 +39,8 @@ class Motion:
         times = self._job["output_times"]
         states, time_step = march(self._step, self._read, times, self._body.time_step)
         self.answer = {"displacement": states, "times": times}
-        return {"method": "its own steps, single precision", "time_step": time_step}
+        scheme = {"integrator": "semi-implicit-euler", "time_step": time_step}
+        return {"method": "its own steps, single precision", **scheme}
 
 
 Motion.laws = newton_neo_hookean.Static.laws  # type: ignore[attr-defined]
