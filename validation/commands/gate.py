@@ -48,7 +48,10 @@ def gate(
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     versus: Annotated[
         str | None,
-        typer.Option(help="hold it against this simulator, or build of it, without a reference"),
+        typer.Option(
+            help="hold it against this simulator, or build of it, without a reference; fastsim: "
+            "its compiled core"
+        ),
     ] = None,
     limit: Annotated[
         list[str] | None,
@@ -100,7 +103,7 @@ def gate(
     from palpate.validation.judging.many_cases import judge_cases
     from palpate.validation.judging.result_changes import read_accepted, with_changes
     from palpate.validation.judging.together import together
-    from palpate.validation.judging.versus import judge_versus, read_limits
+    from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
     from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.simulators.candidate import Stepping, candidates_for
     from palpate.validation.simulators.seeded import with_fault
@@ -161,11 +164,10 @@ def gate(
             for case in loaded
         ]
     elif versus is not None:
-        (other,), limits = candidates_for(versus, time_limit), read_limits(limit or [])
+        others = [other_candidate(versus, time_limit, candidate) for candidate in candidates]
+        pairs, limits = list(zip(candidates, others, strict=True)), read_limits(limit or [])
         results = [
-            together(
-                [judge_versus(c, o, other, limits=limits, progress=progress) for o in candidates]
-            )
+            together([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
             for c in loaded
         ]
     elif simulator is None and fault is Fault.NONE and not (live or law):

@@ -21,7 +21,11 @@ from palpate.validation.metrics import CATALOGUE, Metric, Part, is_still, measur
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
-from palpate.validation.simulators.candidate import Candidate
+from palpate.validation.simulators.candidate import (
+    Candidate,
+    candidates_for,
+    fastsim_candidate,
+)
 from palpate.validation.states import (
     CandidateFailedError,
     Progress,
@@ -34,6 +38,8 @@ from palpate.validation.versions import version_of
 
 # What such a check goes against, in results.
 VERSUS = "versus"
+# In the place of a command line.
+FASTSIM = "fastsim"
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,24 @@ def judge_versus(
         notes=tuple(dict.fromkeys(notes)),
         case_text=case.text,
     )
+
+
+def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Candidate:
+    """Whom a candidate is held against.
+
+    Args:
+        command: "mysim {case} {result}"; "fastsim" is its compiled core with the candidate's
+            element, so that it is held against itself on another device.
+        time_limit: Of a program [s].
+        candidate: The first.
+
+    Raises:
+        InputError: The command line cannot be used.
+    """
+    if command == FASTSIM:
+        return fastsim_candidate(element=candidate.element)
+    (other,) = candidates_for(command, time_limit)
+    return other
 
 
 def read_limits(words: list[str]) -> dict[str, float]:

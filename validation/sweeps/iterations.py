@@ -166,7 +166,8 @@ def judge(trials: Sequence[Trial], limit: float) -> Finding:
     """
     answered = [t for t in trials if t.error is not None and math.isfinite(t.error)]
     if not answered:
-        return Finding(CLAIM, f"no answer in {len(trials)} runs", Verdict.FAILED)
+        why = next((f": {t.trouble}" for t in trials if t.trouble), "")
+        return Finding(CLAIM, f"no answer in {len(trials)} runs{why}", Verdict.FAILED)
     best = min(answered, key=_error)
     found = f"least error {_error(best):.2g} ({_place(best)}), limit {limit:g}"
     if _error(best) <= limit:

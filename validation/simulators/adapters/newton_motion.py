@@ -18,9 +18,11 @@ from mechanics import march
 class Motion:
     """A resting body's class, stepped from output to output instead."""
 
+    tool, laws = newton_neo_hookean.Static.tool, newton_neo_hookean.Static.laws
+
     def __init__(self, job: dict[str, Any], kind: Any = newton_neo_hookean.Static) -> None:
         self._body = body = kind(job)
-        self.tool, self.version, self.law = body.tool, body.version, body.law
+        self.version, self.law = body.version, body.law
         self._job, mass = job, job["lumped_mass"][:, None]
         self._force = np.where(body.held, 0.0, job["external_force"])
         self._resisting = job["mass_damping"] * mass
@@ -41,9 +43,6 @@ class Motion:
         self.answer = {"displacement": states, "times": times}
         scheme = {"integrator": "semi-implicit-euler", "time_step": time_step}
         return {"method": "its own steps, single precision", **scheme}
-
-
-Motion.laws = newton_neo_hookean.Static.laws  # type: ignore[attr-defined]
 
 
 if __name__ == "__main__":

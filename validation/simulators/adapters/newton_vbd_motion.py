@@ -14,6 +14,8 @@ import newton_vbd
 class Motion(newton_motion.Motion):  # type: ignore[misc]
     """Implicit Euler, as far as its sweeps get."""
 
+    tool, laws = newton_vbd.Static.tool, newton_vbd.Static.laws
+
     def __init__(self, job: dict[str, Any]) -> None:
         super().__init__(job, newton_vbd.Static)
 
