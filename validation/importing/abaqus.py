@@ -139,6 +139,7 @@ class _Reader:
             _labels(self.mesh),
             title=self.title,
             strain=Strain.GREEN if is_green else Strain.LINEAR,
+            told=self.mesh.told(),
             ignored=self.ignored,
         )
         self.materials.explain(model)

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.validation.importing.abaqus_cards import Card
-from palpate.validation.importing.abaqus_mesh import AbaqusMesh, face_of
+from palpate.validation.importing.abaqus_mesh import AbaqusMesh
 from palpate.validation.importing.model import Face, Hold, Model, Place, finite, whole
 
 # Of Abaqus, for solids: which of x, y, z are held.
@@ -190,10 +190,9 @@ def _dload(
         else:
             if not (len(kind) == 2 and kind[0] == "P"):
                 raise place.refuse(
-                    f"*DLOAD of kind {kind[:20]!r}; known here are P1 to P4, GRAV, BX, BY, BZ"
+                    f"*DLOAD of kind {kind[:20]!r}; known here are P1 to P6, GRAV, BX, BY, BZ"
                 )
-            face = face_of(kind, "P", place)
-            named = [(cell, face) for cell in mesh.cells_of(fields[0], place)]
+            named = mesh.faces_of(fields[0], kind, "P", place)
             faces.setdefault(value, (place, []))[1].extend(named)
     for pressure, (place, named) in faces.items():
         model.faces.append(_pressed("pressed", mesh, named, place, pressure, pressed))

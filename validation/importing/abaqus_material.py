@@ -58,7 +58,7 @@ class AbaqusMaterials:
     def finish(self, mesh: AbaqusMesh, path: Path) -> tuple[list[Body], NDArray[np.int64]]:
         """Materials, and of each cell the index of its own."""
         names: list[str] = []
-        body_of = np.full(len(mesh.cells), -1, dtype=np.int64)
+        body_of = np.full(len(mesh.tetrahedra), -1, dtype=np.int64)
         for section in self._sections:
             name = section.require("MATERIAL")
             if name not in self._constants:
@@ -66,13 +66,14 @@ class AbaqusMaterials:
             if name not in names:
                 names.append(name)
             cells = mesh.cells_of(section.require("ELSET"), section.place)
-            rows = [mesh.cell_row_of[cell] for cell in cells]
+            rows = mesh.rows_of(cells)
             other = body_of[rows]
             if ((other >= 0) & (other != names.index(name))).any():
                 raise section.refuse("a cell in two sections of different materials")
             body_of[rows] = names.index(name)
         if (body_of < 0).any():
-            label = list(mesh.cells)[int(np.argmin(body_of))]
+            row = int(np.argmin(body_of))
+            label = next(cell for cell in mesh.cells if row in mesh.rows_of([cell]))
             raise ImportRefusedError(path, None, f"element {label} is in no *SOLID SECTION")
         bodies = [
             Body(self._constants[name], self._densities.get(name), self._cards[name].place)

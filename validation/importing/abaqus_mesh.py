@@ -1,4 +1,7 @@
-"""Nodes, tetrahedra, sets and surfaces of Abaqus and CalculiX input files."""
+"""Nodes, cells, sets and surfaces of Abaqus and CalculiX input files.
+
+Hexahedra, wedges and pyramids, and their faces, are cut into tetrahedra and triangles.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,15 @@ from numpy.typing import NDArray
 
 from palpate.meshes.tet_mesh import CELL_FACETS
 from palpate.validation.importing.abaqus_cards import Card, label_of
+from palpate.validation.importing.cutting import FACES, cut_cell, cut_face
 from palpate.validation.importing.model import Place, finite, whole
 
 # Element types by nodes; hybrid and modified ones differ in how they solve, not in what.
 _TYPES = {
     "C3D4": 4, "C3D4H": 4, "C3D10": 10, "C3D10H": 10, "C3D10M": 10, "C3D10MH": 10, "C3D10HS": 10,
     "C3D10T": 10,
+    "C3D8": 8, "C3D8R": 8, "C3D8I": 8, "C3D8H": 8, "C3D8RH": 8, "C3D8IH": 8, "C3D8T": 8,
+    "C3D6": 6, "C3D6H": 6, "C3D5": 5, "C3D5H": 5,
 }  # fmt: skip
 # The corner opposite each face: Abaqus Analysis User's Guide, "Three-dimensional solid element
 # library"; CalculiX's manual, "Four-node tetrahedral element": 1-2-3, 1-4-2, 2-4-3, 3-4-1.
@@ -24,13 +30,17 @@ OPPOSITE = {1: 3, 2: 2, 3: 0, 4: 1}
 
 @dataclass(eq=False)
 class AbaqusMesh:
-    """By the file's own numbers: nodes, cells and named sets of them; names in capitals."""
+    """By the file's own numbers: nodes, cells and named sets of them; names in capitals.
+
+    `kinds` says of each type of element how many there are.
+    """
 
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     cells: dict[int, list[int]] = field(default_factory=dict)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     cell_sets: dict[str, list[int]] = field(default_factory=dict)
     surfaces: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
+    kinds: dict[str, int] = field(default_factory=dict)
 
     def take(self, card: Card) -> bool:
         """Read a card of the mesh; False where it is none."""
@@ -52,7 +62,26 @@ class AbaqusMesh:
     def finish(self) -> None:
         """Number rows; after all cards of the mesh."""
         self.row_of = {label: row for row, label in enumerate(self.nodes)}
-        self.cell_row_of = {label: row for row, label in enumerate(self.cells)}
+        self._rows_of: dict[int, range] = {}
+        self.tetrahedra: list[tuple[int, ...]] = []
+        for label, nodes in self.cells.items():
+            rows = [self.row_of[node] for node in nodes]
+            begin = len(self.tetrahedra)
+            self.tetrahedra += cut_cell(rows) if len(rows) in FACES else [tuple(rows)]
+            self._rows_of[label] = range(begin, len(self.tetrahedra))
+
+    def rows_of(self, cells: Collection[int]) -> list[int]:
+        """Tetrahedra of cells, numbered from 0."""
+        return [row for cell in cells for row in self._rows_of[cell]]
+
+    def told(self) -> list[str]:
+        """What was cut."""
+        return [
+            f"{count} cells of type {kind} are cut into tetrahedra: the same body where faces are "
+            "flat, on another mesh"
+            for kind, count in self.kinds.items()
+            if _TYPES[kind] in FACES
+        ]
 
     def _node(self, card: Card) -> None:
         card.only("NSET", "SYSTEM")
@@ -74,7 +103,10 @@ class AbaqusMesh:
         card.only("TYPE", "ELSET")
         kind = card.require("TYPE")
         if kind not in _TYPES:
-            raise card.refuse(f"*ELEMENT, TYPE={kind[:20]}: a case has tetrahedra: C3D4, C3D10")
+            raise card.refuse(
+                f"*ELEMENT, TYPE={kind[:20]}: a case has tetrahedra: C3D4 and C3D10, and C3D8, "
+                "C3D6 and C3D5, which can be cut into them"
+            )
         count, new = _TYPES[kind], []
         # A cell of ten nodes may go on in the next line.
         words: list[str] = []
@@ -97,6 +129,7 @@ class AbaqusMesh:
             words = []
         if words:
             raise card.refuse("an element is cut off")
+        self.kinds[kind] = self.kinds.get(kind, 0) + len(new)
         if "ELSET" in card.parameters:
             self.cell_sets.setdefault(card.require("ELSET"), []).extend(new)
 
@@ -129,9 +162,27 @@ class AbaqusMesh:
         faces = []
         for place, fields in card.rows(1, 2):
             if len(fields) < 2 or not fields[1]:
-                raise place.refuse("*SURFACE: needs a face, S1 to S4, after the element or set")
-            faces += [(c, face_of(fields[1], "S", place)) for c in self.cells_of(fields[0], place)]
+                raise place.refuse("*SURFACE: needs a face, S1 to S6, after the element or set")
+            faces += self.faces_of(fields[0], fields[1], "S", place)
         self.surfaces[name] = faces
+
+    def faces_of(self, text: str, face: str, letter: str, place: Place) -> list[tuple[int, int]]:
+        """Of a cell or a set of them, with the number of the face: S1 or P1 to 6.
+
+        Raises:
+            ImportRefusedError: No face of one of them.
+        """
+        word, cells = face.strip().upper(), self.cells_of(text, place)
+        number = int(word[1]) if len(word) == 2 and word[1] in "123456" else 0
+        for cell in cells:
+            nodes = len(self.cells[cell])
+            most = len(FACES.get(nodes, OPPOSITE))
+            if word[:1] != letter or not 1 <= number <= most:
+                what = f"a cell of {nodes} nodes" if nodes in FACES else "a tetrahedron"
+                raise place.refuse(
+                    f"{word[:20]!r} is no face of {what}: {letter}1 to {letter}{most}"
+                )
+        return [(cell, number) for cell in cells]
 
     def cells_of(self, text: str, place: Place) -> list[int]:
         """Numbers of a cell or a set of them."""
@@ -153,30 +204,24 @@ class AbaqusMesh:
 
     def facets(self, faces: list[tuple[int, int]]) -> NDArray[np.int64]:
         """Faces of cells as rows of corner nodes, seen from outside counter-clockwise."""
-        rows = [[self.row_of[self.cells[c][k]] for k in CELL_FACETS[OPPOSITE[f]]] for c, f in faces]
+        rows: list[tuple[int, ...]] = []
+        for cell, number in faces:
+            nodes = [self.row_of[node] for node in self.cells[cell]]
+            if len(nodes) in FACES:
+                rows += cut_face([nodes[k] for k in FACES[len(nodes)][number - 1]])
+            else:
+                rows.append(tuple(nodes[k] for k in CELL_FACETS[OPPOSITE[number]]))
         return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
     def arrays(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
         """Nodes, corners and middle nodes; -1 where a cell has none."""
-        rows = [[self.row_of[node] for node in nodes] for nodes in self.cells.values()]
-        middles = [row[4:] or [-1] * 6 for row in rows]
+        rows = self.tetrahedra
+        middles = [row[4:] or (-1,) * 6 for row in rows]
         return (
             np.array(list(self.nodes.values()), dtype=np.float64).reshape(-1, 3),
             np.array([row[:4] for row in rows], dtype=np.int64).reshape(-1, 4),
             np.array(middles, dtype=np.int64).reshape(-1, 6),
         )
-
-
-def face_of(text: str, letter: str, place: Place) -> int:
-    """The number of a face: S1 or P1 to 4.
-
-    Raises:
-        ImportRefusedError: No face of a tetrahedron.
-    """
-    word = text.strip().upper()
-    if len(word) != 2 or word[0] != letter or word[1] not in "1234":
-        raise place.refuse(f"{word[:20]!r} is no face of a tetrahedron: {letter}1 to {letter}4")
-    return int(word[1])
 
 
 def _of(sets: dict[str, list[int]], name: str, place: Place) -> list[int]:

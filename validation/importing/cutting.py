@@ -14,8 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-# Faces by corners, seen from outside counter-clockwise; FEBio's, Abaqus' and VTK's numbering.
-_FACES: dict[int, tuple[tuple[int, ...], ...]] = {
+# Faces by corners, seen from outside counter-clockwise; FEBio's, Abaqus' and VTK's numbering of
+# nodes. Their order is that of Abaqus' and CalculiX' faces S1, S2, ...
+FACES: dict[int, tuple[tuple[int, ...], ...]] = {
     8: (
         (0, 3, 2, 1),
         (4, 5, 6, 7),
@@ -37,7 +38,7 @@ def cut_cell(nodes: Sequence[int]) -> list[tuple[int, int, int, int]]:
     """
     first = min(nodes)
     found = []
-    for face in _FACES[len(nodes)]:
+    for face in FACES[len(nodes)]:
         corners = [nodes[k] for k in face]
         if first not in corners:
             found += [(first, *triangle) for triangle in cut_face(corners)]

@@ -261,7 +261,7 @@ def test_calculix_answers_its_own_file_the_same(
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("TYPE=C3D4", "TYPE=C3D8", r"model\.inp:50: \*ELEMENT, TYPE=C3D8: a case has tetrahedra"),
+        ("TYPE=C3D4", "TYPE=C3D20", r"model\.inp:50: \*ELEMENT, TYPE=C3D20: a case has tetrahedra"),
         ("*ELASTIC", "*ELASTIC, TYPE=ORTHO", "isotropic"),
         ("*ELASTIC", "*EXPANSION\n1e-5\n*ELASTIC", r"\*EXPANSION is not known here"),
         ("0.1, 0.3", "0.1, 0.3, 20.\n0.2, 0.3, 40.", "by temperature"),
