@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 from collections.abc import Callable, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +27,7 @@ from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import OF_ELEMENT
 from palpate.validation.report.credibility import credibility
-from palpate.validation.report.environment import page_environment
+from palpate.validation.report.environment import page_environment, script_of
 from palpate.validation.report.looks import looks_of
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
@@ -76,14 +74,12 @@ def report_environment() -> Environment:
 
 def _write_case(environment: Environment, result: CaseResult, path: Path, index: str) -> Path:
     """One page; its CSP admits the one script of ours, by hash, and nothing from elsewhere."""
-    template = resources.files("palpate.validation.report") / "templates" / "viewer.js"
-    script = template.read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    script, script_hash = script_of("drawing.js", "viewer.js")
     page = environment.get_template("report.html.j2").render(
         r=result,
         index=index,
-        script=Markup(script),
-        script_hash=Markup(f"sha256-{digest}"),
+        script=script,
+        script_hash=script_hash,
         **_case_view(result, path.parent),
     )
     path.write_text(page, encoding="utf-8")
