@@ -23,6 +23,7 @@ from palpate.validation.commands.scoreboard import scoreboard
 from palpate.validation.commands.solve import solve
 from palpate.validation.commands.study import study
 from palpate.validation.commands.sweep import sweep
+from palpate.validation.commands.touch import touch
 from palpate.validation.commands.words import listed
 from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
@@ -69,6 +70,7 @@ app.command()(audit)
 app.command()(law)
 app.command()(solve)
 app.command()(sweep)
+app.command()(touch)
 _faults = listed("Faults:", ((fault.value, fault.meaning) for fault in Fault))
 app.command(help=f"{gate.__doc__}\n\n{_faults}")(gate)
 app.command()(report)

@@ -141,6 +141,11 @@ class ExplicitTools:
         pairs = zip(self.contacts, self.stiffnesses, strict=True)
         return [(contact, k) for contact, k in pairs if k is not None]
 
+    @property
+    def largest_speeds(self) -> tuple[float, ...]:
+        """Of each tool, once attached, up to which nothing passes through [m/s]."""
+        return tuple(self._speeds)
+
     def attach(self, run: ExplicitRun, time_step: float, *, is_timed: bool) -> None:
         """Give the tools to a run; where times are real, refuse those that are too fast."""
         rest = np.ascontiguousarray(self._problem.mesh.points)

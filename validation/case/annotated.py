@@ -166,3 +166,14 @@ def toml_value(value: Any) -> str:
     if isinstance(value, str):
         return json.dumps(str(value), ensure_ascii=False)
     return repr(value)
+
+
+def case_text(values: Mapping[str, Any]) -> str:
+    """A case file without remarks: tables one below another, each key on a line."""
+    lines = [f"{k} = {toml_value(v)}" for k, v in values.items() if not isinstance(v, dict | list)]
+    for key, value in values.items():
+        tables = value if isinstance(value, list) else [value] if isinstance(value, dict) else []
+        header = f"[[{key}]]" if isinstance(value, list) else f"[{key}]"
+        for table in tables:
+            lines += ["", header, *(f"{k} = {toml_value(v)}" for k, v in table.items())]
+    return "\n".join([*lines, ""])

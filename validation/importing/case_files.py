@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.case.annotated import toml_value
+from palpate.validation.case.annotated import case_text
 from palpate.validation.case.first_case import FIRST_CHECKS
 from palpate.validation.importing.acting import Acting, Places, acting_tables
 from palpate.validation.importing.model import MIDDLES, Body, ImportRefusedError, Model
@@ -87,7 +86,7 @@ def as_case(model: Model, units: ModelUnits, target: Path) -> Imported:
         ],
     }
     grouped = TetMesh(mesh.points, mesh.cells, acting.facets, acting.points, groups)
-    text = _head(model, told) + _toml(values)
+    text = _head(model, told) + case_text(values)
     return Imported(text, grouped, tuple(told), tuple(model.ignored))
 
 
@@ -177,17 +176,6 @@ def _head(model: Model, told: list[str]) -> str:
     wrapped = [part for line in lines for part in textwrap.wrap(line, 96, subsequent_indent="  ")]
     printable = ["".join(c if c.isprintable() else "?" for c in line) for line in wrapped]
     return "".join(f"# {line}\n" for line in printable)
-
-
-def _toml(values: Mapping[str, Any]) -> str:
-    """Tables one below another, each key on a line."""
-    lines = [f"{k} = {toml_value(v)}" for k, v in values.items() if not isinstance(v, dict | list)]
-    for key, value in values.items():
-        tables = value if isinstance(value, list) else [value] if isinstance(value, dict) else []
-        header = f"[[{key}]]" if isinstance(value, list) else f"[{key}]"
-        for table in tables:
-            lines += ["", header, *(f"{k} = {toml_value(v)}" for k, v in table.items())]
-    return "\n".join([*lines, ""])
 
 
 def require_toml(target: Path) -> None:

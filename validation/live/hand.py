@@ -15,8 +15,6 @@ import numpy as np
 from palpate.meshes.arrays import Floats
 
 _BITS = 20
-# Digits of a place in the case's unit.
-_DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,7 @@ class Hand:
         start: Outside of the body, in the case's unit, shape (3,).
         outwards: Unit vector away from the body there, shape (3,).
         largest_way: In a tick, in the case's unit.
+        digits: Of a place behind the point, in the case's unit.
 
     Attributes:
         place: Where the tool is at the end of the present tick.
@@ -61,6 +60,7 @@ class Hand:
     start: Floats
     outwards: Floats
     largest_way: float
+    digits: int
     place: Floats = field(init=False)
     is_held_back: bool = False
     _goals: list[Floats] = field(default_factory=list)
@@ -86,7 +86,7 @@ class Hand:
         """
         self.is_held_back = is_too_much and bool(self._behind)
         if self.is_held_back:
-            self.place = self._behind.pop()
+            self.place, self._goals = self._behind.pop(), []
             return self.place
         while self._goals:
             way = self._goals[0] - self.place
@@ -100,7 +100,7 @@ class Hand:
         return self.place
 
     def _step_to(self, place: Floats) -> None:
-        there = np.round(place, _DIGITS)
+        there = np.round(place, self.digits)
         if not np.array_equal(there, self.place):
             self._behind = [*self._behind[-255:], self.place]
         self.place = there

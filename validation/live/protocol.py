@@ -99,9 +99,7 @@ class Shown(_Message):
     frame: Count
 
 
-Message = (
-    ToolTo | Withdraw | Pause | Reset | ColourBy | CaseLoads | Record | JudgeThis | Shown
-)
+Message = ToolTo | Withdraw | Pause | Reset | ColourBy | CaseLoads | Record | JudgeThis | Shown
 _MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
 
 
@@ -142,7 +140,8 @@ class Box:
     def packed(self, places: Points) -> NDArray[np.uint16]:
         """Whole numbers of places [mm], shape (n, 3); what lies outside is on the box's side."""
         numbers = np.rint((places - self.origin) / self.step)
-        return np.clip(numbers, 0, _STEPS).astype("<u2")
+        packed: NDArray[np.uint16] = np.clip(numbers, 0, _STEPS).astype("<u2")
+        return packed
 
     def described(self) -> dict[str, Any]:
         """For the page: place = origin + step * number [mm]."""

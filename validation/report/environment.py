@@ -11,11 +11,13 @@ from markupsafe import Markup
 
 from palpate.validation.quoting import for_html
 
+_PACKAGE = "palpate.validation.report"
+
 
 def page_environment() -> Environment:
     """Templates that escape every text and show what is hidden in it."""
     return Environment(
-        loader=PackageLoader("palpate.validation.report"),
+        loader=PackageLoader(_PACKAGE),
         autoescape=True,
         finalize=for_html,
         undefined=StrictUndefined,
@@ -26,8 +28,7 @@ def page_environment() -> Environment:
 
 def template_text(name: str) -> str:
     """A file of the templates' folder as it is."""
-    folder = resources.files("palpate.validation.report") / "templates"
-    return (folder / name).read_text(encoding="utf-8")
+    return (resources.files(_PACKAGE) / "templates" / name).read_text(encoding="utf-8")
 
 
 def script_of(*names: str) -> tuple[Markup, Markup]:

@@ -30,14 +30,14 @@ def viewer_json(result: CaseResult) -> str:
     points = mesh.points[used] * _MILLI
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     scene = {
-        "points": _packed(points - centre, np.float32),
-        "facets": _packed(facets.reshape(-1, 3), np.uint32),
-        "marks": _packed(_marks(result, used), np.int8),
+        "points": packed(points - centre, np.float32),
+        "facets": packed(facets.reshape(-1, 3), np.uint32),
+        "marks": packed(_marks(result, used), np.int8),
         "solutions": [_solution(state, used) for state in result.states],
         "errors": _errors(result, used),
         "looks": _looks(result),
         "times": _times(result),
-        "colours": _colours(),
+        "colours": colour_table(),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
         "axis": int(np.argmin(_reach(mesh, result.states))),
     }
@@ -54,7 +54,7 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
         "name": _name(state),
         "is_reference": state.is_reference,
         "step": step,
-        "displacement": _packed(np.rint(displacement / step), np.int16),
+        "displacement": packed(np.rint(displacement / step), np.int16),
         "largest": float(np.linalg.norm(displacement, axis=2).max()),
     }
 
@@ -98,7 +98,7 @@ def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
                 "candidate": number,
                 "reference": other,
                 "largest": float(length.max()),
-                "length": _packed(length, np.float32),
+                "length": packed(length, np.float32),
             }
         )
     return errors
@@ -135,12 +135,13 @@ def _reach(mesh: TetMesh, states: tuple[State, ...]) -> NDArray[Any]:
     return reach
 
 
-def _colours() -> list[list[float]]:
+def colour_table() -> list[list[float]]:
+    """From least to most, red, green and blue from 0 to 1."""
     table = mpl.colormaps["viridis"](np.linspace(0.0, 1.0, _COLOURS))[:, :3]
     return [[round(float(c), 4) for c in row] for row in table]
 
 
-def _packed(array: NDArray[Any], kind: type[np.generic]) -> str:
-    """Little-endian bytes in base64."""
+def packed(array: NDArray[Any], kind: type[np.generic]) -> str:
+    """Little-endian bytes in base64, for a page."""
     data = np.ascontiguousarray(array, dtype=np.dtype(kind).newbyteorder("<")).tobytes()
     return base64.b64encode(data).decode("ascii")

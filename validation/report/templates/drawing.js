@@ -67,7 +67,7 @@ function digits(value) {
 
 // A canvas with views, one for each entry of `shown`: { name, mode, ... }. Whoever extends it sets
 // `half` and `middle` (what is to be seen, as first seen) and says by `stateOf` what a view shows:
-// { motion, shade, share }.
+// { motion, shade, share, lineShare }: how far its facets and its lines are moved.
 class Stage {
   // body: points and colours of a table, facets, half of the diagonal, the axis of the first look.
   constructor(root, body) {
@@ -216,7 +216,7 @@ class Stage {
     this.layout = { columns, rows, w, h, pixels, dense };
     this.shown.forEach((shown, k) => {
       gl.viewport((k % columns) * w, (rows - 1 - Math.floor(k / columns)) * h, w, h);
-      const { motion, shade, share } = this.stateOf(shown);
+      const { motion, shade, share, lineShare } = this.stateOf(shown);
       this.fill("motion", motion);
       this.fill("value", shade);
       gl.uniform1i(this.uniform.mode, shown.mode);
@@ -224,7 +224,7 @@ class Stage {
       gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
       gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0);
-      gl.uniform1f(this.uniform.share, shown.mode === 0 ? share : 0);
+      gl.uniform1f(this.uniform.share, lineShare);
       gl.uniform1i(this.uniform.mode, 2);
       gl.enable(gl.BLEND);
       gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);

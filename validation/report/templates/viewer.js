@@ -63,7 +63,7 @@ class Viewer extends Stage {
   stateOf(shown) {
     const { frame, share } = this.moment();
     const motion = shown.mode === 0 ? shown.motion : this.frameOf(shown.motion, 3, frame);
-    return { motion, shade: this.shadeOf(shown, motion, share, frame), share };
+    return { motion, shade: this.shadeOf(shown, motion, share, frame), share, lineShare: shown.mode === 0 ? share : 0 };
   }
 
   moment() {

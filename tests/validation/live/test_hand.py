@@ -1,0 +1,58 @@
+"""The hand keeps to its speed, its grid of times and places, and goes back where it must."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.validation.live.hand import Clock, Hand
+
+
+def hand(way: float = 0.5) -> Hand:
+    return Hand(np.array([0.0, 0.0, 10.0]), np.array([0.0, 0.0, 1.0]), way, digits=6)
+
+
+@pytest.mark.parametrize("largest", [9.562e-4, 1.7e-5, 3.3e-3, 0.02])
+def test_times_of_ticks_are_exact(largest: float) -> None:
+    clock = Clock.of(largest, 1.0 / 120.0)
+    assert largest * (1 - 2e-6) < clock.time_step <= largest
+    assert clock.tick == pytest.approx(1.0 / 120.0, rel=0.5, abs=largest)
+    for ticks in (1, 3, 1201, 3599):
+        steps = ticks * clock.steps
+        # As a run of a case finds its step again.
+        assert ticks * clock.tick / steps == clock.time_step
+        assert ticks * clock.tick == steps * clock.time_step
+
+
+def test_the_tool_goes_no_faster_than_it_may_and_arrives() -> None:
+    one = hand()
+    goal = np.array([3.0, 0.0, 6.123456789])
+    one.send(goal)
+    last = one.place
+    for _ in range(20):
+        place = one.next_place(is_too_much=False)
+        assert np.linalg.norm(place - last) <= 0.5 + 1e-6
+        last = place
+    np.testing.assert_array_equal(one.place, np.round(goal, 6))
+
+
+def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
+    one = hand()
+    one.send(np.array([0.0, 0.0, 0.0]))
+    way = [one.next_place(is_too_much=False).copy() for _ in range(6)]
+    back = [one.next_place(is_too_much=True).copy() for _ in range(3)]
+    np.testing.assert_array_equal(back, way[4:1:-1])
+    assert one.is_held_back
+    one.next_place(is_too_much=False)
+    assert not one.is_held_back
+
+
+def test_a_tool_that_is_withdrawn_leaves_along_the_way_out_before_it_goes_aside() -> None:
+    one = hand()
+    one.send(np.array([4.0, 0.0, 2.0]))
+    for _ in range(40):
+        one.next_place(is_too_much=False)
+    one.withdraw()
+    places = np.array([one.next_place(is_too_much=False).copy() for _ in range(40)])
+    assert (np.abs(places[:16, 0] - 4.0) < 1e-6).all()
+    np.testing.assert_array_equal(places[-1], [0.0, 0.0, 10.0])

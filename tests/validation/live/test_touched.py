@@ -1,0 +1,140 @@
+"""Bodies under the hand: the right way, with the force of statics, and repeated bit for bit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.dynamics import simulate
+from palpate.meshes.problem import Element, Strain
+from palpate.validation.case import load_case
+from palpate.validation.live.client import Client, connected
+from palpate.validation.live.live_case import Touch, live_case, problem_of
+from palpate.validation.live.server import PageServer
+from palpate.validation.live.simulation import Simulation
+from palpate.validation.solving import solve
+
+Serving = Callable[..., AbstractContextManager[PageServer]]
+PLATE = {"shape": "box", "half_widths": [9.0, 30.0, 30.0]}
+
+
+def pressed(client: Client, depth: float, seconds: float = 1.0) -> dict[str, object]:
+    """The head of a frame after the tool was pressed in along -x [mm] and has rested."""
+    x, y, z = client.scene["tool"]["start"]
+    client.say("tool", number=1, to=[x - depth, y, z])
+    return client.until_time(client.frames[-1]["time"] + seconds if client.frames else seconds)
+
+
+def test_the_force_on_the_hand_is_that_of_statics(serving: Serving) -> None:
+    touch = Touch(PLATE, mass_damping=100.0)
+    with serving("block", touch) as server, connected(server.address) as client:
+        gap = client.scene["tool"]["start"][0] - 40.0 - 9.0
+        pressed(client, gap + 2.0, 0.8)
+        heads = [head for head in (client.hear() for _ in range(20)) if "panes" in head]
+        live = server.simulation.live
+        goal = live.start - np.array([gap + 2.0, 0.0, 0.0])
+        still = live.with_path([live.start, goal])
+        statics = dataclasses.replace(problem_of(live.case, still), time=None)
+        for number, strain in enumerate((Strain.LINEAR, Strain.GREEN)):
+            state = solve(statics, strain=strain)
+            assert state.tool_forces is not None
+            expected = state.tool_forces[0]
+            force = np.mean([head["panes"][number]["force"] for head in heads], axis=0)
+            # The tool is pushed back, out of the body.
+            assert expected[0] > 0.05
+            assert np.linalg.norm(force - expected) < 0.02 * np.linalg.norm(expected)
+        places = client.places(len(server.simulation.surface.used))
+        moved = places[1] - live.problem.mesh.points[server.simulation.surface.used] * 1e3
+        assert moved[:, 0].min() == pytest.approx(-2.0, abs=0.05)
+        assert heads[-1]["panes"][1]["volume"] < 0.0
+
+
+def test_pause_stops_the_bodies_and_reset_brings_them_back(serving: Serving) -> None:
+    with serving("block") as server, connected(server.address) as client:
+        pressed(client, 12.0, 0.2)
+        client.say("pause", on=True)
+        at = client.until(lambda heard: heard.get("paused") is True)["time"]
+        client.say("colour", by="stress")
+        assert client.until(lambda heard: heard.get("colour") == "stress")["time"] == at
+        client.say("reset")
+        client.say("pause", on=False)
+        after = client.until(lambda heard: heard.get("paused") is False)
+        assert after["time"] < 0.05
+        assert after["tool"] == pytest.approx(client.scene["tool"]["start"])
+
+
+def test_three_panes_where_both_elements_are_there(serving: Serving) -> None:
+    both = tuple(Element)
+    with serving("block", elements=both) as server, connected(server.address) as client:
+        pressed(client, 8.0, 0.6)
+        assert client.scene["panes"] == [
+            "linear strain",
+            "Green strain",
+            "Green strain (smoothed)",
+        ]
+        forces = [pane["force"][0] for pane in client.frames[-1]["panes"]]
+        assert all(force > 0.0 for force in forces)
+        # Smoothed tetrahedra are softer.
+        assert forces[2] < forces[1]
+
+
+def test_with_the_cases_loads_the_bodies_move_by_themselves(serving: Serving) -> None:
+    with serving("block", Touch(mass_damping=50.0)) as server, connected(server.address) as client:
+        assert client.until_time(0.1)["panes"][1]["energy"] == 0.0
+        client.say("loads", on=True)
+        scene = client.until(lambda heard: heard.get("kind") == "scene")
+        assert scene["has_loads"] is True
+        assert client.until_time(0.6)["panes"][1]["energy"] > 1e-6
+
+
+def test_what_was_recorded_repeats_the_motion_bit_for_bit(serving: Serving, tmp_path: Path) -> None:
+    tool = {"shape": "capsule", "radius": 9.0, "half_length": 8.0}
+    with (
+        serving("block", Touch(tool, has_loads=True)) as server,
+        connected(server.address) as client,
+    ):
+        client.until_time(0.1)
+        client.say("record", on=True)
+        client.until(lambda heard: heard.get("recording") is True)
+        x, y, z = client.scene["tool"]["start"]
+        for number, goal in enumerate([[x - 6, y + 1, z], [x - 3.7, y - 2, z + 1.7]]):
+            client.say("tool", number=number + 1, to=goal)
+            client.until_time(0.3 * (number + 1))
+        client.say("record", on=False)
+        path = Path(client.until(lambda heard: "recorded" in heard)["recorded"])
+        simulation = server.simulation
+        client.say("pause", on=True)
+        client.until(lambda heard: heard.get("paused") is True)
+    case = load_case(path)
+    assert path.parent == tmp_path
+    again = live_case(load_case("block"), Touch(tool, has_loads=True), (Element.LINEAR,))
+    assert case.problem.time is not None
+    assert case.problem.time.time_step == again.clock.time_step
+    replay_is_the_motion(simulation, path)
+
+
+def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
+    """The case's run against the pane's own body, sent from place to place as it was."""
+    case = load_case(path)
+    span = case.problem.time
+    assert span is not None
+    tool = case.spec.tool[0]
+    for pane in simulation.panes:
+        whole = simulate(case.problem, strain=pane.strain, element=pane.element)
+        pane.reset()
+        each = simulation.live.clock.steps
+        assert whole.num_steps == each * (len(tool.pose) - 1)
+        forces = []
+        for number, pose in enumerate(tool.pose[1:]):
+            pane.advance(np.array(case.spec.units.place(pose.position)), each)
+            if (number + 1) * each % (whole.num_steps // span.num_outputs) == 0:
+                forces.append(pane.mean_force())
+        assert not pane.trouble
+        np.testing.assert_array_equal(pane.body.displacement, whole.displacements[-1])
+        assert np.abs(whole.displacements[-1]).max() > 1e-3
+        assert np.abs(whole.tools[0].mean_forces[1:] - forces).max() < 1e-9 * np.abs(forces).max()

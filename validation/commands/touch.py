@@ -1,0 +1,57 @@
+"""`palpate touch CASE`: a body on a local page, seen and touched in real time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.validation.commands.words import ChosenElements, OneCase, progress_lines
+
+
+def touch(
+    case: OneCase,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="folder for recordings and what is judged")
+    ] = Path("out/touch"),
+    element: ChosenElements = None,
+    loads: Annotated[bool, typer.Option(help="begin with the case's own loads")] = False,
+    tool: Annotated[
+        str | None, typer.Option(help="sphere, capsule, or a closed surface beside the case")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(help="of the sphere or the capsule, in the case's unit")
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option(help="mass damping [1/s]; default: the case's")
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0: a free one")] = 0,
+    browser: Annotated[bool, typer.Option(help="open the page")] = True,
+    once: Annotated[bool, typer.Option(help="end when the page has been closed")] = False,
+) -> None:
+    """Show a body on a local page and touch it: linear beside Green strain, in real time.
+
+    The page is for this machine and one window: it has a token in its address, and a second one is
+    refused. Without a page the bodies stand still. Ctrl-C ends all. Needs the extra `touch`.
+    """
+    import webbrowser
+
+    from palpate.validation.case import load_case
+    from palpate.validation.live.live_case import Touch, tool_table
+    from palpate.validation.live.server import PageServer
+    from palpate.validation.states import Elements
+
+    loaded = load_case(case)
+    progress_lines()(f"reading and meshing {loaded.name}")
+    hand = Touch(tool_table(loaded, tool, radius), loads, damping)
+    elements = (Elements.LINEAR if element is None else element).each
+    server = PageServer(loaded, hand, elements, folder=output, is_once=once, port=port)
+
+    def ready(address: str) -> None:
+        print(f"touch {loaded.name} at {address}", flush=True)
+        print("Ctrl-C ends it.", flush=True)
+        if browser:
+            webbrowser.open(address)
+
+    server.serve(ready)

@@ -1,0 +1,281 @@
+"""The case as it is touched: the body of a case file, a tool in a hand, and time."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from palpate.fastsim.body import Body
+from palpate.fastsim.contact.contact_law import half_thickness
+from palpate.fastsim.contact.errors import ToolTooSmallError
+from palpate.fastsim.explicit_body import SAFETY
+from palpate.meshes.arrays import Floats
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.untrusted_text import parse_toml
+from palpate.validation.case import Case
+from palpate.validation.case.errors import CaseError, explain
+from palpate.validation.case.motion_schema import ToolSpec
+from palpate.validation.case.schema import CaseSpec
+from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.live.hand import Clock
+
+# A tick is about so long [s]: two make a frame.
+TICK = 1.0 / 120.0
+# Loads of a static case come within this time [s].
+_RAMP = 0.5
+# Where the case has no tool: of the body's longest side, and at least of the largest gap between
+# vertices, for those are kept out, and a smaller ball would slip between them.
+_RADIUS, _GAPS = 0.12, 1.02
+# Of a case's own tool, what the hand takes.
+_OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
+# How far from the body the tool begins, of the longest side.
+_AWAY = 0.06
+# Damping where the case says none, in parts of the lowest shear wave's frequency.
+_DAMPING_RATIO = 0.5
+# What a case at rest asks that one in motion cannot answer, or that belongs to its own loads.
+_LEFT_OUT = ("check", "truth", "evidence", "published", "tool", "time")
+
+
+@dataclass(frozen=True)
+class Touch:
+    """How a case is touched.
+
+    Attributes:
+        tool: Its table in a case file without poses, in the case's unit; None takes the case's
+            own where that begins, or a sphere as `tool_table` has it.
+        has_loads: Whether the case's own loads act.
+        mass_damping: [1/s]; None takes the case's, or half of critical for the lowest wave.
+    """
+
+    tool: dict[str, Any] | None = None
+    has_loads: bool = False
+    mass_damping: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LiveCase:
+    """A case that is touched.
+
+    Attributes:
+        case: As it was read.
+        data: Its file's tables, with the hand's tool at its start, and time for one tick.
+        problem: In SI units, stepped a tick at a time.
+        clock: Steps and ticks.
+        start: Of the tool, in the case's unit, shape (3,).
+        outwards: Unit vector away from the body there, shape (3,).
+        notes: What was chosen for the case, a sentence each.
+    """
+
+    case: Case
+    data: dict[str, Any]
+    problem: Problem
+    clock: Clock
+    start: Floats
+    outwards: Floats
+    notes: tuple[str, ...]
+
+    @property
+    def unit(self) -> float:
+        """Of the case's lengths [m]."""
+        return LENGTH[self.case.spec.units.length]
+
+    def with_path(self, places: list[Floats]) -> dict[str, Any]:
+        """The tables with the tool's places tick by tick, shape (3,) each, from the start."""
+        data = copy.deepcopy(self.data)
+        tick = self.clock.tick
+        first = data["tool"][0]["pose"][0]
+        data["tool"][0]["pose"] = [
+            {**first, "time": number * tick, "position": place.tolist()}
+            for number, place in enumerate(places)
+        ]
+        data["time"]["end_time"] = (len(places) - 1) * tick
+        return data
+
+
+def tool_table(case: Case, shape: str | None, radius: float | None) -> dict[str, Any] | None:
+    """The table of a tool, from its shape in a word or a file; None of the case's own.
+
+    Args:
+        case: Beside whose file a surface lies.
+        shape: "sphere", "capsule" (six times as long as thick), or a file of a closed surface.
+        radius: In the case's unit; None takes 0.12 of the body's longest side,
+            or the largest gap between vertices where that is larger.
+
+    Raises:
+        InputError: A radius that is none, or that goes with a surface.
+    """
+    if radius is not None and not (math.isfinite(radius) and radius > 0.0):
+        raise InputError(f"radius = {radius:g}: needs a value above 0")
+    if shape is None and radius is None:
+        return None
+    if shape not in (None, "sphere", "capsule"):
+        if radius is not None:
+            raise InputError(f"a radius goes with a sphere or a capsule, not with {shape}")
+        return {"shape": "surface", "surface": shape}
+    if radius is None:
+        radius = _default_radius(case)
+    if shape == "capsule":
+        return {"shape": shape, "radius": radius, "half_length": 5.0 * radius}
+    return {"shape": "sphere", "radius": radius}
+
+
+def _default_radius(case: Case) -> float:
+    """In the case's unit."""
+    mesh = case.mesh.mesh
+    side = float(np.ptp(mesh.points, axis=0).max())
+    radius = max(_RADIUS * side, _GAPS * _largest_gap(mesh)) / LENGTH[case.spec.units.length]
+    unit = 10.0 ** (math.floor(math.log10(radius)) - 1)
+    return float(f"{math.ceil(radius / unit) * unit:.2g}")
+
+
+def _largest_gap(mesh: TetMesh) -> float:
+    """Largest radius of a circle through the corners of a boundary facet [m]."""
+    corners = mesh.points[mesh.boundary_facets]
+    a, b, c = (np.linalg.norm(corners[:, k] - corners[:, k - 1], axis=1) for k in range(3))
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float((a * b * c / (2.0 * np.linalg.norm(sides, axis=1))).max())
+
+
+def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCase:
+    """Prepare a case for the hand.
+
+    Args:
+        case: Static or a motion; its own tools give the hand their shape only.
+        touch: What the hand holds.
+        elements: That are stepped; all take the shortest of their steps.
+
+    Raises:
+        InputError: A case that cannot be touched; one with slanted supports for instance.
+        ToolTooSmallError: A tool that would slip between the vertices of the surface.
+    """
+    _require_touchable(case)
+    unit = LENGTH[case.spec.units.length]
+    data = parse_toml(case.text)
+    span, notes = case.spec.time, []
+    given = case.spec.tool[0] if case.spec.tool else None
+    for key in _LEFT_OUT:
+        data.pop(key, None)
+    if not touch.has_loads:
+        data.pop("load", None)
+    elif span is None:
+        ramp = {"times": [0.0, _RAMP], "factors": [0.0, 1.0], "smooth": True}
+        data["load"] = [{"amplitude": ramp, **load} for load in data.get("load", [])]
+    points = case.mesh.mesh.points / unit
+    low, high = points.min(axis=0), points.max(axis=0)
+    side = float((high - low).max())
+    axis = _free_side(case.problem)
+    outwards = np.eye(3)[axis]
+    tool, turn = touch.tool, None
+    if tool is None and given is not None:
+        tool = given.model_dump(mode="json", exclude_unset=True, include=_OF_SHAPE)
+        start, turn, outwards = _begin_of(given, outwards)
+    else:
+        tool = tool or {"shape": "sphere", "radius": _default_radius(case)}
+        away = 0.5 * (high - low) + _reach(tool, axis, side) + _AWAY * side
+        start = 0.5 * (low + high) + outwards * away
+    start = np.round(start, 9)
+    pose = {"time": 0.0, "position": start.tolist(), **({"rotation": turn} if turn else {})}
+    tool = {**tool, "pose": [pose]}
+    damping = touch.mass_damping
+    if damping is None and span is not None:
+        damping = span.mass_damping
+    if damping is None:
+        damping = _damping_of(case.problem)
+        notes.append(
+            f"The case says no damping: {damping:g} /s here, half of critical for a shear wave "
+            "across the body."
+        )
+    data["tool"] = [tool]
+    data["time"] = {"end_time": 1.0, "mass_damping": damping}
+    trial = problem_of(case, data)
+    largest = min(
+        Body.of(trial, Strain.GREEN, element=element).critical_time_step() for element in elements
+    )
+    clock = Clock.of(SAFETY * largest, TICK)
+    data["time"] = {
+        "end_time": clock.tick,
+        "time_step": clock.time_step,
+        "mass_damping": damping,
+        "num_outputs": 1,
+    }
+    problem = problem_of(case, data)
+    thin, gap = half_thickness(problem.tools[0].shape), _largest_gap(case.mesh.mesh)
+    if thin < gap:
+        raise ToolTooSmallError(0, thin, gap)
+    return LiveCase(case, data, problem, clock, start, outwards, tuple(notes))
+
+
+def problem_of(case: Case, data: dict[str, Any]) -> Problem:
+    """The problem of changed tables, on the case's own mesh.
+
+    Raises:
+        CaseError: They are no case.
+    """
+    try:
+        spec = CaseSpec.model_validate(data)
+    except ValidationError as error:
+        raise CaseError(explain(case.path, case.text, data, error)) from error
+    changed = dataclasses.replace(case, spec=spec)
+    changed.__dict__["mesh"] = case.mesh
+    return changed.problem
+
+
+def _free_side(problem: Problem) -> int:
+    """The axis on whose upper end the least is held; the first look is across the others."""
+    points = problem.mesh.points
+    held = [support.points for support in problem.supports]
+    if not held:
+        return 2
+    low, high = points.min(axis=0), points.max(axis=0)
+    place = (points[np.concatenate(held)].mean(axis=0) - low) / (high - low)
+    return 2 if place[2] < 0.45 else int(np.argmin(place))
+
+
+def _begin_of(tool: ToolSpec, outwards: Floats) -> tuple[Floats, dict[str, Any] | None, Floats]:
+    """Where a case's own tool begins, how it is turned, and the way out from there."""
+    first = np.array(tool.pose[0].position)
+    turn = tool.pose[0].rotation
+    ways = [first - np.array(pose.position) for pose in tool.pose[1:]]
+    lengths = [float(np.linalg.norm(way)) for way in ways]
+    back = next((way / length for way, length in zip(ways, lengths, strict=True) if length), None)
+    table = None if turn is None else turn.model_dump(mode="json")
+    return first, table, outwards if back is None else back
+
+
+def _reach(tool: dict[str, Any], axis: int, side: float) -> float:
+    """How far a tool reaches from its origin along an axis, in the case's unit."""
+    match tool:
+        case {"shape": "box", "half_widths": widths}:
+            return float(widths[axis])
+        case {"shape": "capsule", "radius": radius, "half_length": half}:
+            return float(radius + (half if axis == 2 else 0.0))
+        case {"radius": radius}:
+            return float(radius)
+        case _:
+            return 0.5 * side
+
+
+def _damping_of(problem: Problem) -> float:
+    """Half of critical, 2 zeta omega, for a shear wave of twice the body's longest side [1/s]."""
+    material = problem.material
+    mu = material.youngs_modulus / (2.0 * (1.0 + material.poissons_ratio))
+    side = float(np.ptp(problem.mesh.points, axis=0).max())
+    omega = math.pi * math.sqrt(mu / material.density) / side
+    return float(f"{2.0 * _DAMPING_RATIO * omega:.2g}")
+
+
+def _require_touchable(case: Case) -> None:
+    """Refuse what no tool can be put to."""
+    if any(support.normal is not None for support in case.problem.supports):
+        raise InputError(
+            f"{case.name}: a tool and a support along a slanted normal do not go together; turn "
+            "the body so that the plane's normal is x, y or z"
+        )

@@ -1,0 +1,249 @@
+"""The local server of the live page: one address with a token, one page, one socket."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import socket
+import time
+from collections import deque
+from collections.abc import Callable
+from http import HTTPStatus
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element
+from palpate.validation.case import Case
+from palpate.validation.live import protocol
+from palpate.validation.live.live_case import Touch
+from palpate.validation.live.page import page_policy, page_text
+from palpate.validation.live.simulation import Simulation
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
+
+HOST = "127.0.0.1"
+# Frames that are on their way to the page at most; a later one takes the place of a waiting one.
+_ON_THE_WAY = 3
+# Orders that wait at most; more are dropped.
+_WAITING = 1000
+# A page that comes back within this time finds its body again [s].
+_GONE = 3.0
+# Close code of a socket that another page holds.
+IN_USE = 4009
+
+
+class TouchUnavailableError(InputError):
+    """The server's library is not installed."""
+
+
+class PageServer:
+    """Serves the page of one case.
+
+    Args:
+        case: What is touched.
+        touch: How.
+        elements: Of the panes.
+        folder: For recordings and what is judged.
+        is_once: End some seconds after the page has gone.
+        port: To listen at; 0 takes a free one.
+
+    Attributes:
+        address: Of the page, with its token.
+
+    Raises:
+        TouchUnavailableError: `websockets` is not installed.
+        InputError: A case that cannot be touched, or a port that is taken.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        touch: Touch,
+        elements: tuple[Element, ...],
+        *,
+        folder: Path,
+        is_once: bool = False,
+        port: int = 0,
+    ) -> None:
+        try:
+            import websockets  # noqa: F401
+        except ImportError:
+            raise TouchUnavailableError(
+                'palpate touch needs websockets; pip install "palpate[touch]"'
+            ) from None
+        self.simulation = Simulation(
+            case, touch, elements, folder=folder, wants_frame=self._wants_frame, send=self._take
+        )
+        try:
+            self._socket = socket.create_server((HOST, port))
+        except OSError as error:
+            raise InputError(f"port {port}: {error.strerror}; leave --port out") from error
+        self._port = self._socket.getsockname()[1]
+        self._token = secrets.token_urlsafe(24)
+        self._origin = f"http://{HOST}:{self._port}"
+        self.address = f"{self._origin}/{self._token}/"
+        self._page = page_text(case, self.simulation).encode()
+        self._is_once, self._is_stopping = is_once, False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._held: ServerConnection | None = None
+        self._notes: deque[str] = deque()
+        self._slot: bytes | None = None
+        self._sent = self._shown = 0
+
+    def serve(self, ready: Callable[[str], None]) -> None:
+        """Serve until Ctrl-C, or until the page has gone where it is asked for only once.
+
+        Args:
+            ready: Called with the address when pages can come.
+        """
+        try:
+            asyncio.run(self._serve(ready))
+        finally:
+            self._loop = None
+            self.simulation.end()
+
+    def stop(self) -> None:
+        """End `serve`, from another thread."""
+        self._is_stopping = True
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # closed meanwhile
+                self._loop.call_soon_threadsafe(self._gone.set)
+
+    async def _serve(self, ready: Callable[[str], None]) -> None:
+        from websockets.asyncio.server import serve
+
+        self._loop = asyncio.get_running_loop()
+        self._news, self._gone = asyncio.Event(), asyncio.Event()
+        async with serve(
+            self._attend,
+            sock=self._socket,
+            origins=[self._origin],  # type: ignore[list-item]
+            process_request=self._answer,
+            max_size=protocol.MOST_BYTES,
+            compression=None,
+            server_header=None,
+        ):
+            self.simulation.start()
+            ready(self.address)
+            while not self._is_stopping:
+                await self._gone.wait()
+                self._gone.clear()
+                if self._is_once and not self._is_stopping:
+                    await asyncio.sleep(_GONE)
+                    if self._held is None:
+                        return
+
+    # ---------------------------------------------------------------- requests
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The page, a refusal, or None: the socket may open."""
+        if request.headers.get_all("Host") != [f"{HOST}:{self._port}"]:
+            return connection.respond(HTTPStatus.FORBIDDEN, "another host\n")
+        _, token, *rest = [*request.path.split("/"), ""]
+        if not secrets.compare_digest(token.encode(), self._token.encode()):
+            return connection.respond(HTTPStatus.FORBIDDEN, "wrong or missing token\n")
+        if rest == ["socket", ""]:
+            if request.headers.get_all("Origin") != [self._origin]:
+                return connection.respond(HTTPStatus.FORBIDDEN, "another origin\n")
+            return None
+        if rest != ["", ""]:
+            return connection.respond(HTTPStatus.NOT_FOUND, "there is only the page\n")
+        from websockets.datastructures import Headers
+        from websockets.http11 import Response
+
+        headers = Headers(
+            {
+                "Content-Type": "text/html; charset=utf-8",
+                "Content-Length": str(len(self._page)),
+                "Content-Security-Policy": page_policy(f"ws://{HOST}:{self._port}"),
+                "Cache-Control": "no-store",
+                "Referrer-Policy": "no-referrer",
+                "X-Content-Type-Options": "nosniff",
+                "Cross-Origin-Resource-Policy": "same-origin",
+                "Connection": "close",
+            }
+        )
+        return Response(HTTPStatus.OK, "OK", headers, self._page)
+
+    # ---------------------------------------------------------------- the socket
+
+    async def _attend(self, connection: ServerConnection) -> None:
+        if self._held is not None:
+            await connection.close(IN_USE, "the body is in another window's hand")
+            return
+        self._held = connection
+        self._notes.clear()
+        self._slot, self._sent, self._shown = None, 0, 0
+        self._notes.append(json.dumps(self.simulation.scene(), allow_nan=False))
+        self._news.set()
+        sending = asyncio.create_task(self._send(connection))
+        self.simulation.seen(True)
+        try:
+            await self._listen(connection)
+        finally:
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await sending
+            self._held = None
+            self.simulation.seen(False)
+            self._gone.set()
+
+    async def _listen(self, connection: ServerConnection) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with contextlib.suppress(ConnectionClosed):
+            async for text in connection:
+                received = time.perf_counter()
+                try:
+                    message = protocol.read_message(text)
+                except protocol.MessageError as error:
+                    self._say({"kind": "refused", "text": str(error)})
+                    continue
+                if isinstance(message, protocol.Shown):
+                    self._shown = max(self._shown, min(message.frame, self._sent))
+                    self._news.set()
+                elif self.simulation.waiting() < _WAITING:
+                    self.simulation.order(message, received)
+
+    async def _send(self, connection: ServerConnection) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                await self._news.wait()
+                self._news.clear()
+                while self._notes:
+                    await connection.send(self._notes.popleft())
+                if self._slot is not None and self._sent - self._shown < _ON_THE_WAY:
+                    frame, self._slot = self._slot, None
+                    self._sent += 1
+                    await connection.send(frame)
+
+    def _wants_frame(self) -> bool:
+        return self._held is not None and self._slot is None
+
+    def _take(self, news: bytes | dict[str, Any]) -> None:
+        """From the simulation's thread: a frame or a note for the page."""
+        loop = self._loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # closed meanwhile
+                loop.call_soon_threadsafe(self._put, news)
+
+    def _put(self, news: bytes | dict[str, Any]) -> None:
+        if self._held is None:
+            return
+        if isinstance(news, bytes):
+            self._slot = news
+            self._news.set()
+        else:
+            self._say(news)
+
+    def _say(self, note: dict[str, Any]) -> None:
+        if len(self._notes) < _WAITING:
+            self._notes.append(json.dumps(note, allow_nan=False))
+            self._news.set()

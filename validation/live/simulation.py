@@ -1,0 +1,333 @@
+"""The bodies' time: steps them all under the same hand, never waits for the page."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element
+from palpate.validation.case import Case
+from palpate.validation.live import protocol
+from palpate.validation.live.hand import Hand
+from palpate.validation.live.live_case import LiveCase, Touch, live_case
+from palpate.validation.live.pane import LEAST_DET_F, Pane, Surface, make_panes
+from palpate.validation.live.protocol import Box, pack_frame
+from palpate.validation.live.recording import free_name, write_recording
+
+FRAME = 1.0 / 60.0
+# Of all frames together [bytes/s].
+MOST_RATE = 2.8e6
+# The tool crosses the body in a second at least, however fast the pointer.
+_SIDES_PER_SECOND = 1.0
+# Of the speed that vertices can follow.
+_SPEED_SAFETY = 0.8
+# Behind by more than this, the bodies' time does not catch up [s].
+_LOST = 0.1
+_LONGEST_RECORDING = 30.0
+# Energies and shades that cost more than a look at the surface, every so many frames.
+_SELDOM = 6
+
+# Places are told so exactly [m].
+NANOMETRE = 1e-9
+
+Note = dict[str, Any]
+
+
+class Simulation(threading.Thread):
+    """Steps in real time, in a thread of its own, one more for each further pane.
+
+    Args:
+        case: What is touched.
+        touch: How.
+        elements: Of the panes.
+        folder: For recordings.
+        wants_frame: Whether the page has room for one more.
+        send: Takes a frame (bytes) or a note (a dictionary) for the page; returns at once.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        touch: Touch,
+        elements: tuple[Element, ...],
+        *,
+        folder: Path,
+        wants_frame: Callable[[], bool],
+        send: Callable[[bytes | Note], None],
+    ) -> None:
+        super().__init__(name="simulation", daemon=True)
+        self._case, self._touch, self._elements = case, touch, elements
+        self._folder, self._wants_frame, self._send = folder, wants_frame, send
+        self._orders: queue.SimpleQueue[tuple[protocol.Message | None, float]]
+        self._orders = queue.SimpleQueue()
+        self._colour = "displacement"
+        self._is_paused = False
+        self._is_seen = False
+        self._ending = threading.Event()
+        self._recorded: list[Floats] | None = None
+        self._frame = 0
+        self._answered = (0, 0.0)
+        self._unanswered: tuple[int, float] | None = None
+        self._build()
+        self._pool = ThreadPoolExecutor(max(1, len(self.panes) - 1), thread_name_prefix="pane")
+
+    # ---------------------------------------------------------------- from other threads
+
+    def order(self, message: protocol.Message, received: float) -> None:
+        """Take a message of the page, received at a time of `time.perf_counter`."""
+        self._orders.put((message, received))
+
+    def waiting(self) -> int:
+        """Orders that are not yet obeyed."""
+        return self._orders.qsize()
+
+    def seen(self, is_seen: bool) -> None:
+        """Whether there is a page: without one the bodies' time stands still."""
+        self._is_seen = is_seen
+        self._orders.put((None, 0.0))
+
+    def end(self) -> None:
+        """Stop and wait for it."""
+        self._ending.set()
+        self._orders.put((None, 0.0))
+        if self.is_alive():
+            self.join()
+        self._pool.shutdown()
+
+    def scene(self) -> Note:
+        """What the page needs before the first frame; lengths in mm."""
+        live, milli = self.live, self._milli
+        return {
+            "kind": "scene",
+            "box": self._box.described(),
+            "tool": {**live.data["tool"][0], "start": (live.start * milli).tolist()},
+            "unit": milli,
+            "panes": [pane.name for pane in self.panes],
+            "speed": self._largest_speed * 1e3,
+            "time_step": live.clock.time_step,
+            "tick": live.clock.tick,
+            "damping": live.data["time"]["mass_damping"],
+            "cells": live.problem.mesh.num_cells,
+            "points": live.problem.mesh.num_points,
+            "loads": len(self._case.spec.load),
+            "has_loads": self._touch.has_loads,
+            "notes": list(live.notes),
+        }
+
+    # ---------------------------------------------------------------- the bodies
+
+    def _build(self) -> None:
+        self.live: LiveCase = live_case(self._case, self._touch, self._elements)
+        problem = self.live.problem
+        self.surface = Surface(problem)
+        self.panes: list[Pane] = make_panes(problem, self.surface, self._elements)
+        rest = problem.mesh.points[self.surface.used] * 1e3
+        self._milli = self.live.unit * 1e3
+        self._box = Box(rest)
+        side = float(np.ptp(problem.mesh.points, axis=0).max())
+        allowed = _SPEED_SAFETY * min(pane.largest_speed for pane in self.panes)
+        self._largest_speed = min(allowed, _SIDES_PER_SECOND * side)
+        self._reset()
+
+    def _reset(self) -> None:
+        tick = self.live.clock.tick
+        unit = self.live.unit
+        self.hand = Hand(
+            self.live.start,
+            self.live.outwards,
+            self._largest_speed * tick / unit,
+            digits=round(np.log10(unit / NANOMETRE)),
+        )
+        for pane in self.panes:
+            pane.reset()
+        self._ticks = 0
+        self._spent, self._cpu = tick, 0.0
+        self._pace: list[tuple[float, float]] = []
+        self._energies = [0.0] * len(self.panes)
+        self._most = 0.0
+        self._told: set[int] = set()
+        self._due = time.perf_counter()
+
+    def run(self) -> None:
+        """The thread: orders, a tick, a frame, a rest."""
+        next_frame = 0.0
+        while not self._ending.is_set():
+            changed = self._take_orders(wait=self._is_still())
+            if self._ending.is_set():
+                break
+            if self._is_still():
+                self._due = time.perf_counter()
+                if changed and self._is_seen:
+                    self._show()
+                continue
+            self._tick()
+            now = time.perf_counter()
+            if now >= next_frame and self._wants_frame():
+                size = self._show()
+                next_frame = max(next_frame, now - FRAME) + max(FRAME, size / MOST_RATE)
+            self._due = max(self._due + self.live.clock.tick, now - _LOST)
+            if self._due > now:
+                time.sleep(self._due - now)
+
+    def _is_still(self) -> bool:
+        return self._is_paused or not self._is_seen
+
+    def _take_orders(self, *, wait: bool) -> bool:
+        """Whether there were any; waits for one where nothing else is to be done."""
+        changed = False
+        try:
+            while True:
+                message, received = self._orders.get(block=wait and not changed)
+                changed = True
+                if message is not None:
+                    self._obey(message, received)
+        except queue.Empty:
+            return changed
+
+    def _tick(self) -> None:
+        clock = self.live.clock
+        is_too_much = min(pane.smallest_det_f for pane in self.panes) < LEAST_DET_F
+        place = self.hand.next_place(is_too_much=is_too_much)
+        metres = np.array(self._case.spec.units.place((place[0], place[1], place[2])))
+        begin = time.perf_counter()
+        others = [self._pool.submit(pane.advance, metres, clock.steps) for pane in self.panes[1:]]
+        self.panes[0].advance(metres, clock.steps)
+        for other in others:
+            other.result()
+        for number, pane in enumerate(self.panes):
+            if pane.trouble and number not in self._told:
+                self._told.add(number)
+                self._say(f"{pane.name}: {pane.trouble}")
+        spent = time.perf_counter() - begin
+        # Over about half a second.
+        share = min(1.0, clock.tick / 0.5)
+        self._spent += share * (spent - self._spent)
+        self._cpu += share * (max(pane.cpu_seconds for pane in self.panes) - self._cpu)
+        self._ticks += 1
+        now = time.perf_counter()
+        self._pace = [*(p for p in self._pace if now - p[0] < 1.0), (now, clock.tick)]
+        if self._unanswered is not None:
+            self._answered, self._unanswered = self._unanswered, None
+        if self._recorded is not None:
+            self._recorded.append(place.copy())
+            if len(self._recorded) * clock.tick > _LONGEST_RECORDING:
+                self._end_recording()
+
+    # ---------------------------------------------------------------- what the page is sent
+
+    def _show(self) -> int:
+        """Send a frame; returns its size [bytes]."""
+        self._frame += 1
+        seldom = self._frame % _SELDOM == 1
+        shades = [pane.shades(self._colour) for pane in self.panes]
+        # One scale for all, which falls slowly so that the eye can follow.
+        self._most = max(*(float(of.max()) for of in shades), 0.98 * self._most, 1e-12)
+        packed, told = [], []
+        for number, pane in enumerate(self.panes):
+            places = pane.places()
+            if seldom:
+                self._energies[number] = pane.strain_energy()
+            bytes_ = np.clip(shades[number] * (255.0 / self._most), 0.0, 255.0)
+            packed.append((self._box.packed(places * 1e3), bytes_.astype(np.uint8)))
+            told.append(
+                {
+                    "force": [_finite(f) for f in pane.mean_force()],
+                    "volume": _finite(pane.volume_change(places)),
+                    "energy": _finite(self._energies[number]),
+                    "det_f": _finite(pane.smallest_det_f),
+                    "trouble": bool(pane.trouble),
+                }
+            )
+        now = time.perf_counter()
+        number, received = self._answered
+        tick = self.live.clock.tick
+        head = {
+            "frame": self._frame,
+            "time": self._ticks * tick,
+            "panes": told,
+            "tool": (self.hand.place * self._milli).tolist(),
+            "held_back": self.hand.is_held_back,
+            "paused": self._is_paused,
+            "recording": self._recorded is not None,
+            "colour": self._colour,
+            "most": self._most,
+            "factor": tick / max(self._spent, 1e-9),
+            "cpu_factor": tick / max(self._cpu, 1e-9),
+            "pace": sum(t for _, t in self._pace) / max(min(1.0, self._age(now)), tick),
+            "answered": number,
+            "latency": now - received if received else None,
+        }
+        self._answered = (number, 0.0)
+        frame = pack_frame(head, packed)
+        self._send(frame)
+        return len(frame)
+
+    def _age(self, now: float) -> float:
+        return now - self._pace[0][0] + self.live.clock.tick if self._pace else 1.0
+
+    def _say(self, text: str, **more: Any) -> None:
+        self._send({"kind": "note", "text": text, **more})
+
+    # ---------------------------------------------------------------- orders
+
+    def _obey(self, message: protocol.Message, received: float) -> None:
+        match message:
+            case protocol.ToolTo(number=number, to=to):
+                self.hand.send(np.array(to) / self._milli)
+                self._unanswered = (number, received)
+            case protocol.Withdraw():
+                self.hand.withdraw()
+            case protocol.Pause(on=on):
+                self._is_paused = on
+            case protocol.Reset():
+                self._recorded = None
+                self._reset()
+            case protocol.ColourBy(by=by):
+                self._colour, self._most = by, 0.0
+            case protocol.CaseLoads(on=on):
+                self._recorded = None
+                self._with_loads(on)
+            case protocol.Record(on=True):
+                self._reset()
+                self._recorded = [self.hand.place.copy()]
+            case protocol.Record(on=False):
+                self._end_recording()
+            case _:
+                pass
+
+    def _with_loads(self, on: bool) -> None:
+        before = self._touch
+        self._touch = Touch(before.tool, on, before.mass_damping)
+        try:
+            self._build()
+        except InputError as error:
+            self._touch = before
+            self._say(str(error))
+        self._send(self.scene())
+
+    def _end_recording(self) -> None:
+        places, self._recorded = self._recorded, None
+        if places is None:
+            return
+        try:
+            name = free_name(self._folder, f"touched-{self._case.name}")
+            path = write_recording(self.live, places, self._folder, name)
+        except (InputError, OSError) as error:
+            self._say(f"not recorded: {error}")
+            return
+        seconds = (len(places) - 1) * self.live.clock.tick
+        self._say(f"{seconds:.3g} s recorded: palpate gate {path} --live", recorded=str(path))
+
+
+def _finite(value: float) -> float:
+    """A number that JSON has."""
+    return float(value) if np.isfinite(value) else 0.0

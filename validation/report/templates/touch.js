@@ -1,0 +1,344 @@
+// The live page: bodies streamed by the server, and one hand for all of them. After drawing.js.
+
+const HAND_COLOURS = ["#3b6ba0", "#b5332e", "#2f8f4e"];
+const STEEL = [0.45, 0.5, 0.56, 1];
+const UNITS = { displacement: "mm", strain: "", stress: "kPa" };
+const FACTORS = { displacement: 1e3, strain: 1, stress: 1e-3 };
+
+const $ = (id) => document.getElementById(id);
+const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+
+class Touch extends Stage {
+  constructor(root, scene, send) {
+    super(root, { points: unpack(scene.points, Float32Array), facets: unpack(scene.facets, Uint32Array),
+      radius: scene.radius, axis: scene.axis });
+    this.send = send;
+    this.tool = { points: unpack(scene.tool.points, Float32Array), facets: unpack(scene.tool.facets, Uint32Array) };
+    this.tool.indices = this.elements(this.tool.facets);
+    this.tool.still = new Float32Array(this.tool.points.length);
+    this.tool.plain = new Float32Array(this.tool.points.length / 3);
+    this.colours = scene.colours;
+    this.yaw += 0.3;
+    this.pitch = Math.min(this.pitch + 0.15, Math.PI / 2 - 0.5);
+    this.mode = "push";
+    this.number = 0;
+    this.asked = new Map();
+    this.listen();
+  }
+
+  // What the server says of the case, before the first frame.
+  begin(told) {
+    this.box = told.box;
+    this.goal = told.tool.start;
+    this.step = 0.02 * 2 * this.radius;
+    if (!this.views) {
+      this.makeViews(told.panes.length);
+      this.makeColours(this.colours);
+    }
+    this.shown = told.panes.map((name) => ({ name, mode: 1, motion: this.still, shade: new Float32Array(this.count) }));
+    this.views.forEach((view, k) => { view.querySelector(".name").textContent = told.panes[k]; });
+    this.measure();
+    this.draw();
+  }
+
+  // Half extents of the body and the tool as first seen, and their centre.
+  measure() {
+    const turn = this.turn(), low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    const see = (points, at) => {
+      for (let k = 0; k < points.length; k += 3)
+        for (let row = 0; row < 2; ++row) {
+          let x = 0;
+          for (let i = 0; i < 3; ++i) x += turn[3 * i + row] * (points[k + i] + at[i]);
+          low[row] = Math.min(low[row], x);
+          high[row] = Math.max(high[row], x);
+        }
+    };
+    see(this.points, [0, 0, 0]);
+    see(this.tool.points, this.goal);
+    this.half = [0, 1].map((row) => Math.max(0.5 * (high[row] - low[row]), 0.05 * this.radius));
+    this.middle = [0, 1].map((row) => 0.5 * (high[row] + low[row]));
+  }
+
+  // A frame of the server's: head, then 16 bits a coordinate and 8 bits of shade for each pane.
+  take(buffer) {
+    const length = new DataView(buffer).getUint32(0, true);
+    const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+    let begin = 4 + length;
+    const { origin, step } = this.box;
+    for (const shown of this.shown) {
+      const numbers = new Uint16Array(buffer, begin, 3 * this.count);
+      begin += numbers.byteLength;
+      const motion = new Float32Array(3 * this.count);
+      for (let k = 0; k < motion.length; ++k) motion[k] = origin[k % 3] + step * numbers[k] - this.points[k];
+      shown.motion = motion;
+    }
+    for (const shown of this.shown) {
+      const bytes = new Uint8Array(buffer, begin, this.count);
+      begin += bytes.byteLength;
+      shown.shade = Float32Array.from(bytes, (x) => x / 255);
+    }
+    this.toolAt = head.tool;
+    this.head = head;
+    this.draw();
+    return head;
+  }
+
+  stateOf(shown) { return { motion: shown.motion, shade: shown.shade, share: 1, lineShare: 1 }; }
+
+  // The tool, in every view.
+  drawBeside() {
+    if (!this.toolAt) return;
+    const gl = this.gl, { points, facets, indices, still, plain } = this.tool;
+    this.fill("rest", points.map((x, k) => x + this.toolAt[k % 3]));
+    this.fill("motion", still);
+    this.fill("value", plain);
+    gl.uniform1i(this.uniform.mode, 0);
+    gl.uniform4f(this.uniform.plain, ...STEEL);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
+    gl.drawElements(gl.TRIANGLES, facets.length, gl.UNSIGNED_INT, 0);
+    this.fill("rest", this.points);
+  }
+
+  paint() {
+    if (!this.half) return;
+    super.paint();
+    if (this.head && this.head.frame !== this.painted) {
+      this.painted = this.head.frame;
+      this.onPaint?.(this.head);
+    }
+  }
+
+  // ---------------------------------------------------------------- the hand
+
+  // Rows of the camera: right, up, towards the eye.
+  axes() {
+    const t = this.turn();
+    return [0, 1, 2].map((row) => [t[row], t[3 + row], t[6 + row]]);
+  }
+
+  moveHand(right, up, towards) {
+    const [r, u, e] = this.axes();
+    this.goal = add(add(add(this.goal, r, right), u, up), e, towards);
+    this.sendHand();
+  }
+
+  sendHand() {
+    if (this.waitingHand) return;
+    this.waitingHand = true;
+    requestAnimationFrame(() => {
+      this.waitingHand = false;
+      this.number += 1;
+      this.asked.set(this.number, performance.now());
+      this.send({ kind: "tool", number: this.number, to: this.goal.map((x) => Math.round(x * 1e6) / 1e6) });
+    });
+  }
+
+  letGo() {
+    this.goal = [...this.start ?? this.goal];
+    this.send({ kind: "withdraw" });
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    this.canvas.classList.toggle("turning", mode === "turn");
+    for (const name of ["push", "turn"]) $(`mode-${name}`).setAttribute("aria-pressed", String(name === mode));
+  }
+
+  listen() {
+    const canvas = this.canvas;
+    let last = null, turns = false;
+    canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+    canvas.addEventListener("pointerdown", (e) => {
+      last = [e.clientX, e.clientY];
+      turns = this.mode === "turn" || e.button === 2;
+      canvas.setPointerCapture(e.pointerId);
+    });
+    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
+    canvas.addEventListener("pointermove", (e) => {
+      if (!last) return;
+      const dx = e.clientX - last[0], dy = e.clientY - last[1];
+      last = [e.clientX, e.clientY];
+      if (turns) { if (e.shiftKey) this.move(dx, dy); else this.rotate(dx * 0.01, dy * 0.01); return; }
+      const unit = this.layout.dense / this.layout.pixels;
+      this.moveHand(dx * unit, -dy * unit, 0);
+    });
+    canvas.addEventListener("wheel", (e) => {
+      e.preventDefault();
+      if (this.mode === "turn" || e.ctrlKey) this.zoomBy(Math.exp(-e.deltaY * 0.001));
+      else this.moveHand(0, 0, e.deltaY * 0.001 * this.radius);
+    }, { passive: false });
+    canvas.addEventListener("keydown", (e) => {
+      const s = e.shiftKey ? 0.25 * this.step : this.step, turning = this.mode === "turn";
+      const by = (right, up) => (turning ? this.rotate(0.1 * right, -0.1 * up) : this.moveHand(s * right, s * up, 0));
+      const act = { ArrowLeft: () => by(-1, 0), ArrowRight: () => by(1, 0), ArrowUp: () => by(0, 1), ArrowDown: () => by(0, -1),
+        w: () => this.moveHand(0, 0, -s), s: () => this.moveHand(0, 0, s), W: () => this.moveHand(0, 0, -s), S: () => this.moveHand(0, 0, s),
+        "+": () => this.zoomBy(1.15), "-": () => this.zoomBy(1 / 1.15) }[e.key];
+      if (act) { e.preventDefault(); act(); }
+    });
+    new ResizeObserver(() => this.draw()).observe(canvas);
+  }
+}
+
+// Force over the last ten seconds of the bodies' time, a line for each pane.
+class Chart {
+  constructor(canvas) { this.canvas = canvas; this.rows = []; }
+
+  add(time, forces) {
+    if (this.rows.length && time < this.rows[this.rows.length - 1].time) this.rows = [];
+    this.rows.push({ time, forces });
+    while (this.rows[0].time < time - 10) this.rows.shift();
+  }
+
+  paint() {
+    const c = this.canvas, dense = window.devicePixelRatio || 1, g = c.getContext("2d");
+    c.width = c.clientWidth * dense; c.height = c.clientHeight * dense;
+    if (!this.rows.length) return;
+    const end = Math.max(10, this.rows[this.rows.length - 1].time), most = Math.max(1e-3, ...this.rows.flatMap((r) => r.forces)) * 1.1;
+    g.font = `${11 * dense}px system-ui, sans-serif`;
+    g.fillStyle = "#5c6670";
+    g.fillText(`${digits(most / 1.1)} N`, 4 * dense, 12 * dense);
+    const x = (t) => (t - end + 10) / 10 * c.width, y = (f) => c.height * (1 - f / most) - 1;
+    this.rows[0].forces.forEach((_, k) => {
+      g.strokeStyle = HAND_COLOURS[k % HAND_COLOURS.length];
+      g.lineWidth = 1.5 * dense;
+      g.beginPath();
+      this.rows.forEach((r, i) => (i ? g.lineTo(x(r.time), y(r.forces[k])) : g.moveTo(x(r.time), y(r.forces[k]))));
+      g.stroke();
+    });
+  }
+}
+
+class Page {
+  constructor() {
+    const scene = JSON.parse($("scene").textContent);
+    const send = (message) => { if (this.socket?.readyState === 1) this.socket.send(JSON.stringify(message)); };
+    this.send = send;
+    this.stage = new Touch(document.querySelector(".touch"), scene, send);
+    this.stage.onPaint = (head) => this.painted(head);
+    this.chart = new Chart($("chart"));
+    this.frames = [];
+    this.connect();
+    this.listen();
+    document.querySelectorAll("#numbers thead th").forEach((cell, k) => { if (k) cell.style.color = HAND_COLOURS[(k - 1) % 3]; });
+  }
+
+  connect() {
+    const socket = this.socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/[?#].*$/, "") + "socket");
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = ({ data }) => { if (typeof data === "string") this.told(JSON.parse(data)); else if (this.stage.box) this.stage.take(data); };
+    socket.onclose = ({ code, reason }) => {
+      this.status(code === 4009 ? `refused: ${reason}` : "the simulation has ended");
+      document.querySelectorAll("aside button, aside select, aside input").forEach((control) => { control.disabled = true; });
+    };
+  }
+
+  status(text) { $("status").textContent = text; document.body.dataset.status = text; }
+
+  told(note) {
+    if (note.kind === "scene") {
+      this.stage.start = note.tool.start;
+      this.stage.begin(note);
+      this.status("");
+      $("about").textContent = `${note.cells} cells, step ${digits(1e3 * note.time_step)} ms, damping ${digits(note.damping)} /s.`;
+      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to a third of its volume the tool is held back. ${note.notes.join(" ")}`;
+      if ($("loads")) $("loads").checked = note.has_loads;
+    } else if (note.kind === "note" || note.kind === "refused") this.say(note.text, note.verdict);
+  }
+
+  say(text, verdict) {
+    const line = document.createElement("p");
+    line.textContent = text;
+    if (verdict) line.className = verdict;
+    $("notes").prepend(line);
+    while ($("notes").children.length > 8) $("notes").lastChild.remove();
+  }
+
+  // Once a frame is on the screen.
+  painted(head) {
+    const now = performance.now(), stage = this.stage;
+    this.send({ kind: "shown", frame: head.frame });
+    this.frames.push(now);
+    while (this.frames[0] < now - 1000) this.frames.shift();
+    if (head.latency !== null) {
+      this.serverLatency = head.latency;
+      const asked = stage.asked.get(head.answered);
+      if (asked) this.latency = now - asked;
+      for (const number of stage.asked.keys()) if (number <= head.answered) stage.asked.delete(number);
+    }
+    const sizes = head.panes.map((pane) => Math.hypot(...pane.force));
+    this.chart.add(head.time, sizes);
+    if (head.frame % 6 === 0) this.numbers(head, sizes);
+    const troubled = head.panes.some((pane) => pane.trouble);
+    $("warning").hidden = !head.held_back;
+    if (head.held_back) $("warning").textContent = "the tissue takes no more here: the tool is held back";
+    stage.views.forEach((view, k) => {
+      view.querySelector(".name").textContent = `${stage.shown[k].name}${head.panes[k].trouble ? ": stopped; reset to go on" : ""}`;
+      view.querySelector(".name").classList.toggle("trouble", Boolean(head.panes[k].trouble));
+      view.querySelector(".most").textContent = `${digits(head.most * FACTORS[head.colour])} ${UNITS[head.colour]}`;
+    });
+    $("pause").setAttribute("aria-pressed", String(head.paused));
+    $("record").setAttribute("aria-pressed", String(head.recording));
+    $("record").textContent = head.recording ? "end the recording" : "record";
+    Object.assign(document.body.dataset, { frame: head.frame, time: head.time, forces: JSON.stringify(head.panes.map((p) => p.force)), troubled });
+  }
+
+  numbers(head, sizes) {
+    const rows = $("numbers").tBodies[0].rows;
+    head.panes.forEach((pane, k) => {
+      rows[0].cells[k + 1].textContent = `${sizes[k].toFixed(3)} N`;
+      rows[1].cells[k + 1].textContent = `${(100 * pane.volume).toFixed(2)} %`;
+      rows[2].cells[k + 1].textContent = `${(1e3 * pane.energy).toFixed(3)} mJ`;
+      rows[3].cells[k + 1].textContent = stageIsLinear(this.stage.shown[k].name) ? "–" : `${(100 * pane.det_f).toFixed(0)} %`;
+    });
+    this.chart.paint();
+    $("pace").textContent = `time ${head.time.toFixed(2)} s; ${head.factor.toFixed(2)} times real time possible, ${head.pace.toFixed(2)} held; `
+      + `${this.frames.length} frames/s; hand to picture ${this.latency === undefined ? "–" : `${this.latency.toFixed(0)} ms (server ${(1e3 * this.serverLatency).toFixed(0)} ms)`}`;
+  }
+
+  listen() {
+    const stage = this.stage, send = this.send;
+    $("mode-push").onclick = () => stage.setMode("push");
+    $("mode-turn").onclick = () => stage.setMode("turn");
+    this.whileHeld($("deeper"), () => stage.moveHand(0, 0, -0.25 * stage.step));
+    this.whileHeld($("nearer"), () => stage.moveHand(0, 0, 0.25 * stage.step));
+    $("withdraw").onclick = () => stage.letGo();
+    $("pause").onclick = () => send({ kind: "pause", on: $("pause").getAttribute("aria-pressed") !== "true" });
+    $("reset").onclick = () => this.reset();
+    $("colour").onchange = () => send({ kind: "colour", by: $("colour").value });
+    if ($("loads")) $("loads").onchange = () => send({ kind: "loads", on: $("loads").checked });
+    $("record").onclick = () => {
+      const on = $("record").getAttribute("aria-pressed") !== "true";
+      if (on) stage.goal = [...stage.start];
+      send({ kind: "record", on });
+    };
+    $("judge").onclick = () => send({ kind: "judge" });
+    document.addEventListener("keydown", (e) => {
+      if (e.target instanceof HTMLSelectElement || e.target instanceof HTMLInputElement) return;
+      const act = { 1: () => stage.setMode("push"), 2: () => stage.setMode("turn"), r: () => this.reset(), Escape: () => stage.letGo() }[e.key]
+        ?? (e.key === " " && !(e.target instanceof HTMLButtonElement) ? () => $("pause").click() : null);
+      if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
+    });
+  }
+
+  reset() {
+    this.stage.goal = [...this.stage.start];
+    this.send({ kind: "reset" });
+  }
+
+  whileHeld(button, act) {
+    let timer = 0;
+    const stop = () => { clearInterval(timer); timer = 0; };
+    button.addEventListener("pointerdown", () => { act(); timer = timer || setInterval(act, 16); });
+    for (const name of ["pointerup", "pointerleave", "pointercancel"]) button.addEventListener(name, stop);
+    button.addEventListener("keydown", (e) => { if (e.key === "Enter" || e.key === " ") act(); });
+  }
+}
+
+const stageIsLinear = (name) => name.startsWith("linear");
+
+try {
+  window.palpate = new Page();
+} catch (error) {
+  $("status").textContent = `This page needs WebGL 2: ${error.message}`;
+  document.body.dataset.status = "failed";
+}
