@@ -238,7 +238,8 @@ class ExplicitRun:
     def make(
         body: ElasticBody, lumped_mass: Floats, is_free: Flags, *, time_step: float,
         mass_damping: float, displacement_limit: float, num_threads: int,
-        at_most: InstructionSet, is_single: bool, tracks_energy: bool
+        at_most: InstructionSet, stiffness_damping: float, is_single: bool,
+        tracks_energy: bool
     ) -> ExplicitRun: ...
     @property
     def instruction_set(self) -> str: ...

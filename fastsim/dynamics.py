@@ -85,9 +85,11 @@ def simulate(
 
     M a'' + D a' + R(a) = s(t) F with lumped M and D = mass_damping M (eq. 11), by eq. 12
     (corrected: see core/explicit/central_difference.hpp) from the start-up value of eq. 13.
+    Stiffness damping adds the forces of a viscous stress to R: see `viscosity`.
 
     Args:
-        problem: With `time` set; its `time_step` None takes 0.8 of the critical one.
+        problem: With `time` set; its `time_step` None takes 0.8 of the critical one, which
+            stiffness damping shortens.
         strain: Engineering or Green strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         displacement: Initial [m], shape (num_points, 3); None is rest. Held components are where

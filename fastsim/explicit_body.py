@@ -22,6 +22,7 @@ from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_diagnosis import diagnose
 from palpate.fastsim.explicit_loads import ExplicitLoads
 from palpate.fastsim.explicit_run import make_run
+from palpate.fastsim.viscosity import damped_time_step, stiffened_time_step, viscous_force
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
@@ -46,7 +47,8 @@ class ExplicitBody:
 
     Args:
         problem: Mesh, material, supports, loads and tools. Its time span, if any, says the step,
-            the damping and how far apart outputs are; without one there is no damping.
+            the damping and how far apart outputs are; without one there is no damping. Stiffness
+            damping acts on the change of strain over the step before: see `viscosity`.
         strain: Engineering or Green strain.
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         displacement: To start from; see `set_state`. None is rest.
@@ -72,7 +74,7 @@ class ExplicitBody:
     Attributes:
         elastic: The body at rest.
         time_step: [s].
-        critical_time_step: With contact [s].
+        critical_time_step: With contact and stiffness damping [s].
         steps_per_output: Steps between two outputs of the time span; 1 without one.
         steps: Good steps done since the start.
         tools: The rigid tools; None without any.
@@ -128,7 +130,13 @@ class ExplicitBody:
         self.elastic = Body.of(problem, strain, element=element)
         self._mass = self.elastic.lumped_mass if mass is None else mass
         chosen = span.time_step if time_step is None and span is not None else time_step
-        self.critical_time_step = np.inf if mass is not None else self.elastic.critical_time_step()
+        is_timed = span is not None and mass is None
+        self._stiffness_damping = span.stiffness_damping if span and is_timed else 0.0
+        critical = np.inf if mass is not None else self.elastic.critical_time_step()
+        is_stiffened = chosen is not None and (bool(problem.tools) or body_contact is not None)
+        if chosen is not None and is_stiffened:
+            critical = stiffened_time_step(critical, self._stiffness_damping, chosen)
+        self.critical_time_step = critical
         self.tools, self._body_contact = tools, None
         if problem.tools and tools is None:
             self.tools = ExplicitTools(
@@ -148,6 +156,10 @@ class ExplicitBody:
                 time_step=chosen,
             )
             self.critical_time_step = self._body_contact.critical_time_step
+        if not is_stiffened:
+            self.critical_time_step = damped_time_step(
+                self.critical_time_step, self._stiffness_damping
+            )
         if chosen is not None and chosen > self.critical_time_step:
             raise UnstableStepError(chosen, self.critical_time_step)
         wanted = SAFETY * self.critical_time_step if chosen is None else chosen
@@ -155,7 +167,7 @@ class ExplicitBody:
         if span is not None and time_step is None:
             self.time_step, self.steps_per_output = _divided(span, wanted)
         self._scheme = _core.CentralDifference(
-            self.time_step, 0.0 if span is None or mass is not None else span.mass_damping
+            self.time_step, span.mass_damping if span and is_timed else 0.0
         )
         self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
         self.run = make_run(
@@ -167,6 +179,7 @@ class ExplicitBody:
             displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
             is_single=precision is Precision.SINGLE,
             tracks_energy=tracks_energy,
+            stiffness_damping=self._stiffness_damping,
             num_threads=num_threads,
             device=device,
             is_repeatable=is_repeatable,
@@ -229,6 +242,7 @@ class ExplicitBody:
         dt, mass = self.time_step, self._mass[:, None]
         force = self._loads.at(0.0, self._displacement)
         force -= self.elastic.internal_force(self._displacement)
+        force -= self._viscous_force(dt * speed)
         acceleration = force / mass - self._scheme.mass_damping * speed
         self._increment[:] = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
         energy = self.elastic.strain_energy(self._displacement)
@@ -345,9 +359,18 @@ class ExplicitBody:
         return load
 
     def force(self) -> Points:
-        """Loads minus internal force, F(t) - R(a), at the present state [N]."""
+        """Loads minus internal force, F(t) - R(a), at the present state [N].
+
+        That of stiffness damping is in R(a).
+        """
         force: Points = self.load() - self.elastic.internal_force(self._displacement)
-        return force
+        return force - self._viscous_force(self._increment)
+
+    def _viscous_force(self, increment: Points) -> Points | float:
+        if not self._stiffness_damping:
+            return 0.0
+        factor = self._stiffness_damping / self.time_step
+        return viscous_force(self.elastic, self._displacement, increment, factor)
 
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D = mass_damping M from here on [1/s]."""

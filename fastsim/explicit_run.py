@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.fastsim.gpu.devices import CORE, check_device
+from palpate.fastsim.gpu.errors import UnsupportedOnDeviceError
 from palpate.fastsim.instruction_sets import chosen_instruction_set
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Problem
@@ -112,6 +113,7 @@ def make_run(
     displacement_limit: float,
     is_single: bool,
     tracks_energy: bool,
+    stiffness_damping: float,
     num_threads: int,
     device: str,
     is_repeatable: bool,
@@ -135,7 +137,10 @@ def make_run(
             at_most=chosen_instruction_set(),
             is_single=is_single,
             tracks_energy=tracks_energy,
+            stiffness_damping=stiffness_damping,
         )
+    if stiffness_damping:
+        raise UnsupportedOnDeviceError("stiffness damping", named)
     from palpate.fastsim.gpu.device_run import DeviceRun
 
     return DeviceRun(

@@ -186,6 +186,10 @@ class TimeSpan:
         end_time: [s], > 0.
         time_step: [s], > 0; None lets the simulator choose a stable one.
         mass_damping: lambda in D = lambda M (eq. 11) [1/s], >= 0.
+        stiffness_damping: beta of a viscous stress S_v = beta C : dE/dt besides the law's [s], >= 0
+            (Kelvin and Voigt's solid), C Hooke's at rest, E the strain measure. For small strains
+            D = beta K, Rayleigh's: a mode omega has the damping ratio beta omega / 2. No turn is
+            damped, however large, and no law of the material enters.
         num_outputs: Number of stored states after the initial one, evenly spaced, >= 1.
 
     >>> import palpate
@@ -197,6 +201,7 @@ class TimeSpan:
     time_step: float | None = None
     mass_damping: float = 0.0
     num_outputs: int = 50
+    stiffness_damping: float = 0.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.end_time) and self.end_time > 0.0):
@@ -207,6 +212,10 @@ class TimeSpan:
             raise InputError(f"time_step = {self.time_step:g} s: needs a finite value above 0")
         if not (math.isfinite(self.mass_damping) and self.mass_damping >= 0.0):
             raise InputError(f"mass_damping = {self.mass_damping:g} 1/s: needs a value >= 0")
+        if not (math.isfinite(self.stiffness_damping) and self.stiffness_damping >= 0.0):
+            raise InputError(
+                f"stiffness_damping = {self.stiffness_damping:g} s: needs a value >= 0"
+            )
         if self.num_outputs < 1:
             raise InputError(f"num_outputs = {self.num_outputs}: needs at least 1")
 

@@ -8,6 +8,8 @@ balanced at t + (1 - alpha_f) dt, accelerations at t + (1 - alpha_m) dt, with Ne
 
     u' = u + dt v + dt^2 ((1/2 - beta) a + beta a'),   v' = v + dt ((1 - gamma) a + gamma a').
 
+With stiffness damping R has the forces of a viscous stress too, R(a, a'): see `viscosity`.
+
 Its one parameter, the spectral radius at infinite frequency, says how much of a wave too short
 for the mesh is left after a step: 1 leaves all, 0 nothing.
 """

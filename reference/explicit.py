@@ -6,8 +6,10 @@ paper's eq. 11 gives, for each free degree of freedom,
     (m/dt^2 + d/(2 dt)) a(t+dt) = F - R(a(t)) + (2/dt^2) m a(t) - (m/dt^2 - d/(2 dt)) a(t-dt)
 
 (its eq. 12 prints R inside a bracket multiplied by a), started by
-a(-dt) = a(0) - dt a'(0) + dt^2/2 a''(0) (its eq. 13). Everything is assembled from UFL, the row
-sums of the mass matrix included; time is given by the caller, never chosen.
+a(-dt) = a(0) - dt a'(0) + dt^2/2 a''(0) (its eq. 13). Stiffness damping adds to R(a(t)) the forces
+of the viscous stress beta C : (E(a(t)) - E(a(t-dt))) / dt (see `viscosity`). Everything is
+assembled from UFL, the row sums of the mass matrix included; time is given by the caller, never
+chosen.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer
 from palpate.reference.result import ExplicitResult
 from palpate.reference.stated_steps import stated_steps
+from palpate.reference.viscosity import Viscosity
 
 
 def simulate_explicit(
@@ -61,7 +64,8 @@ def simulate_explicit(
 
     Note:
         Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
-        Conditionally stable: dt < 2 / omega_max.
+        Conditionally stable: dt < 2 / omega_max, with stiffness damping beta
+        dt < sqrt((2 / omega_max)^2 + beta^2) - beta.
     """
     span, dt, per_output = stated_steps(problem, "an explicit run")
     run = _Assembly(problem, Strain(strain), Element(element), amplitude, support_amplitude)
@@ -73,15 +77,16 @@ def simulate_explicit(
         velocity = problem.initial_velocity.at(problem.mesh.points)
     speed = body.to_local(body.space.from_points(zero if velocity is None else velocity))
     speed[run.held] = 0.0
-    acceleration = run.force(now, 0.0) / run.mass - span.mass_damping * speed
+    acceleration = run.force(now, now - dt * speed, 0.0) / run.mass - span.mass_damping * speed
     before = now - dt * speed + 0.5 * dt**2 * acceleration
+    before[run.held] = now[run.held]
     mobility = dt**2 / (run.mass * (1.0 + half))
     tools = SteppedTools(problem, body.space, run.held, mobility)
     tools.require_outside(now)
     states, energies = [body.at_points(now)], [body.strain_energy(now)]
     felt = [tools.mean_forces()]
     for step in range(per_output * span.num_outputs):
-        force = run.force(now, step * dt)
+        force = run.force(now, before, step * dt)
         ahead = (dt**2 * force / run.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
         ahead = tools.keep_out(run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt)
         if not np.isfinite(ahead).all():
@@ -119,10 +124,18 @@ class _Assembly:
         self.mass = row_sums_of_mass(self.body, problem)
         self._loads = LoadsOverTime(self.body, problem, loads_by, supports_by)
         self.at_supports, self.held = self._loads.at_supports, self._loads.held
+        span = problem.time
+        self._viscosity = None
+        if span is not None and span.time_step and span.stiffness_damping:
+            factor = span.stiffness_damping / span.time_step
+            self._viscosity = Viscosity(self.body, factor, is_by_change=True)
 
-    def force(self, displacement: Floats, time: float) -> Floats:
-        """F(t) - R(a) [N]."""
-        return self._loads.force(displacement, time) - self.body.internal_force(displacement)
+    def force(self, displacement: Floats, before: Floats, time: float) -> Floats:
+        """F(t) - R(a) [N], from that of a step before."""
+        force = self._loads.force(displacement, time) - self.body.internal_force(displacement)
+        if self._viscosity is not None:
+            force -= self._viscosity.force(displacement, before)
+        return force
 
 
 def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:

@@ -24,6 +24,7 @@ from palpate.reference.lagged_factors import LaggedFactors
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.loads_over_time import LoadsOverTime
 from palpate.reference.materials import by_cell
+from palpate.reference.viscosity import Viscosity
 
 _MAX_ITERATIONS = 12
 # Nodes come and go, and multipliers follow them.
@@ -89,6 +90,7 @@ class _Trial:
         a: Acceleration at the end [m/s2].
         middle: Displacement where forces are balanced [m].
         damped: lambda times the velocity there [m/s2].
+        viscous: What stiffness damping makes of the internal forces there; None without it.
         external: Of the loads there.
         balance: Without the tools' forces.
         residual: With them.
@@ -99,6 +101,7 @@ class _Trial:
     a: Floats
     middle: Floats
     damped: Floats
+    viscous: Floats | None
     external: Floats
     balance: Floats
     residual: Floats
@@ -132,7 +135,8 @@ class Motion:
         tolerance: float,
     ) -> None:
         assert problem.time is not None
-        self.damping = problem.time.mass_damping
+        self.damping, beta = problem.time.mass_damping, problem.time.stiffness_damping
+        self.viscosity = Viscosity(body, beta) if beta else None
         self.method = method
         self.tolerance = tolerance
         self.body, self.loads = body, loads
@@ -156,7 +160,8 @@ class Motion:
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.tools = ImplicitTools(problem, space, loads.held, tolerance)
-        is_symmetric = not self.loads.has_followers
+        is_viscous = self.viscosity is not None and body.strain is Strain.GREEN
+        is_symmetric = not (self.loads.has_followers or is_viscous)
         # Multigrid does badly by contact, and factors serve many of its steps.
         self.solver: LinearSolver | LaggedFactors = (
             LaggedFactors(is_symmetric=is_symmetric)
@@ -165,7 +170,7 @@ class Motion:
         )
         self.iterations = 0
         # Of a linear body: the factors of mass and stiffness, and their matrix.
-        self._linear: tuple[tuple[float, float], Any] | None = None
+        self._linear: tuple[tuple[float, float, float], Any] | None = None
 
     def inertia(self, acceleration: Floats) -> Floats:
         """M a [N], flat."""
@@ -189,14 +194,17 @@ class Motion:
         stiffness: float,
         time: float,
         touching: Floats | None = None,
+        *,
+        rate: float = 0.0,
     ) -> Floats:
-        """Solve (mass M + stiffness K(u)) du = rhs, du = gap where held.
+        """Solve (mass M + stiffness K(u) + rate D(u)) du = rhs, du = gap where held.
 
+        D that of the last viscous force, K with what it has of the displacement.
         With the stiffness of contact where the tools touch the body of another displacement.
         """
         self.body.set_displacement(u)
         self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
-        self._assemble(mass, stiffness)
+        self._assemble(mass, stiffness, rate)
         if stiffness:
             self.loads.add_tangent(self._matrix, stiffness, time)
         if self._row_sums is not None:
@@ -211,26 +219,36 @@ class Motion:
         matrix = self._matrix if frames is None else frames.turned(self._matrix)
         return self.solver.solve(matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance)
 
-    def _assemble(self, mass: float, stiffness: float) -> None:
+    def _assemble(self, mass: float, stiffness: float, rate: float) -> None:
         """Without followers, lumped mass and tools; of a linear body once for each time step."""
         if self.body.strain is Strain.LINEAR and self._linear is not None:
             factors, kept = self._linear
-            if factors == (mass, stiffness):
+            if factors == (mass, stiffness, rate):
                 kept.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
                 return
             kept.destroy()
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        if self.viscosity is not None and rate:
+            self.viscosity.add_tangent(self._matrix, stiffness, rate)
         if self.body.strain is Strain.LINEAR:
-            self._linear = (mass, stiffness), self._matrix.copy()
+            self._linear = (mass, stiffness, rate), self._matrix.copy()
 
     def start(self, u: Floats, v: Floats) -> State:
         """The state at time 0, with the acceleration that balances it."""
         u = self.loads.at_supports(u, 0.0)
-        force = self.loads.force(u, 0.0) - self.body.internal_force(u)
+        force = self.loads.force(u, 0.0) - self._internal(u, v)[0]
         force -= self.damping * self.inertia(v)
         still = np.zeros(len(self.loads.held))
         return State(u, v, self._solve(u, force, still, 1.0, 0.0, 0.0))
+
+    def _internal(self, u: Floats, v: Floats) -> tuple[Floats, Floats | None]:
+        """Of displacement and velocity, and its viscous part [N], flat."""
+        force = self.body.internal_force(u)
+        if self.viscosity is None:
+            return force, None
+        viscous = self.viscosity.force(u, v)
+        return force + viscous, viscous
 
     def step(self, state: State, time: float, dt: float) -> State:
         """The state a time step later.
@@ -263,8 +281,9 @@ class Motion:
             still, stiffness = np.zeros(len(held)), 1.0 - m.alpha_f
             try:
                 du = self._solve(
-                    trial.middle, residual, still, mass, stiffness, time + stiffness * dt, new
-                )
+                    trial.middle, residual, still, mass, stiffness, time + stiffness * dt, new,
+                    rate=stiffness * m.gamma / (m.beta * dt),
+                )  # fmt: skip
             except LinearSolveError as error:
                 raise StepLostError(str(error)) from None
             rounding = 4.0 * _EPS * float(self._matrix.norm()) * self._size(new)
@@ -279,6 +298,8 @@ class Motion:
         work = float((trial.external + self.tools.force(new)) @ moved)
         work -= float(trial.residual[held] @ moved[held])
         lost = float(self.inertia(trial.damped) @ moved) if self.damping else 0.0
+        if trial.viscous is not None:
+            lost += float(trial.viscous @ moved)
 
         def momentum(dv: Floats, da: Floats) -> Floats:
             # Over steps, M v = impulses + (alpha_f - 1/2) dt M a.
@@ -304,13 +325,13 @@ class Motion:
         mid_v = (1.0 - m.alpha_f) * new_v + m.alpha_f * v
         mid_a = (1.0 - m.alpha_m) * new_a + m.alpha_m * a
         external = self.loads.force(mid_u, time + (1.0 - m.alpha_f) * dt)
-        internal = self.body.internal_force(mid_u)
+        internal, viscous = self._internal(mid_u, mid_v)
         damped = self.damping * mid_v
         inertia = self.inertia(mid_a + damped)
         balance = external - internal - inertia
         scale = max(fenicsx.norm(x) for x in (internal, external, inertia))
         residual = balance + self.tools.force(new)
-        return _Trial(new_v, new_a, mid_u, damped, external, balance, residual, scale)
+        return _Trial(new_v, new_a, mid_u, damped, viscous, external, balance, residual, scale)
 
     def _length(
         self, state: State, new: Floats, du: Floats, time: float, dt: float, residual: Floats

@@ -54,14 +54,7 @@ class SmoothedStress:
         self._strain_rates = fenicsx.form(ufl.derivative(strains, u, du))
         self._rates = fenicsx.create_matrix(self._strain_rates)
         self.stress = fem.Function(tensors)
-        source, (lmbda, mu) = transferred.source, lame
-        self._smoothing = Smoothing(
-            transferred.mesh,
-            fenicsx.cell_dofs(tensors)[:, 0],
-            fenicsx.cell_values(lmbda),
-            fenicsx.cell_values(mu),
-            signed_volumes(source.points, source.cells)[transferred.cell_of_cell],
-        )
+        self._smoothing = smoothing_of(space, lame)
 
     def virtual_work(self, v: Any) -> Any:
         """Integral of F S : grad v, with F = I under linear strain."""
@@ -83,3 +76,21 @@ class SmoothedStress:
         self._rates.zeroEntries()
         fenicsx.assemble_into_matrix(self._rates, self._strain_rates)
         return self._smoothing.stiffness(self._rates)
+
+
+def smoothing_of(space: TransferredSpace, lame: tuple[Any, Any]) -> Smoothing:
+    """The averages of a body, of strains and stresses as functions constant in each cell.
+
+    Args:
+        space: Displacement space on one rank.
+        lame: First Lamé parameter and shear modulus [Pa], functions that are constant in each cell.
+    """
+    transferred, (lmbda, mu) = space.transferred, lame
+    source, tensors = transferred.source, fenicsx.cell_tensor_space(transferred.mesh)
+    return Smoothing(
+        transferred.mesh,
+        fenicsx.cell_dofs(tensors)[:, 0],
+        fenicsx.cell_values(lmbda),
+        fenicsx.cell_values(mu),
+        signed_volumes(source.points, source.cells)[transferred.cell_of_cell],
+    )

@@ -135,10 +135,15 @@ class Smoothing:
         self._averages.multTranspose(y, x)
         return np.array(x.array)
 
-    def stiffness(self, strain_rates: Any) -> Any:
-        """(A B)^T D (A B) of a PETSc matrix B, the derivative of the integrals of strain."""
+    def stiffness(self, strain_rates: Any, changes: Any = None) -> Any:
+        """(A B)^T D (A B') of PETSc matrices: B, the derivative of the integrals of strain, and B'.
+
+        Args:
+            strain_rates: B.
+            changes: B', of the integrals that the stress is of; None is B.
+        """
         means = self._averages.matMult(strain_rates)
-        forces = means.copy()
+        forces = means.copy() if changes is None else self._averages.matMult(changes)
         moduli = forces.createVecLeft()
         moduli.array[:] = self._moduli
         forces.diagonalScale(L=moduli)

@@ -93,20 +93,22 @@ void bind_explicit_run(nb::module_ &module) {
             [](const ElasticBody &body, GivenColumn<double> lumped_mass,
                GivenTable<std::uint8_t, 3> is_free, double time_step, double mass_damping,
                double displacement_limit, std::size_t num_threads, InstructionSet at_most,
-               bool is_single, bool tracks_energy) {
+               double stiffness_damping, bool is_single, bool tracks_energy) {
                 nb::gil_scoped_release release;
                 return Run::make(body, as_span(lumped_mass), as_span(is_free),
                                  {{time_step, mass_damping},
                                   displacement_limit,
                                   num_threads,
                                   at_most,
+                                  stiffness_damping,
                                   is_single,
                                   tracks_energy});
             },
             nb::arg("body"), nb::arg("lumped_mass").noconvert(), nb::arg("is_free").noconvert(),
             nb::kw_only(), nb::arg("time_step"), nb::arg("mass_damping"),
             nb::arg("displacement_limit"), nb::arg("num_threads"), nb::arg("at_most"),
-            nb::arg("is_single"), nb::arg("tracks_energy"), nb::keep_alive<0, 1>())
+            nb::arg("stiffness_damping"), nb::arg("is_single"), nb::arg("tracks_energy"),
+            nb::keep_alive<0, 1>())
         .def(
             "set_state",
             [](Run &run, Vectors displacement, Vectors increment, double energy) {

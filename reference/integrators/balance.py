@@ -18,6 +18,7 @@ from palpate.reference.integrators.stencils import State, Stencil
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.mesh_transfer import create_space, transfer
+from palpate.reference.viscosity import Viscosity
 
 _MAX_ITERATIONS = 60
 # A Newton step is cut in two, so often at most, while a cell would invert or the forces along it
@@ -65,7 +66,8 @@ class Balance:
         )
         self._problem = problem
         self.mass = row_sums_of_mass(body, problem)
-        self.damping = problem.time.mass_damping
+        self.damping, beta = problem.time.mass_damping, problem.time.stiffness_damping
+        self.viscosity = Viscosity(body, beta) if beta else None
         self.loads = LoadsOverTime(body, problem, loads_by, supports_by)
         self._tolerance = tolerance
         self._sampler = DetFSampler(body)
@@ -74,13 +76,15 @@ class Balance:
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self._solver = LinearSolver(
             space.coordinates,
-            is_symmetric=not self.loads.has_followers,
+            is_symmetric=not (
+                self.loads.has_followers or (self.viscosity and body.strain is Strain.GREEN)
+            ),
             to_local=body.to_local,
         )
         self.iterations = 0
         self.largest_residual = 0.0
         # Of a linear body, whose matrix changes with the stencil only.
-        self._kept: tuple[tuple[float, float], Any] | None = None
+        self._kept: tuple[tuple[float, float, float], Any] | None = None
         self._matrix_norm = 0.0  # of the last one solved with
         source = space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
@@ -94,13 +98,19 @@ class Balance:
         u = self.loads.at_supports(body.to_local(given), 0.0)
         v = body.to_local(body.space.from_points(zero if velocity is None else velocity))
         v[self.loads.held] = 0.0
-        a = self.force(u, 0.0) / self.mass - self.damping * v
+        a = self.force(u, v, 0.0) / self.mass - self.damping * v
         a[self.loads.held] = 0.0
         return State(u, v, a)
 
-    def force(self, displacement: Floats, time: float) -> Floats:
-        """F(t) - R(u) [N]."""
-        return self.loads.force(displacement, time) - self.body.internal_force(displacement)
+    def force(self, displacement: Floats, velocity: Floats, time: float) -> Floats:
+        """F(t) - R(u, v) [N]."""
+        return self.loads.force(displacement, time) - self._internal(displacement, velocity)
+
+    def _internal(self, displacement: Floats, velocity: Floats) -> Floats:
+        force = self.body.internal_force(displacement)
+        if self.viscosity is not None:
+            force += self.viscosity.force(displacement, velocity)
+        return force
 
     def kinetic_energy(self, velocity: Floats) -> float:
         """Half of v . M v [J]."""
@@ -143,8 +153,9 @@ class Balance:
         """What is out of balance [N], flat, and the largest of its parts."""
         place = stencil.place(u)
         external = self.loads.force(place, time + stencil.theta * stencil.time_step)
-        internal = self.body.internal_force(place)
-        moved = stencil.acceleration(u) + self.damping * stencil.velocity(u)
+        velocity = stencil.velocity(u)
+        internal = self._internal(place, velocity)
+        moved = stencil.acceleration(u) + self.damping * velocity
         inertia = self.mass * moved
         free = self.loads.free
         scale = max(fenicsx.norm(part[free]) for part in (external, internal, inertia))
@@ -155,7 +166,7 @@ class Balance:
     ) -> Floats:
         self.iterations += 1
         body, held = self.body, self.loads.held
-        factors = stencil.A + self.damping * stencil.B, stencil.theta
+        factors = stencil.A + self.damping * stencil.B, stencil.theta, stencil.B
         is_linear = body.strain is Strain.LINEAR and not self.loads.has_followers
         if is_linear and self._kept is not None and self._kept[0] == factors:
             return self._solver.solve(
@@ -166,9 +177,11 @@ class Balance:
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
         self.loads.add_tangent(self._matrix, 1.0, time + stencil.theta * stencil.time_step)
         matrix = body.with_smoothing(self._matrix)
+        matrix.scale(stencil.theta)
+        if self.viscosity is not None:
+            self.viscosity.add_tangent(matrix, stencil.theta, stencil.B)
         if body.frames is not None:
             matrix = body.frames.turned(matrix)
-        matrix.scale(stencil.theta)
         diagonal = matrix.getDiagonal()
         diagonal.array[:] += factors[0] * self.mass
         matrix.setDiagonal(diagonal)

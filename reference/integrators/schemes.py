@@ -16,7 +16,9 @@ E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed. 2006: 
 implicit and symplectic Euler, midpoint), I.1.4 (central differences, there called Störmer and
 Verlet), II.1.1 (trapezoidal rule); E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
 Differential Equations I, 2nd ed. 1993: eq. III.1.22' (BDF2). Damping is taken where forces are,
-but in semi-implicit Euler at the end, so that no lambda makes it unstable.
+but in semi-implicit Euler at the end, so that no lambda makes it unstable. Stiffness damping is
+taken where forces are in all, with the velocity there; in the explicit ones with that of the step
+before, which is that from the last state to this.
 
 Projective dynamics, XPBD, vertex block descent and other minimisers of an incremental potential
 are backward Euler, solved more or less well.

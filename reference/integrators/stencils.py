@@ -3,7 +3,9 @@
 With u+ that displacement and lumped M:
 
     M (acceleration(u+) + lambda velocity(u+)) = F(t + theta dt, u_f) - R(u_f),
-    u_f = theta u+ + (1 - theta) u,   acceleration = A u+ - p,   velocity = B u+ - q.
+    u_f = theta u+ + (1 - theta) u,   acceleration = A u+ - p,   velocity = B u+ - q,
+
+R that of the velocity too where stiffness damping adds to it.
 """
 
 from __future__ import annotations

@@ -124,7 +124,9 @@ def simulate_by(
 def _semi_implicit(run: Balance, state: State, time: float, dt: float) -> State:
     """Velocity by the forces at the start, place by the velocity at the end."""
     damping = run.damping
-    velocity: Floats = (state.v + dt * run.force(state.u, time) / run.mass) / (1.0 + damping * dt)
+    velocity: Floats = (state.v + dt * run.force(state.u, state.v, time) / run.mass) / (
+        1.0 + damping * dt
+    )
     u = run.loads.at_supports(state.u + dt * velocity, time + dt)
     held = run.loads.held
     velocity[held] = (u[held] - state.u[held]) / dt

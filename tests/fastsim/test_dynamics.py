@@ -64,6 +64,7 @@ def test_every_kernel_gives_the_plain_loops_force(
         displacement_limit=1e3,
         num_threads=num_threads,
         at_most=instruction_set,
+        stiffness_damping=0.0,
         is_single=precision is Precision.SINGLE,
         tracks_energy=False,
     )

@@ -110,6 +110,7 @@ def test_the_step_has_the_forces_of_the_plain_loop(
         displacement_limit=1e3,
         num_threads=1,
         at_most=getattr(_core.InstructionSet, at_most),
+        stiffness_damping=0.0,
         is_single=precision is Precision.SINGLE,
         tracks_energy=False,
     )

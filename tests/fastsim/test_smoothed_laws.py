@@ -118,6 +118,7 @@ def test_the_step_has_the_forces_of_the_plain_loop(
         displacement_limit=1e3,
         num_threads=2,
         at_most=_core.InstructionSet.avx512,
+        stiffness_damping=0.0,
         is_single=is_single,
         tracks_energy=False,
     )

@@ -47,6 +47,7 @@ def force_of_step(
         displacement_limit=1e3,
         num_threads=num_threads,
         at_most=at_most,
+        stiffness_damping=0.0,
         is_single=precision is Precision.SINGLE,
         tracks_energy=False,
     )

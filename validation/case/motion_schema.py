@@ -22,6 +22,8 @@ class TimeSpec(Table):
     """[s]; only for checks on the same mesh, where all take the same steps."""
     mass_damping: NotNegative = 0.0
     """lambda in D = lambda M [1/s]."""
+    stiffness_damping: NotNegative = 0.0
+    """beta of a viscous stress beta C : dE/dt, C at rest [s]; D = beta K for small strains."""
     num_outputs: Annotated[Count, Field(ge=1, le=MOST_OUTPUTS)] = 50
     """States kept after the first, evenly spaced."""
 

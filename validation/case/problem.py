@@ -80,9 +80,7 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
         material,
         tuple(build.support(s, f"support {k}") for k, s in enumerate(spec.support, 1)),
         tuple(build.load(s, material, f"load {k}") for k, s in enumerate(spec.load, 1)),
-        None
-        if time is None
-        else TimeSpan(time.end_time, time.time_step, time.mass_damping, time.num_outputs),
+        None if time is None else TimeSpan(**time.model_dump()),
         tuple(
             build_tool(s, mesh, spec.units, folder, f"tool {k}") for k, s in enumerate(spec.tool, 1)
         ),

@@ -46,6 +46,11 @@ _DAMPINGS = {
     "half the damping (D = lambda/2 M)": 0.5,
     "damping reversed in sign": -1.0,
 }
+_VISCOSITIES = {
+    "stiffness damping left out": 0.0,
+    "stiffness damping twice what was asked": 2.0,
+    "half the stiffness damping": 0.5,
+}
 _STEPPINGS = {
     "wrong start: the step before the first taken for the first, without half of its "
     "acceleration": Slip(start=Start.NONE),
@@ -123,6 +128,9 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
     if asked:
         for name, factor in _DAMPINGS.items():
             yield name, Cause.TIME, Slip(damping=factor * asked)
+    if span.stiffness_damping:
+        for name, factor in _VISCOSITIES.items():
+            yield name, Cause.TIME, Slip(viscosity=factor)
     yield from _mass_slips(body)
     yield from _load_slips(body)
     for name, law in laws_instead_of_law(body.strain, body.law).items():
@@ -221,6 +229,8 @@ def _fitted(stepper: Stepper, wanted: Fields, stated: float) -> Iterator[Explana
     ]
     if damping:
         numbers.append(("damping", Cause.TIME, lambda c: Slip(damping=c * damping)))
+    if body.problem.time.stiffness_damping:
+        numbers.append(("stiffness damping", Cause.TIME, lambda c: Slip(viscosity=c)))
     numbers += [
         (name, Cause.LOAD, partial(_loaded, body, indices)) for name, indices in _load_groups(body)
     ]

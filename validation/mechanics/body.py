@@ -198,6 +198,19 @@ class Body:
             return np.full_like(self.mesh.points, np.nan)
         return self.force_of(stress)
 
+    def viscous(self, displacement: Points, before: Points) -> Points:
+        """Forces of the stress by the law at rest of what the strain has changed by [N].
+
+        Times stiffness damping over the step, those of stiffness damping.
+
+        Args:
+            displacement: [m].
+            before: That of a step earlier.
+        """
+        H, H_before = self.gradient(displacement), self.gradient(before)
+        change = strain_of(H, self.strain) - strain_of(H_before, self.strain)
+        return self.force_of(push_forward(H, self.stress(change), self.strain))
+
     def stresses(self, displacement: Points) -> tuple[Array, Array]:
         """Cauchy's and the first Piola-Kirchhoff stress of each cell [Pa], (num_cells, 3, 3).
 

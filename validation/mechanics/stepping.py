@@ -2,7 +2,8 @@
 
     (1/dt^2 + d/(2 dt)) a(t + dt) = (F - R(a(t))) / m + 2/dt^2 a(t) - (1/dt^2 - d/(2 dt)) a(t - dt)
 
-from rest, a(-dt) = a(0) + dt^2/2 a''(0); lumped m, D = d M. Only the first part of a motion is
+from rest, a(-dt) = a(0) + dt^2/2 a''(0); lumped m, D = d M. Stiffness damping b adds to R the
+forces of b C : (E(a(t)) - E(a(t - dt))) / dt. Only the first part of a motion is
 stepped, as far as NumPy goes in a blink; a stored trajectory is held beside it.
 """
 
@@ -54,6 +55,7 @@ class Slip:
         load_factors: Of each load; None for 1.
         is_other_pressure: Pressures follow the surface where they should not, or the reverse.
         damping: lambda of D = lambda M [1/s]; None for what was asked.
+        viscosity: Of the stiffness damping.
         step_factor: Length of a step over what was asked, with as many steps.
         pieces: Steps for each that was asked.
         late: Steps that every stored state comes late.
@@ -70,6 +72,7 @@ class Slip:
     load_factors: tuple[float, ...] | None = None
     is_other_pressure: bool = False
     damping: float | None = None
+    viscosity: float = 1.0
     start: Start = Start.RIGHT
     update: Update = Update.CENTRAL
     step_factor: float = 1.0
@@ -108,8 +111,9 @@ class Stepper:
         damping = span.mass_damping if slip.damping is None else slip.damping
         size = float(np.ptp(body.mesh.points, axis=0).max())
         now = self._slid(np.where(held, self._places(0.0, slip), 0.0), 0.0, slip)
-        acceleration = self._acceleration(now, 0.0, slip)
         speed = self._speed_at_start(held)
+        beta = slip.viscosity * span.stiffness_damping / dt
+        acceleration = self._acceleration(now, 0.0, slip, beta, now - dt * speed)
         match slip.start:
             case Start.RIGHT:
                 before = now - dt * speed + 0.5 * dt**2 * (acceleration - damping * speed)
@@ -117,11 +121,12 @@ class Stepper:
                 before = now - dt * speed
             case Start.DOUBLE:
                 before = now - dt * speed + dt**2 * (acceleration - damping * speed)
+        before = np.where(held, now, before)
         left, right = 1.0 / dt**2 + damping / (2.0 * dt), 1.0 / dt**2 - damping / (2.0 * dt)
         velocity = speed
         every = self.per_output * slip.pieces
         for step in range(1, every * self.num_outputs + 1 + max(-slip.late, 0)):
-            acceleration = self._acceleration(now, (step - 1) * dt, slip)
+            acceleration = self._acceleration(now, (step - 1) * dt, slip, beta, before)
             if slip.update is Update.CENTRAL:
                 after = (acceleration + 2.0 / dt**2 * now - right * before) / left
             else:
@@ -136,8 +141,10 @@ class Stepper:
             if stored > 0 and stored % every == 0:
                 yield now
 
-    def _acceleration(self, displacement: Points, time: float, slip: Slip) -> Points:
-        """External less internal force over the mass [m/s2]."""
+    def _acceleration(
+        self, displacement: Points, time: float, slip: Slip, beta: float, before: Points
+    ) -> Points:
+        """External less internal force over the mass [m/s2]; beta over the step [-]."""
         force = self.body.external(
             displacement,
             time if slip.with_amplitudes else None,
@@ -145,6 +152,8 @@ class Stepper:
             is_other=slip.is_other_pressure,
         )
         force -= slip.stiffness_factor * self.body.internal(displacement, slip.law, slip.lame)
+        if beta:
+            force -= beta * self.body.viscous(displacement, before)
         if slip.inverse_mass is not None:
             solved: Points = slip.inverse_mass @ force
             return solved

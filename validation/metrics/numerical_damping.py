@@ -34,7 +34,7 @@ class NumericalDamping:
         steps: Scheme and time step.
         frequency: As the answer has it [Hz].
         formula: Damping ratio by the scheme [-].
-        measured: That of the answer, less what the case's mass damping makes of it [-].
+        measured: That of the answer, less what the case's dampings make of it [-].
         uncertainty: Of `measured`: what other modes leak into the fit, and how far the motion's
             first third would move it [-].
     """
@@ -56,9 +56,9 @@ class NumericalDamping:
 def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDamping:
     """Damping by the scheme that an answer states, and the one that it has.
 
-    measured = (g - lambda / 2) / (2 pi f) for a decay exp(-g t) at f Hz under mass damping lambda.
-    The formula is of the frequency that the scheme makes f of, without lambda: their product is
-    of second order in the step.
+    measured = (g - lambda / 2) / w - beta w / 2 for a decay exp(-g t) at w = 2 pi f under mass
+    damping lambda and stiffness damping beta. The formula is of the frequency that the scheme makes
+    f of, without them: their product is of second order in the step.
 
     Args:
         problem: The case's.
@@ -87,7 +87,8 @@ def measure_numerical_damping(problem: Problem, answer: State) -> NumericalDampi
         answer.steps,
         swing.frequency,
         numerical_damping_ratio(answer.steps.integrator, angle),
-        (swing.damping - 0.5 * problem.time.mass_damping) / omega,
+        (swing.damping - 0.5 * problem.time.mass_damping) / omega
+        - 0.5 * problem.time.stiffness_damping * omega,
         off / omega,
     )
 

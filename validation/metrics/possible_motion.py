@@ -158,7 +158,7 @@ def largest_acceleration(
 def _by_start(problem: Problem, velocity: Points) -> float:
     """Of a motion that starts with a velocity: a' = -M^-1 K v keeps (a.M a) + (v.K v).
 
-    Besides, the damping's lambda v.
+    Besides, the damping's lambda v, and stiffness damping's beta M^-1 K v.
     """
     assert problem.time is not None
     speed = np.where(held_components(problem)[0] > 0, 0.0, velocity)
@@ -168,7 +168,13 @@ def _by_start(problem: Problem, velocity: Points) -> float:
     turning = problem.initial_velocity
     spin = 0.0 if turning is None else float(np.linalg.norm(turning.angular_velocity))
     damping = problem.time.mass_damping
-    return math.sqrt(max(stretched, 0.0)) + (damping + spin) * math.sqrt(kinetic)
+    by_start = math.sqrt(max(stretched, 0.0)) + (damping + spin) * math.sqrt(kinetic)
+    if problem.time.stiffness_damping:
+        force = body_of(problem, Strain.LINEAR).internal(speed)
+        viscous = problem.time.stiffness_damping * force / np.sqrt(lumped_mass(problem))[:, None]
+        held = held_components(problem)[0] > 0
+        by_start += float(np.linalg.norm(np.where(held, 0.0, viscous)))
+    return by_start
 
 
 def _seen(

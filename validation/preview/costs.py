@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.explicit_body import SAFETY
+from palpate.fastsim.viscosity import damped_time_step
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.solving import solve
 from palpate.validation.states import CandidateFailedError, State
@@ -60,7 +61,9 @@ def expected_costs(problem: Problem) -> Costs:
     """Measure a step or a linear solve, and reckon from there."""
     body = Body.of(problem)
     mesh, span = problem.mesh, problem.time
-    critical = body.critical_time_step()
+    critical = damped_time_step(
+        body.critical_time_step(), 0.0 if span is None else span.stiffness_damping
+    )
     ends = mesh.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     low, high = ends.min(axis=1).astype(np.int64), ends.max(axis=1)
     num_edges = len(np.unique(low * mesh.num_points + high))

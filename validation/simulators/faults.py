@@ -101,7 +101,7 @@ def spoil_problem(problem: Problem, fault: Fault) -> Problem:
             return dataclasses.replace(problem, material=Material(E, nu, 1.02 * rho))
         case Fault.NO_DAMPING:
             assert problem.time is not None
-            span = dataclasses.replace(problem.time, mass_damping=0.0)
+            span = dataclasses.replace(problem.time, mass_damping=0.0, stiffness_damping=0.0)
             return dataclasses.replace(problem, time=span)
         case Fault.DROPPED_LOAD:
             return dataclasses.replace(problem, loads=problem.loads[:-1])

@@ -13,6 +13,15 @@
 //
 //   (1 + c) d(t+dt) = (1 - c) d(t) + dt^2 M^-1 (F - R(a(t))),   a(t+dt) = a(t) + d(t+dt)
 //
+// Stiffness damping is a viscous stress besides, on the rate of strain, backwards in time so that
+// no equations are solved:
+//
+//   S_v(t) = stiffness_damping C : (E(a(t)) - E(a(t-dt))) / dt,   C at rest
+//
+// R(a(t)) then has its forces too (InternalForce::make_viscous). For small strains it is K times
+// the rate: a mode decays as by a ratio xi = stiffness_damping omega / 2, and the steps are stable
+// for dt <= 2 / omega (sqrt(1 + xi^2) - xi).
+//
 // All that steps or looks a step ahead goes through `next_increment`. Included by the kernels: no
 // library templates here, see step_kernel.hpp.
 

@@ -44,9 +44,17 @@ void EnergyBalance<Real>::add(std::size_t thread, const Portion &portion,
         ahead += 0.5 * slide.pull * slide.next;
     }
     const double half_loss = 0.5 * dt * motion.scheme.mass_damping * squared;
+    double spent = 0.0;
+    if (!motion.viscous.empty())
+        for (std::size_t i = 4 * portion.first_owned; i < 4 * portion.last_owned; ++i) {
+            const double forces =
+                static_cast<double>(_viscous_behind[i]) + static_cast<double>(motion.viscous[i]);
+            spent += 0.5 * forces * static_cast<double>(motion.increment[i]);
+            _viscous_behind[i] = motion.viscous[i];
+        }
     if (sums.is_begun) {
         sums.work += behind;
-        sums.loss += half_loss;
+        sums.loss += half_loss + spent;
     }
     sums.halfway = {0.5 * squared, sums.work, sums.loss};
     sums.is_begun = begins;

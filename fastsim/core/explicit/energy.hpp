@@ -13,10 +13,14 @@ struct EnergyRecord {
 ///
 /// Along an increment d the work of a force f is the mean of f at both ends times d: half of it is
 /// added when f is known at the far end, the other half when the next increment is. The loss,
-/// damping m v^2 with the central velocity v = (d + d_next) / (2 dt), likewise.
+/// damping m v^2 with the central velocity v = (d + d_next) / (2 dt), likewise; and by stiffness
+/// damping, the work against its forces.
 template <typename Real> class EnergyBalance {
   public:
-    void reset(std::size_t num_threads) { _sums.assign(num_threads, {}); }
+    void reset(std::size_t num_threads, const Motion<Real> &motion) {
+        _sums.assign(num_threads, {});
+        _viscous_behind.assign(motion.viscous.size(), Real(0));
+    }
 
     /// Where all that pushes is known: completes the step behind, and begins the one ahead if one
     /// is made.
@@ -34,6 +38,7 @@ template <typename Real> class EnergyBalance {
         bool is_begun = false;
     };
     std::vector<Sums> _sums;
+    AlignedVector<Real> _viscous_behind; // at the other end of the increment
 };
 
 /// Holds the kinetic energy against what loads and supports have given, now and then, and keeps

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 namespace fastsim {
 
@@ -31,6 +32,15 @@ template <typename Real> class Run final : public ExplicitRun {
             array->assign(_records.padded_size(), Real(0));
         for (std::size_t t = 1; t < _parts.size(); ++t)
             _parts[t].force.assign(_records.padded_size(), Real(0));
+        if (settings.stiffness_damping > 0.0) {
+            _viscous = InternalForce<Real>::make_viscous(body, _records, _kernel, _team.size(),
+                                                         settings.stiffness_damping /
+                                                             settings.scheme.time_step);
+            if (settings.tracks_energy) {
+                _motion.viscous.assign(_records.padded_size(), Real(0));
+                _viscous_parts.assign(_team.size(), _motion.viscous);
+            }
+        }
         _motion.mass.resize(num_points);
         for (std::size_t k = 0; k < num_points; ++k)
             _motion.mass[k] = lumped_mass[_records.point_of[k]];
@@ -50,11 +60,13 @@ template <typename Real> class Run final : public ExplicitRun {
         for (std::size_t i = 0; i < _motion.is_free.size(); ++i)
             if (_motion.is_free[i] == 0)
                 _motion.increment[i] = Real(0);
+        if (_viscous)
+            _increment_at_start = _motion.increment;
         _motion.has_begun = false;
         for (auto *push : {&_pushes.pressure, &_pushes.body, &_pushes.tools})
             std::fill(push->force.begin(), push->force.end(), Real(0));
         _tools.reset();
-        _balance.reset(_team.size());
+        _balance.reset(_team.size(), _motion);
         _monitor.reset(_team.size(), _motion, energy);
         _steps_since_good = 0;
         _last_factors.clear();
@@ -202,7 +214,29 @@ template <typename Real> class Run final : public ExplicitRun {
     }
 
     Real add_internal_force(std::size_t thread) {
-        return _internal->add(thread, _motion.displacement.data(), force_of(thread));
+        return _internal->add(thread, _motion.displacement.data(), nullptr, force_of(thread));
+    }
+
+    /// By stiffness damping: to the internal forces, or apart for the balance of energy.
+    void add_viscous_force(std::size_t thread, std::size_t step) {
+        // What moves supports from the first step on is not yet seen before it.
+        const bool is_first = step == 0 && !_motion.has_begun;
+        const auto &increment = is_first ? _increment_at_start : _motion.increment;
+        if (_viscous)
+            _viscous->add(thread, _motion.displacement.data(), increment.data(),
+                          _viscous_parts.empty() ? force_of(thread)
+                                                 : _viscous_parts[thread].data());
+    }
+
+    /// Those apart, of the points of a portion, once all threads have added theirs.
+    void sum_viscous(const Portion &portion) {
+        const std::size_t first = 4 * portion.first_owned, last = 4 * portion.last_owned;
+        for (std::size_t i = first; i < last && !_viscous_parts.empty(); ++i) {
+            _motion.viscous[i] = Real(0);
+            for (AlignedVector<Real> &part : _viscous_parts)
+                _motion.viscous[i] += std::exchange(part[i], Real(0));
+            _motion.force[i] += _motion.viscous[i];
+        }
     }
 
     void sum_parts(const Portion &portion) {
@@ -222,6 +256,7 @@ template <typename Real> class Run final : public ExplicitRun {
         const Portion &portion = _portions[thread];
         const auto factors = plan.factors_at(step);
         const Real smallest = add_internal_force(thread);
+        add_viscous_force(thread, step);
         _at_forces.cast(thread, step,
                         smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
         // Not into what was given: the other threads may still be reading that.
@@ -233,6 +268,7 @@ template <typename Real> class Run final : public ExplicitRun {
         if (const StopReason reason = _at_forces.result(step); reason != StopReason::none)
             return reason;
         sum_parts(portion);
+        sum_viscous(portion);
         const auto change = _loads.change(step == 0 ? std::span<const double>(_last_factors)
                                                     : plan.factors_at(step - 1),
                                           factors);
@@ -301,6 +337,8 @@ template <typename Real> class Run final : public ExplicitRun {
     void forget_forces() {
         for (std::size_t t = 0; t < _team.size(); ++t)
             std::fill_n(force_of(t), _has_forces ? _records.padded_size() : 0, Real(0));
+        for (AlignedVector<Real> &part : _viscous_parts)
+            std::ranges::fill(part, Real(0));
         _has_forces = false;
     }
 
@@ -327,7 +365,10 @@ template <typename Real> class Run final : public ExplicitRun {
     KernelChoice<Real> _kernel;
     PointRecords _records;
     std::unique_ptr<InternalForce<Real>> _internal;
-    std::vector<Portion> _portions; // by thread
+    std::unique_ptr<InternalForce<Real>> _viscous;   // null without stiffness damping
+    std::vector<AlignedVector<Real>> _viscous_parts; // by thread, where they are kept apart
+    AlignedVector<Real> _increment_at_start;         // with stiffness damping
+    std::vector<Portion> _portions;                  // by thread
     ThreadTeam _team;
     Votes<StopReason> _at_forces, _at_end;
     std::vector<Part> _parts;

@@ -50,8 +50,9 @@ struct ExplicitSettings {
     double displacement_limit;
     std::size_t num_threads;
     InstructionSet at_most;
-    bool is_single;     // precision of the step
-    bool tracks_energy; // sums external work and damping loss, step by step, in double
+    double stiffness_damping; // see central_difference.hpp [s]
+    bool is_single;           // precision of the step
+    bool tracks_energy;       // sums external work and damping loss, step by step, in double
 };
 
 /// A body in motion. Arrays in and out are in the caller's numbering, three numbers a point.

@@ -15,9 +15,11 @@ template <typename Real> class PlainForce final : public InternalForce<Real> {
         this->portions = divide(_batches, records.size(), num_threads);
     }
 
-    Real add(std::size_t thread, const Real *displacement, Real *force) override {
-        return _add_forces({displacement, force, _batches.corners.data(), _batches.rest.data(),
-                            this->portions[thread].first_batch, this->portions[thread].last_batch,
+    Real add(std::size_t thread, const Real *displacement, const Real *increment,
+             Real *force) override {
+        return _add_forces({displacement, increment, force, _batches.corners.data(),
+                            _batches.rest.data(), this->portions[thread].first_batch,
+                            this->portions[thread].last_batch,
                             _batches.moduli.empty() ? nullptr : _batches.moduli.data(),
                             static_cast<Real>(_moduli.lmbda), static_cast<Real>(_moduli.mu),
                             static_cast<Real>(_moduli.c01), _is_green, _law});
@@ -33,10 +35,11 @@ template <typename Real> class PlainForce final : public InternalForce<Real> {
 
 template <typename Real> class SmoothedForce final : public InternalForce<Real> {
   public:
-    SmoothedForce(const ElasticBody &body, StrainMeasure strain, const PointRecords &records,
-                  const KernelChoice<Real> &kernel, std::size_t num_threads)
+    SmoothedForce(const ElasticCells &body, const SmoothingPatches &patches, StrainMeasure strain,
+                  const PointRecords &records, const KernelChoice<Real> &kernel,
+                  std::size_t num_threads)
         : _sweep(kernel.sweep) {
-        const std::vector<Index> order = cells_in_order(body.elastic.cells, records);
+        const std::vector<Index> order = cells_in_order(body.cells, records);
         const std::size_t count =
             std::max<std::size_t>(1, std::min(num_threads, order.size() / kernel.sweep_width));
         std::vector<std::uint32_t> owner(order.size());
@@ -44,16 +47,17 @@ template <typename Real> class SmoothedForce final : public InternalForce<Real> 
             for (std::size_t k = order.size() * t / count; k < order.size() * (t + 1) / count; ++k)
                 owner[static_cast<std::size_t>(order[k])] = t;
         for (std::uint32_t t = 0; t < count; ++t) {
-            const SweepSchedule schedule(*body.patches, order, owner, t, kernel.sweep_width);
-            _plans.emplace_back(body.elastic, strain, *body.patches, records, schedule);
+            const SweepSchedule schedule(patches, order, owner, t, kernel.sweep_width);
+            _plans.emplace_back(body, strain, patches, records, schedule);
             this->portions.push_back({t, t + 1, _plans[t].first_touched(), _plans[t].last_touched(),
                                       first_owned(t, count, records.size()),
                                       first_owned(t + 1, count, records.size())});
         }
     }
 
-    Real add(std::size_t thread, const Real *displacement, Real *force) override {
-        return _plans[thread].run(_sweep, displacement, force);
+    Real add(std::size_t thread, const Real *displacement, const Real *increment,
+             Real *force) override {
+        return _plans[thread].run(_sweep, displacement, increment, force);
     }
 
   private:
@@ -70,7 +74,7 @@ template <typename Real> class ScalarForce final : public InternalForce<Real> {
         this->portions = {{0, 1, 0, records.size(), 0, records.size()}};
     }
 
-    Real add(std::size_t, const Real *displacement, Real *force) override {
+    Real add(std::size_t, const Real *displacement, const Real *, Real *force) override {
         _records.unpack(displacement, _u);
         std::ranges::fill(_f, 0.0);
         cell_det_f(_body.elastic, _u, _det_f);
@@ -103,8 +107,25 @@ InternalForce<Real>::make(const ElasticBody &body, StrainMeasure strain,
     if (is_finite && (body.patches || is_of_stretches(body.elastic.law)))
         return std::make_unique<ScalarForce<Real>>(body, records);
     if (body.patches)
-        return std::make_unique<SmoothedForce<Real>>(body, strain, records, kernel, num_threads);
+        return std::make_unique<SmoothedForce<Real>>(body.elastic, *body.patches, strain, records,
+                                                     kernel, num_threads);
     return std::make_unique<PlainForce<Real>>(body.elastic, strain, records, kernel, num_threads);
+}
+
+template <typename Real>
+std::unique_ptr<InternalForce<Real>>
+InternalForce<Real>::make_viscous(const ElasticBody &body, const PointRecords &records,
+                                  const KernelChoice<Real> &kernel, std::size_t num_threads,
+                                  double factor) {
+    ElasticCells viscous = body.elastic;
+    viscous.law = Law::saint_venant_kirchhoff;
+    for (Moduli &moduli : viscous.materials)
+        moduli = {moduli.lmbda * factor, moduli.mu * factor, 0.0};
+    if (body.patches)
+        return std::make_unique<SmoothedForce<Real>>(viscous, *body.patches, viscous.strain,
+                                                     records, kernel, num_threads);
+    return std::make_unique<PlainForce<Real>>(viscous, viscous.strain, records, kernel,
+                                              num_threads);
 }
 
 template class InternalForce<float>;

@@ -14,6 +14,7 @@ template <typename Real> struct Motion {
     AlignedVector<Real> external;                // F: the dead loads
     AlignedVector<Real> force;    // R(a), less what pushes besides the dead loads; 0 after a step
     AlignedVector<Real> mobility; // 0 where held
+    AlignedVector<Real> viscous;  // part of `force`; only where the balance of energy asks for it
     std::vector<double> mass;     // by point
     std::vector<std::uint8_t> is_free; // by entry
     Real keep;

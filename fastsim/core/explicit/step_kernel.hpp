@@ -17,7 +17,9 @@
 namespace fastsim {
 
 template <typename Real> struct ForceJob {
-    const Real *displacement;    // records of 4
+    const Real *displacement; // records of 4
+    // Null, or records of 4: then stresses are those of the change of strain over these.
+    const Real *increment;
     Real *force;                 // records of 4; forces are added
     const std::int32_t *records; // each batch: 4 corners x width, offsets into the arrays above
     const Real *rest;            // each batch: 9 gradient entries and the volume, x width

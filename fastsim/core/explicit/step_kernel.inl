@@ -67,6 +67,22 @@ template <bool is_green, typename V> inline void twice_strain(const V *h, V *e) 
     }
 }
 
+/// Twice what the strain has changed by, of H that has changed by D: with G = H - D/2, half way,
+/// (D + D^T + G^T D + D^T G). No cancellation, and none for a finite turn.
+template <bool is_green, typename Real, typename V>
+inline void twice_change(const V *h, const V *d, V *e) {
+    twice_strain<false>(d, e);
+    if constexpr (is_green) {
+        V g[9];
+        for (std::size_t k = 0; k < 9; ++k)
+            g[k] = h[k] - Real(0.5) * d[k];
+        constexpr std::size_t rows[6] = {0, 1, 2, 0, 0, 1}, columns[6] = {0, 1, 2, 1, 2, 2};
+        for (std::size_t k = 0; k < 6; ++k)
+            for (std::size_t j = 0; j < 9; j += 3)
+                e[k] += g[j + rows[k]] * d[j + columns[k]] + d[j + rows[k]] * g[j + columns[k]];
+    }
+}
+
 /// det F; 1 for linear strain.
 template <bool is_green, typename Real, typename V> inline V det_of(const V *h) {
     if constexpr (!is_green)
@@ -92,11 +108,12 @@ inline void forces_by(const V *h, const V *g, const V *s, V *edges) {
                 p[3 * i] * g[3 * a] + p[3 * i + 1] * g[3 * a + 1] + p[3 * i + 2] * g[3 * a + 2];
 }
 
-/// Forces on corners 1 to 3 of a batch of cells, in place of their
-/// displacements relative to corner 0; returns det F (1 for linear strain).
-template <typename Pack, bool is_green>
+/// Forces on corners 1 to 3 of a batch of cells, in place of their displacements relative to corner
+/// 0; returns det F (1 for linear strain). `changes`, relative to corner 0 too, is read `of_change`.
+template <typename Pack, bool is_green, bool of_change>
 inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job, std::size_t batch,
-                                        typename Pack::V *edges) {
+                                        typename Pack::V *edges,
+                                        [[maybe_unused]] const typename Pack::V *changes) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
     constexpr std::size_t width = Pack::width;
@@ -105,7 +122,13 @@ inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job
     for (std::size_t k = 0; k < 9; ++k)
         g[k] = Pack::load(rest + k * width);
     gradient_of(g, edges, h);
-    twice_strain<is_green>(h, e);
+    if constexpr (of_change) {
+        V d[9];
+        gradient_of(g, changes, d);
+        twice_change<is_green, Real>(h, d, e);
+    } else {
+        twice_strain<is_green>(h, e);
+    }
     const V volume = Pack::load(rest + 9 * width);
     V mu = V{} + job.mu, half_lmbda = V{} + Real(0.5) * job.lmbda;
     if (job.moduli) {
@@ -131,7 +154,7 @@ template <typename Pack> typename Pack::Real least_of(const typename Pack::V &sm
 #include "explicit/law_kernel.inl"
 
 /// Those of one law, without a choice in the loop.
-template <typename Pack, bool is_green, Law law>
+template <typename Pack, bool is_green, Law law, bool of_change = false>
 typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
@@ -144,6 +167,7 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
     V smallest = V{} + Real(1);
     V edges[9]; // displacements of corners 1 to 3 less that of corner 0; then
                 // forces
+    [[maybe_unused]] V changes[9];
     for (std::size_t batch = job.first_batch; batch < job.last_batch; ++batch) {
         const std::int32_t *records = job.records + 4 * width * batch;
         const Real *rest = job.rest + 10 * width * batch;
@@ -151,8 +175,10 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
         prefetch<rest_bytes>(rest, batches_ahead);
         gather_edges<Pack>(job.displacement, records, edges);
         V least;
+        if constexpr (of_change)
+            gather_edges<Pack>(job.increment, records, changes);
         if constexpr (law == Law::saint_venant_kirchhoff)
-            least = forces_of_batch<Pack, is_green>(job, batch, edges);
+            least = forces_of_batch<Pack, is_green, of_change>(job, batch, edges, changes);
         else
             least = forces_by_law<Pack, law>(job, batch, edges);
         // NaN counts as inverted: the comparison is false for it.
@@ -163,6 +189,9 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
 }
 
 template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename Pack::Real> &job) {
+    if (job.increment)
+        return job.is_green ? add_batches<Pack, true, Law::saint_venant_kirchhoff, true>(job)
+                            : add_batches<Pack, false, Law::saint_venant_kirchhoff, true>(job);
     if (!job.is_green)
         return add_batches<Pack, false, Law::saint_venant_kirchhoff>(job);
     switch (job.law) {

@@ -42,6 +42,7 @@ struct SweepChunk {
 
 template <typename Real> struct SweepJob {
     const Real *displacement; // records of 4
+    const Real *increment;    // null, or as of plain cells
     Real *force;              // records of 4; forces are added
     const SweepChunk *chunks;
     std::size_t num_chunks;

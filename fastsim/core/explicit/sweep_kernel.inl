@@ -20,7 +20,7 @@ template <Ahead ahead, std::size_t count, typename T> inline void prefetch_ahead
 }
 
 /// Strains a batch of cells; returns det F.
-template <typename Pack, bool is_green, Ahead ahead>
+template <typename Pack, bool is_green, bool of_change, Ahead ahead>
 inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, std::size_t batch) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
@@ -31,7 +31,14 @@ inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, s
     V edges[9], h[9], e[sweep_record];
     gather_edges<Pack>(job.displacement, job.corners + 4 * width * batch, edges);
     gradient_of(rest, edges, h);
-    twice_strain<is_green>(h, e);
+    if constexpr (of_change) {
+        V changes[9], d[9];
+        gather_edges<Pack>(job.increment, job.corners + 4 * width * batch, changes);
+        gradient_of(rest, changes, d);
+        twice_change<is_green, Real>(h, d, e);
+    } else {
+        twice_strain<is_green>(h, e);
+    }
     e[trace_entry] = e[0] + e[1] + e[2];
     for (std::size_t k = 0; k <= trace_entry; ++k)
         e[k] *= rest[9];
@@ -136,7 +143,7 @@ inline void force_batch(const SweepJob<typename Pack::Real> &job, std::size_t ow
     scatter_forces<Pack>(job.force, job.corners + 4 * width * batch, forces);
 }
 
-template <typename Pack, bool is_green, Ahead ahead>
+template <typename Pack, bool is_green, bool of_change, Ahead ahead>
 typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
     using Real = typename Pack::Real;
     using V = typename Pack::V;
@@ -148,7 +155,7 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
     for (std::size_t k = 0; k < job.num_chunks; ++k) {
         const SweepChunk &chunk = job.chunks[k];
         for (; strained < chunk.strained_batches; ++strained) {
-            const V least = strain_batch<Pack, is_green, ahead>(job, strained);
+            const V least = strain_batch<Pack, is_green, of_change, ahead>(job, strained);
             // NaN counts as inverted: the comparison is false for it.
             smallest = least > smallest ? smallest : least;
         }
@@ -179,10 +186,15 @@ typename Pack::Real sweep_cells(const SweepJob<typename Pack::Real> &job) {
     return least_of<Pack>(smallest);
 }
 
-template <typename Pack> typename Pack::Real sweep(const SweepJob<typename Pack::Real> &job) {
+template <typename Pack, bool of_change>
+typename Pack::Real sweep_of(const SweepJob<typename Pack::Real> &job) {
     if (job.is_large)
-        return job.is_green ? sweep_cells<Pack, true, Ahead::asks>(job)
-                            : sweep_cells<Pack, false, Ahead::asks>(job);
-    return job.is_green ? sweep_cells<Pack, true, Ahead::nothing>(job)
-                        : sweep_cells<Pack, false, Ahead::nothing>(job);
+        return job.is_green ? sweep_cells<Pack, true, of_change, Ahead::asks>(job)
+                            : sweep_cells<Pack, false, of_change, Ahead::asks>(job);
+    return job.is_green ? sweep_cells<Pack, true, of_change, Ahead::nothing>(job)
+                        : sweep_cells<Pack, false, of_change, Ahead::nothing>(job);
+}
+
+template <typename Pack> typename Pack::Real sweep(const SweepJob<typename Pack::Real> &job) {
+    return job.increment ? sweep_of<Pack, true>(job) : sweep_of<Pack, false>(job);
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from palpate.validation.case import load_case
 from palpate.validation.diagnosis import Cause, Diagnosis, diagnose
 from palpate.validation.diagnosis.explanation import DOUBLE, FAR_BETTER
 from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.solving import simulate
 from palpate.validation.states import State
 
 OTHER = {Strain.GREEN: Strain.LINEAR, Strain.LINEAR: Strain.GREEN}
@@ -112,6 +114,25 @@ def test_a_mistake_in_a_motion_is_named(
     diagnosis = diagnose(problem, answers.of("block-motion", mistake), reference("block-motion"))
     assert named(diagnosis) == name
     assert len(diagnosis.explanations) == 1
+
+
+@pytest.mark.parametrize(
+    ("factor", "name"),
+    [
+        (0.0, "stiffness damping left out"),
+        (2.0, "stiffness damping twice what was asked"),
+        pytest.param(
+            1.25, "stiffness damping 1.25 times what was asked", marks=pytest.mark.nightly
+        ),
+    ],
+)
+def test_a_mistake_in_stiffness_damping_is_named(factor: float, name: str) -> None:
+    problem = load_case("block-motion").problem
+    asked, had = (
+        replace(problem, time=replace(problem.time, stiffness_damping=beta))
+        for beta in (4e-4, 4e-4 * factor)
+    )
+    assert named(diagnose(asked, simulate(had), None)) == name
 
 
 @pytest.mark.parametrize("case", ["block", "block-motion"])

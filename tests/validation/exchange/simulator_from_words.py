@@ -44,13 +44,22 @@ def out_of_balance(u, t):
     a, b, c = np.moveaxis((X if is_linear else X + u)[rest["pressure_facets"]], 1, 0)
     p = rest["pressure"] * np.array([*factors, 0.0])[rest["pressure_load"]]
     np.add.at(total, rest["pressure_facets"], (-p[:, None] / 6 * np.cross(b - a, c - a))[:, None])
+    return total - internal(u, strain_of(u))
+
+
+def strain_of(u):
     H = np.einsum("cai,caj->cij", u[cells], gradients)
     strain = (H + H.transpose(0, 2, 1)) / 2
-    strain += 0.0 if is_linear else H.transpose(0, 2, 1) @ H / 2
+    return strain if is_linear else strain + H.transpose(0, 2, 1) @ H / 2
+
+
+def internal(u, strain):
+    """Forces of the stress of a strain, where u is."""
+    H, force = np.einsum("cai,caj->cij", u[cells], gradients), np.zeros_like(X)
     S = lmbda * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 2 * mu * strain
     P = S if is_linear else (np.eye(3) + H) @ S
-    np.add.at(total, cells, -V * np.einsum("cij,caj->cai", P, gradients))
-    return total
+    np.add.at(force, cells, V * np.einsum("cij,caj->cai", P, gradients))
+    return force
 
 
 def held(t):
@@ -87,8 +96,11 @@ else:
     per_output = round(case["time"]["end_time"] / n / dt)
     a = np.where(fixed, held(0.0), 0.0)
     before, outputs = a + dt**2 / 2 * out_of_balance(a, 0.0) / m, [a]
+    before, beta = np.where(fixed, a, before), case["time"]["stiffness_damping"]
     for step in range(n * per_output):
-        ahead = dt**2 * out_of_balance(a, step * dt) / m + 2 * a - (1 - half) * before
+        force = out_of_balance(a, step * dt)
+        force -= beta / dt * internal(a, strain_of(a) - strain_of(before))
+        ahead = dt**2 * force / m + 2 * a - (1 - half) * before
         a, before = np.where(fixed, held((step + 1) * dt), ahead / (1 + half)), a
         if (step + 1) % per_output == 0:
             outputs.append(a)

@@ -96,7 +96,7 @@ def test_it_knows_amplitudes_of_dead_loads_pressures_and_supports(
             ),
             Pressure(problem.mesh.boundary_facets[30:34], -25.0),
         ),
-        time=TimeSpan(0.2, 2e-4, 3.0, 10),
+        time=TimeSpan(0.2, 2e-4, 3.0, 10, stiffness_damping=3e-4),
     )
     expected = simulate(moving, strain=strain).displacements
     assert np.abs(expected).max() > 0.05

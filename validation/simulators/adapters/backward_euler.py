@@ -32,9 +32,12 @@ class Body:
         if (
             given["strain"] != "green" or self.law not in LAWS or not given["time"] or any(loads)
             or given["tools"] or len(arrays["pressure"]) or arrays["prescribed_displacement"].any()
-            or "sliding_normals" in arrays
+            or "sliding_normals" in arrays or given["time"].get("stiffness_damping")
         ):  # fmt: skip
-            raise SystemExit(f"only motions of {' or '.join(LAWS)} under dead, steady loads here")
+            raise SystemExit(
+                f"only motions of {' or '.join(LAWS)} under dead, steady loads here, without "
+                "stiffness damping"
+            )
         self.points, self.cells = arrays["points"], arrays["cells"]
         inner, self.volumes = rest_shape({"points": self.points, "cells": self.cells})
         self.gradients = np.concatenate([-inner.sum(axis=1)[:, None], inner], axis=1)

@@ -52,11 +52,13 @@ def _answer(adapter: Any, *, is_motion: bool) -> None:
     if is_motion and span:
         moves = moves or bool(job["prescribed_displacement"].any())
         job |= {"output_times": np.array(span["output_times"])}
-        job |= {"mass_damping": span["mass_damping"]}
+        job |= {key: span[key] for key in ("mass_damping", "stiffness_damping")}
+    damps = is_motion and span and span["stiffness_damping"] > 0.0
     has = {
         "time": span and not is_motion,
         "statics": is_motion and not span,
         "loads or supports that change in time": is_motion and moves,
+        "stiffness damping": damps and not getattr(adapter, "has_stiffness_damping", False),
         "tools": given["tools"],
         "follower pressure": len(job["pressure"]),
         "inclusions": given["has_inclusions"],

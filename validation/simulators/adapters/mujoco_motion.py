@@ -2,8 +2,9 @@
 
     palpate gate CASE --simulator "python mujoco_motion.py {case} {result}"
 
-Mass damping is the damping of its slide joints, which its Euler integrator takes implicitly. A flex
-spreads its mass evenly over its points.
+Mass damping is the damping of its slide joints, which its Euler integrator takes implicitly;
+stiffness damping is the flex's own, on the rate of its edges' squares, and so of Green strain.
+A flex spreads its mass evenly over its points.
 """
 
 from __future__ import annotations
@@ -20,13 +21,16 @@ class Motion(Flex):  # type: ignore[misc]
     """Stepped from output to output."""
 
     tool = "MuJoCo flex"
+    has_stiffness_damping = True
 
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
         mass = np.full(len(job["points"]), job["lumped_mass"].mean())
-        super().__init__(job, 0.5 * stable_step(job, mass), np.zeros(3))
+        beta, longest = job["stiffness_damping"], stable_step(job, mass)
+        super().__init__(job, 0.5 * (np.hypot(longest, beta) - beta), np.zeros(3))
         self.model.dof_damping[:] = job["mass_damping"] * mass[0]
+        self.model.flex_damping[:] = job["stiffness_damping"]
         held = job["fixed"][self.free].ravel() == 1
         self.data.qfrc_applied[:] = np.where(held, 0.0, job["external_force"][self.free].ravel())
         if "initial_velocity" in job:
