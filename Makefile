@@ -9,7 +9,7 @@ PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz view clean
+.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz wheels view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -53,6 +53,9 @@ mutants: setup ## slips in the judge's own sources, 200 by a fixed seed: each mu
 
 fuzz: setup ## mutated surfaces against the mesher, under sanitizers: FUZZ_SECONDS=60
 	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} bash .ci/sanitize.sh $(VENV)/bin/python
+
+wheels: ## sdist and wheels, repaired and tried without a compiler: dist/
+	@bash .ci/wheels.sh dist
 
 view: setup ## link the sources under build/view, for work on them in place
 	@bash .ci/view.sh $(VENV)/bin/python

@@ -23,7 +23,7 @@ def supervised(command: Sequence[str | Path], **options: Any) -> Iterator[subpro
     """Start a program; it and whatever it started end with the block, or with this process.
 
     On Linux that holds after a kill -9 of this process too, and for what left the program's
-    session. Elsewhere the program's process group ends with the block.
+    session. Elsewhere the program's process group ends with the block; on Windows the program.
 
     Args:
         command: Program and arguments.
@@ -115,5 +115,8 @@ def _pipe(handles: contextlib.ExitStack) -> tuple[FileIO, FileIO]:
 
 def _end_group(process: subprocess.Popen[Any]) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
+        if sys.platform == "win32":  # it has no groups: what the program started is left
+            process.kill()
+        else:
+            os.killpg(process.pid, signal.SIGKILL)
     process.wait()
