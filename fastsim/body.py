@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from palpate.fastsim import _core
 from palpate.fastsim.forces import sum_at_points
 from palpate.fastsim.instruction_sets import chosen_instruction_set
+from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
@@ -266,6 +267,7 @@ class Body:
         *,
         displacement: Points | None = None,
         mass: Floats | None = None,
+        springs: PatchSprings | None = None,
         relative_tolerance: float = 1e-4,
         max_iterations: int = 2000,
     ) -> float:
@@ -281,6 +283,7 @@ class Body:
             displacement: State about which the body moves [m], shape (num_points, 3); None is
                 rest.
             mass: Lumped mass [kg], shape (num_points,); None is the material's.
+            springs: That pull at it, at full stiffness; None is none.
             relative_tolerance: Change of the eigenvalue over ten iterations at which to stop.
             max_iterations: Matrix products at most.
         """
@@ -297,7 +300,10 @@ class Body:
         beside: list[float] = []
         known = 0.0
         for iteration in range(1, min(max_iterations, rest.size) + 1):
-            product = multiply(scale * q)
+            moved = scale * q
+            product = multiply(moved)
+            if springs is not None:
+                product += springs.multiply(moved)
             w = scale * product - (beside[-1] * before if beside else 0.0)
             diagonal.append(float(np.sum(w * q)))
             w -= diagonal[-1] * q

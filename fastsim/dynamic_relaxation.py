@@ -27,7 +27,7 @@ from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.newton import rounding_error
 from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.problem import Element, Problem, Strain, require_no_springs
 from palpate.meshes.rigid_modes import require_supported
 
 # Steps between two looks at the residual, each with a force in double precision besides.
@@ -99,6 +99,7 @@ def relax(
         the nodal forces where that is larger.
 
     Raises:
+        InputError: A problem with springs.
         UnsupportedBodyError: The body can float.
         RelaxationFailedError: It did not come to rest, or blew up at every start; carries the last
             good state. `palpate.fastsim.statics.solve_static` finds the load that can be borne.
@@ -108,6 +109,7 @@ def relax(
         lowest frequency, Newton's hardly does.
     """
     require_supported(problem)
+    require_no_springs(problem, "dynamic relaxation")
     run = _Relaxation(problem, strain, element, relative_tolerance, num_threads, device, contact)
     blown: BlowUpError | None = None
     ramp = _FIRST_RAMP

@@ -129,10 +129,15 @@ class ExplicitBody:
         self.problem = problem
         self.elastic = Body.of(problem, strain, element=element)
         self._mass = self.elastic.lumped_mass if mass is None else mass
+        self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
         chosen = span.time_step if time_step is None and span is not None else time_step
         is_timed = span is not None and mass is None
         self._stiffness_damping = span.stiffness_damping if span and is_timed else 0.0
-        critical = np.inf if mass is not None else self.elastic.critical_time_step()
+        critical = np.inf
+        if mass is None and problem.springs:
+            critical = self.elastic.critical_time_step(springs=self._loads.springs.patches)
+        elif mass is None:
+            critical = self.elastic.critical_time_step()
         is_stiffened = chosen is not None and (bool(problem.tools) or body_contact is not None)
         if chosen is not None and is_stiffened:
             critical = stiffened_time_step(critical, self._stiffness_damping, chosen)
@@ -169,7 +174,6 @@ class ExplicitBody:
         self._scheme = _core.CentralDifference(
             self.time_step, span.mass_damping if span and is_timed else 0.0
         )
-        self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
         self.run = make_run(
             problem,
             self.elastic,

@@ -1,4 +1,4 @@
-"""What drives a body in explicit motion: loads, supports that move, forces of the caller's own."""
+"""What drives a body in explicit motion: loads, springs, moving supports, a caller's forces."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from palpate.fastsim.amplitudes import Amplitudes, Histories
 from palpate.fastsim.explicit_run import ExplicitRun
+from palpate.fastsim.explicit_springs import ExplicitSprings
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.moving_supports import MovingSupports
 from palpate.fastsim.supports import HeldPoints
@@ -17,10 +18,10 @@ from palpate.meshes.problem import Problem, Strain
 
 
 class ExplicitLoads:
-    """Loads and supports of a run, sorted by their histories in time.
+    """Loads, springs and supports of a run, sorted by their histories in time.
 
     Args:
-        problem: Loads and supports.
+        problem: Loads, springs and supports.
         strain: Pressure follows the body only where this knows finite rotations.
         loads: Amplitudes of the loads; see `Histories`.
         supports: Amplitudes of the supports.
@@ -28,6 +29,7 @@ class ExplicitLoads:
     Attributes:
         is_free: 1 where free, 0 where held along x, y or z, shape (num_points, 3). Points that
             slide along slanted walls are free here: the core holds them along the normals.
+        springs: Those that pull now.
 
     Raises:
         InputError: A load that is not finite, or a component held in two ways.
@@ -44,6 +46,7 @@ class ExplicitLoads:
         external_force(problem)  # names a load that is not finite by its number
         self._dead = np.zeros((len(histories), *problem.mesh.points.shape))
         self._applied = np.zeros_like(problem.mesh.points)
+        self.springs = ExplicitSprings(problem.mesh.points, problem.springs)
         self._pressures: list[tuple[Pressure, int]] = []
         for load, history in zip(problem.loads, histories.of_load, strict=True):
             if strain is Strain.GREEN and isinstance(load, Pressure):
@@ -63,6 +66,8 @@ class ExplicitLoads:
                 np.repeat([float(p.pressure) for p, _ in self._pressures], counts),
                 np.repeat([h for _, h in self._pressures], counts).astype(np.int32),
             )
+        if len(self.springs):
+            self.springs.attach(run, len(self._histories))
         run.set_moving_supports(*self._moving.terms())
         if self._moving.slides is not None:
             run.set_sliding_supports(*self._moving.slides)
@@ -83,8 +88,16 @@ class ExplicitLoads:
         run.set_dead_load(0, self._dead[0] + total)
 
     def factors(self, times: Floats) -> Floats:
-        """Of the histories [-], shape (num_times, num_histories)."""
-        return self._histories.at(times)
+        """Of the histories [-], shape (num_times, num_histories); behind them the springs'."""
+        factors = self._histories.at(times)
+        if not len(self.springs):
+            return factors
+        return np.hstack([factors, self.springs.rows(times)])
+
+    def change_springs(self, run: ExplicitRun, springs: ExplicitSprings) -> None:
+        """Have others pull from now on."""
+        self.springs = springs
+        springs.attach(run, len(self._histories))
 
     def at(self, time: float, displacement: Points) -> Points:
         """All of them but contact, at a time and place [N], shape (num_points, 3)."""
@@ -92,6 +105,8 @@ class ExplicitLoads:
         load: Points = np.tensordot(factors, self._dead, axes=1) + self._applied
         for pressure, history in self._pressures:
             load += factors[history] * external_force(self._alone(pressure), displacement)
+        if len(self.springs):
+            load += self.springs.force(displacement, time)
         return load
 
     def placed(self, displacement: Points, time: float) -> Points:

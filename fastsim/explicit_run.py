@@ -41,6 +41,11 @@ class ExplicitRun(Protocol):
     ) -> None:
         """Follower pressures [Pa]."""
 
+    def set_springs(
+        self, facets: NDArray[np.int32], stiffnesses: Floats, histories: NDArray[np.int32]
+    ) -> None:
+        """Springs over facets, in the place of those before."""
+
     def set_moving_supports(self, values: Floats, histories: NDArray[np.int32]) -> None:
         """Held components that move."""
 

@@ -13,6 +13,7 @@ from palpate.fastsim import _core
 from palpate.fastsim.body import Body
 from palpate.fastsim.forces import external_force
 from palpate.fastsim.limit_point import smooth_direction
+from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
@@ -90,7 +91,7 @@ class Newton:
     """Newton-Raphson on one problem; keeps the body and the counts.
 
     Args:
-        problem: Mesh, material, supports and loads.
+        problem: Mesh, material, supports, loads and springs.
         strain: Strain measure.
         relative_tolerance: Where to stop.
         max_iterations: Where to give up, in one call of `solve`.
@@ -115,7 +116,7 @@ class Newton:
     ) -> None:
         self.problem = problem
         self._term = term
-        self._term_norm = 0.0
+        self._term_norm = self._spring_norm = 0.0
         self._is_close = False
         self.is_guarded = is_guarded
         self.iteration = iteration
@@ -138,6 +139,10 @@ class Newton:
         self._is_stale = True
         self._fresh_cost: float | None = None
         self._load = external_force(problem)
+        # A spring is there from the first step on: the load raises the anchor's displacement.
+        self._springs = PatchSprings(problem.mesh.points, problem.springs)
+        ends = [spring.path.end for spring in problem.springs]
+        self._anchors = np.array(ends).reshape(-1, 3)
         # Pressure follows the body only where the strain measure knows finite rotations.
         self._follows = strain is Strain.GREEN and any(
             isinstance(load, Pressure) for load in problem.loads
@@ -248,12 +253,17 @@ class Newton:
         if self._moves_supports or scale == 0.0:
             held = self._supports.to_local(internal)[self._is_free == 0]
             scale = max(scale, float(np.linalg.norm(held)))
-        return max(scale, self._term_norm, float(np.finfo(float).tiny))
+        return max(scale, self._term_norm, self._spring_norm, float(np.finfo(float).tiny))
 
     def _residual(self, displacement: Points, factor: float) -> tuple[Points, Points]:
         internal = self.body.core.internal_force(displacement)
         load = external_force(self.problem, displacement) if self._follows else self._load
         residual = factor * load - internal
+        if len(self._springs):
+            full = np.ones(len(self._springs))
+            pull = self._springs.force(displacement, factor * self._anchors, full)
+            residual = residual + pull
+            self._spring_norm = float(np.linalg.norm(pull))
         if self._term is not None:
             force = self._term.force(displacement)
             residual = residual + force
@@ -272,6 +282,7 @@ class Newton:
             if isinstance(load, Pressure):
                 facets = np.ascontiguousarray(load.facets, dtype=np.int32)
                 self.body.core.add_pressure_tangent(displaced, facets, factor * load.pressure)
+        self._springs.add_to(self.body.core, 1.0)
         if self._term is not None:
             if self._is_close:
                 self._term.settle(displacement)

@@ -70,7 +70,8 @@ def solve_static(
     gives those at every knot, and the forces on the tools.
 
     Args:
-        problem: Mesh, material, supports and loads.
+        problem: Mesh, material, supports, loads and springs, whose anchors are where their paths
+            end.
         strain: Engineering strain (one linear solve) or Green strain (Newton).
         element: Linear tetrahedra, plain or smoothed: nearer the truth on the same mesh.
         start: A displacement near the answer [m], shape (num_points, 3), to begin from at the full

@@ -18,6 +18,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_constants import checked_terms, moduli_of
 from palpate.meshes.material_law import Law
 from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
 
 if TYPE_CHECKING:
@@ -282,14 +283,16 @@ class Problem:
         tools: Rigid bodies that press.
         inclusions: Cells of other materials.
         initial_velocity: Of a motion; None starts from rest.
+        springs: What pulls at a patch of the surface by a spring with a moved anchor.
 
     Raises:
         IndexRangeError: A point or facet that the mesh does not have; `.rows` says which.
-        FacetNotOnBoundaryError: A facet of a support, load or tool inside the body, or twice there.
+        FacetNotOnBoundaryError: A facet of a support, load, tool or spring inside the body, or
+            twice there.
         DisagreeingSupportsError: Two supports that want different places of a point.
         InputError: Indices that are none, a cell in two inclusions, inclusions of another law, a
-            tool beside a support along a slanted normal, or an initial velocity without a time
-            span.
+            tool beside a support along a slanted normal, an initial velocity without a time span,
+            or a spring that no point of the mesh feels.
 
     >>> import numpy as np
     >>> import palpate
@@ -316,15 +319,18 @@ class Problem:
     tools: tuple[RigidTool, ...] = ()
     inclusions: tuple[Inclusion, ...] = ()
     initial_velocity: InitialVelocity | None = None
+    springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
-        for kind in ("supports", "loads", "tools"):
+        for kind in ("supports", "loads", "tools", "springs"):
             items = enumerate(getattr(self, kind), start=1)
             checked = [_on_mesh(item, self.mesh, f"{kind[:-1]} {k}") for k, item in items]
             object.__setattr__(self, kind, tuple(checked))
         require_agreement(
             self.mesh, self.supports, None if self.time is None else self.time.end_time
         )
+        for spring in self.springs:
+            spring.densities(self.mesh.points)  # says if it weighs no point
         if self.initial_velocity is not None and self.time is None:
             raise InputError("an initial velocity is of a motion; give a time span")
         if self.tools and any(support.normal is not None for support in self.supports):
@@ -392,6 +398,12 @@ def require_no_tools(problem: Problem, what: str) -> None:
     """Raise InputError where a problem has tools and `what` knows nothing of them."""
     if problem.tools:
         raise InputError(f"{what} knows no tools; take the tool out of the case, or solve statics")
+
+
+def require_no_springs(problem: Problem, what: str) -> None:
+    """Raise InputError where a problem has springs and `what` knows nothing of them."""
+    if problem.springs:
+        raise InputError(f"{what} knows no springs; take the spring out of the case")
 
 
 def require_linear_in_strain(material: Material, strain: Strain, what: str) -> None:

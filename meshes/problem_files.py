@@ -33,6 +33,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolPath,
 )
+from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.meshes.untrusted_arrays import read_npz
@@ -65,6 +66,8 @@ _FIRST_FIELDS: dict[type[Any], str] = {
     Inclusion: "cells material",
     InitialVelocity: "velocity angular_velocity center",
     Rotation: "axis center angle",
+    Spring: "facets center radius stiffness path",
+    AnchorPath: "times displacements is_smooth",
 }
 _KINDS = {kind.__name__: kind for kind in _FIRST_FIELDS}
 

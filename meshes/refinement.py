@@ -112,6 +112,10 @@ def carry_problem(
         dataclasses.replace(tool, contact_facets=carry_facets(tool.contact_facets))
         for tool in problem.tools
     ]
+    springs = [
+        dataclasses.replace(spring, facets=carry_facets(spring.facets))
+        for spring in problem.springs
+    ]
     inclusions = [
         dataclasses.replace(
             one, cells=np.flatnonzero(np.isin(given_cell, one.cells)).astype(np.int32)
@@ -125,6 +129,7 @@ def carry_problem(
         loads=tuple(loads),
         tools=tuple(tools),
         inclusions=tuple(inclusions),
+        springs=tuple(springs),
     )
 
 

@@ -23,6 +23,7 @@ from palpate.meshes.boundary_conditions import (
 )
 from palpate.meshes.moved_tools import scaled_tool, turned_tool
 from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem
+from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
 
 Back = Callable[[Points], Points]
@@ -85,6 +86,17 @@ def turn(problem: Problem, matrix: Matrix) -> tuple[Problem, Back]:
                 turned_tool(tool, matrix), contact_facets=facets(tool.contact_facets)
             )
             for tool in problem.tools
+        ),
+        springs=tuple(
+            dataclasses.replace(
+                spring,
+                facets=facets(spring.facets),
+                center=vector(spring.center),
+                path=dataclasses.replace(
+                    spring.path, displacements=spring.path.displacements @ matrix.T
+                ),
+            )
+            for spring in problem.springs
         ),
     )
     return changed, lambda answer: answer @ matrix
@@ -181,6 +193,7 @@ def renumber(problem: Problem, seed: int = 0) -> tuple[Problem, Back]:
             dataclasses.replace(tool, contact_facets=new[tool.contact_facets])
             for tool in problem.tools
         ),
+        springs=tuple(dataclasses.replace(s, facets=new[s.facets]) for s in problem.springs),
     )
     return changed, lambda answer: answer[new]
 
@@ -216,6 +229,16 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
             turned = dataclasses.replace(turned, center=(a, b, c))
         return dataclasses.replace(support, displacement=(x, y, z), rotation=turned)
 
+    def spring_of(spring: Spring) -> Spring:
+        x, y, z = (scale * c for c in spring.center)
+        return dataclasses.replace(
+            spring,
+            center=(x, y, z),
+            radius=scale * spring.radius,
+            stiffness=spring.stiffness / scale,
+            path=dataclasses.replace(spring.path, displacements=scale * spring.path.displacements),
+        )
+
     start = problem.initial_velocity
     if start is not None:
         (a, b, c), (x, y, z) = (
@@ -231,6 +254,7 @@ def change_units(problem: Problem, scale: float = 1000.0) -> tuple[Problem, Back
         loads=tuple(map(load_of, problem.loads)),
         inclusions=tuple(Inclusion(i.cells, material(i.material)) for i in problem.inclusions),
         tools=tuple(scaled_tool(tool, scale) for tool in problem.tools),
+        springs=tuple(map(spring_of, problem.springs)),
     )
     return changed, lambda answer: answer / scale
 

@@ -26,6 +26,7 @@ from palpate.reference.mesh_transfer import TransferredSpace, carry_field, creat
 from palpate.reference.result import Formulation
 from palpate.reference.smoothed_law import SmoothedLaw
 from palpate.reference.smoothed_stress import SmoothedStress
+from palpate.reference.springs import SpringForce, spring_forces
 from palpate.reference.st_venant_kirchhoff import (
     second_piola_kirchhoff_stress,
     strain_energy_density,
@@ -200,10 +201,10 @@ class ElasticBody:
 
 
 class DiscreteProblem(ElasticBody):
-    """An elastic body with the supports, loads and tools of its problem.
+    """An elastic body with the supports, loads, springs and tools of its problem.
 
     Args:
-        problem: Mesh, material, supports and loads.
+        problem: Mesh, material, supports, loads, springs and tools.
         strain: Strain measure.
         degree: Polynomial degree of the displacement.
         element: See `ElasticBody`.
@@ -229,12 +230,23 @@ class DiscreteProblem(ElasticBody):
         self.dead_force = self.to_local(loads.dead)
         self.contacts = create_contacts(problem, space, self.held.dofs)
         trial = ufl.TrialFunction(space.space)
-        self._linearise(self.work_change(trial), loads.followers, trial)
+        springs = spring_forces(
+            space, problem.springs, u=self.u, v=self.v, unknown=self.u, trial=trial
+        )
+        self._linearise(self.work_change(trial), loads.followers, springs, trial)
 
-    def _linearise(self, work_change: Any, follower_works: Sequence[Any], trial: Any) -> None:
+    def _linearise(
+        self,
+        work_change: Any,
+        follower_works: Sequence[Any],
+        springs: Sequence[SpringForce],
+        trial: Any,
+    ) -> None:
         mesh = self.space.transferred.mesh
+        # Springs follow too, but their tangent is symmetric.
         self.has_followers = bool(follower_works)
-        self._followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in follower_works]
+        followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in follower_works]
+        self._followers = [*followers, *springs]
         self._tangent = fenicsx.form(work_change)
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
@@ -257,11 +269,16 @@ class DiscreteProblem(ElasticBody):
     def external_force(self, displacement: Floats) -> Floats:
         """Nodal forces of the full load at a displacement [N], flat, shape (num_dofs,)."""
         force: Floats = self.dead_force.copy()
-        if self.has_followers:
+        if self._followers:
             self.set_displacement(displacement)
             for follower in self._followers:
                 force += self.to_local(follower.force())
         return force
+
+    @property
+    def has_follower_forces(self) -> bool:
+        """Whether a pressure or a spring pushes."""
+        return bool(self._followers)
 
     def contact_force(self, displacement: Floats) -> Floats:
         """Nodal forces of the tools where they are at a displacement [N], flat."""

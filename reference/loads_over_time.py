@@ -1,4 +1,4 @@
-"""Loads and supports with their amplitudes, for motion."""
+"""Loads, springs and supports with their amplitudes, for motion."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import ufl
 from palpate.reference.follower_load import FollowerLoad
 from palpate.reference.loads import apply_loads
+from palpate.reference.springs import spring_forces
 from palpate.reference.supports import hold
 
 Amplitude: TypeAlias = Callable[[float], float]
@@ -25,7 +26,7 @@ class LoadsOverTime:
 
     Args:
         body: The body.
-        problem: Its supports and loads.
+        problem: Its supports, loads and springs.
         loads_by: Factor over time [-] on all loads, or one for each (None is 1); None takes each
             load's own.
         supports_by: The same for the supports' displacements.
@@ -58,6 +59,9 @@ class LoadsOverTime:
             for work in applied.followers:
                 follower = FollowerLoad(space.transferred.mesh, work, body.u, du)
                 self._followers.append((factor, follower))
+        self._springs = spring_forces(
+            space, problem.springs, u=body.u, v=body.v, unknown=body.u, trial=du
+        )
         own = [support.amplitude for support in problem.supports]
         self._support_factors = _one_each(
             own if supports_by is None else supports_by, len(problem.supports), "supports"
@@ -68,21 +72,31 @@ class LoadsOverTime:
         """Whether a load's direction follows the body, which makes tangents unsymmetric."""
         return bool(self._followers)
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether the derivative of the forces by the displacement is always the same."""
+        return not self._followers and all(spring.is_steady for spring in self._springs)
+
     def force(self, displacement: Floats, time: float) -> Floats:
-        """Nodal forces of all loads [N], flat."""
+        """Nodal forces of all loads and springs [N], flat."""
         force = np.zeros_like(displacement)
         for factor, dead in self._dead:
             force += factor(time) * dead
-        if self._followers:
+        if self._followers or self._springs:
             self._body.set_displacement(displacement)
         for factor, follower in self._followers:
             force += factor(time) * self._body.to_local(follower.force())
+        for spring in self._springs:
+            spring.move_to(time)
+            force += spring.factor(time) * self._body.to_local(spring.force())
         return force
 
     def add_tangent(self, matrix: Any, weight: float, time: float) -> None:
         """Add minus the derivative of the forces, times a weight; the body holds its place."""
         for factor, follower in self._followers:
             follower.add_tangent(matrix, weight * factor(time))
+        for spring in self._springs:
+            spring.add_tangent(matrix, weight * spring.factor(time))
 
     def at_supports(self, displacement: Floats, time: float) -> Floats:
         """The displacement with its held components where they are at that time [m]."""

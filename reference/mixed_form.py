@@ -44,6 +44,7 @@ from palpate.reference.materials import (
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
 from palpate.reference.principal_laws import stretch_sum
 from palpate.reference.result import Formulation
+from palpate.reference.springs import spring_forces
 from palpate.reference.strain_coefficients import StrainCoefficients
 from palpate.reference.supports import hold
 
@@ -159,7 +160,10 @@ class MixedProblem(DiscreteProblem):
         works = apply_loads(self.space, followers, self.u, v, strain).followers
         self.contacts = ()
         trial = ufl.TrialFunction(self._mixed)
-        self._linearise(self.work_change(trial), works, trial)
+        springs = spring_forces(
+            self.space, problem.springs, u=self.u, v=v, unknown=self._unknown, trial=trial
+        )
+        self._linearise(self.work_change(trial), works, springs, trial)
 
     def _displacement_in(self, unknown: Any) -> Any:
         """See `ElasticBody`."""

@@ -240,7 +240,7 @@ def _follow(
 ) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
     """Loads first, with the tools where they begin; then the tools as they are driven."""
     given = fenicsx.norm(discrete.held.values) + fenicsx.norm(discrete.dead_force)
-    if given > 0.0 or discrete.has_followers or not discrete.contacts:
+    if given > 0.0 or discrete.has_follower_forces or not discrete.contacts:
         path = follow_load(newton, sampler, discrete.num_dofs, progress=tell)
         if path.reason or not discrete.contacts:
             return path, ()

@@ -23,6 +23,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolPath,
 )
+from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
@@ -39,6 +40,7 @@ from palpate.validation.states import (
 from palpate.validation.verbs import audit, compare, export, judge, load_case, mesh
 
 __all__ = [
+    "AnchorPath",
     "BodyForce",
     "BoxShape",
     "CandidateFailedError",
@@ -62,6 +64,7 @@ __all__ = [
     "RigidTool",
     "Simulator",
     "SphereShape",
+    "Spring",
     "State",
     "Strain",
     "Support",

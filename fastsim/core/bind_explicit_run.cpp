@@ -138,6 +138,14 @@ void bind_explicit_run(nb::module_ &module) {
             nb::arg("points").noconvert(), nb::arg("facets").noconvert(),
             nb::arg("pressures").noconvert(), nb::arg("histories").noconvert())
         .def(
+            "set_springs",
+            [](Run &run, GivenFacets facets, GivenTable<double, 9> stiffnesses,
+               GivenColumn<Index> histories) {
+                run.set_springs(as_span(facets), as_span(stiffnesses), as_span(histories));
+            },
+            nb::arg("facets").noconvert(), nb::arg("stiffnesses").noconvert(),
+            nb::arg("histories").noconvert())
+        .def(
             "set_moving_supports",
             [](Run &run, Vectors values, GivenFacets histories) {
                 run.set_moving_supports(as_span(values), as_span(histories));

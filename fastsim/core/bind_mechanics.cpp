@@ -156,6 +156,13 @@ void bind_mechanics(nb::module_ &module) {
             nb::arg("displaced_points").noconvert(), nb::arg("facets").noconvert(),
             nb::arg("pressure"))
         .def(
+            "add_facet_stiffness",
+            [](ElasticBody &body, GivenFacets facets, GivenTable<double, 9> stiffnesses) {
+                nb::gil_scoped_release release;
+                add_facet_stiffness(as_span(facets), as_span(stiffnesses), body.matrix);
+            },
+            nb::arg("facets").noconvert(), nb::arg("stiffnesses").noconvert())
+        .def(
             "add_diagonal_blocks",
             [](ElasticBody &body, GivenColumn<Index> points, GivenTable<double, 9> blocks) {
                 nb::gil_scoped_release release;

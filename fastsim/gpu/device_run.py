@@ -110,6 +110,16 @@ class DeviceRun:
         self.data.facets = facets
         self.data.pressures, self.data.pressure_histories = pressures, histories
 
+    def set_springs(
+        self,
+        facets: NDArray[np.int32],
+        stiffnesses: Floats,  # noqa: ARG002
+        histories: NDArray[np.int32],  # noqa: ARG002
+    ) -> None:
+        """Raise UnsupportedOnDeviceError: only the core has them."""
+        if len(facets):
+            raise UnsupportedOnDeviceError("a spring over a patch", self._device)
+
     def set_moving_supports(self, values: Floats, histories: NDArray[np.int32]) -> None:
         """Terms for all points, one after another; history -1 for components without."""
         self.data.support_values, self.data.support_histories = values, histories

@@ -1,4 +1,4 @@
-"""Supports, loads, tools and inclusions of a problem on a refined mesh."""
+"""Supports, loads, tools, springs and inclusions of a problem on a refined mesh."""
 
 from __future__ import annotations
 
@@ -47,5 +47,9 @@ def carry_problem(problem: Problem, graded: GradedMesh) -> Problem:
         supports=tuple(carried_support(s) for s in problem.supports),
         loads=tuple(carried_load(load) for load in problem.loads),
         tools=tuple(carried_tool(tool) for tool in problem.tools),
+        springs=tuple(
+            dataclasses.replace(spring, facets=graded.carry_facets(spring.facets))
+            for spring in problem.springs
+        ),
         inclusions=tuple(carried_inclusion(one) for one in problem.inclusions),
     )

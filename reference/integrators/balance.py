@@ -167,7 +167,7 @@ class Balance:
         self.iterations += 1
         body, held = self.body, self.loads.held
         factors = stencil.A + self.damping * stencil.B, stencil.theta, stencil.B
-        is_linear = body.strain is Strain.LINEAR and not self.loads.has_followers
+        is_linear = body.strain is Strain.LINEAR and self.loads.is_linear
         if is_linear and self._kept is not None and self._kept[0] == factors:
             return self._solver.solve(
                 self._kept[1], residual, held, still, tolerance=1e-4, is_same_matrix=True

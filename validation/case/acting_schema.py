@@ -190,6 +190,42 @@ class PointForceSpec(OverTime):
     """On each [units.force]."""
 
 
+class AnchorSpec(Table):
+    """Where the anchor of a spring is at a time."""
+
+    time: Number
+    """[s]."""
+    displacement: Vector
+    """From where it is with the body at rest [units.length]."""
+
+
+class SpringSpec(OverTime):
+    """A spring over a patch of the surface, as of a hand or forceps, pulled by a moved anchor."""
+
+    amplitude: AmplitudeSpec | None = None
+    """Factor over time on its stiffness, 0 (let go) to 1; statics take it as 1."""
+    center: Vector
+    """Of the patch, on the surface at rest [units.length]."""
+    radius: Positive
+    """Of the patch; its weight falls smoothly to 0 there [units.length]."""
+    stiffness: Positive
+    """Of the whole patch [units.force per units.length]."""
+    displacement: Vector | None = None
+    """Of the anchor, from the start on [units.length]; or a path."""
+    path: tuple[AnchorSpec, ...] = ()
+    """Of the anchor over time, straight from one place to the next; statics take its end."""
+    smooth: Flag = False
+    """Resting at every place of the path, in the place of constant speeds."""
+
+    @model_validator(mode="after")
+    def _moves_in_one_way(self) -> SpringSpec:
+        if (self.displacement is None) != bool(self.path):
+            raise ValueError("needs displacement or path, one of the two")
+        if self.smooth and not self.path:
+            raise ValueError("smooth goes with path")
+        return self
+
+
 LoadSpec = Annotated[
     ForceSpec | TractionSpec | MomentSpec | PressureSpec | GravitySpec | PointForceSpec,
     Field(discriminator="kind"),

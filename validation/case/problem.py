@@ -29,6 +29,7 @@ from palpate.meshes.face_loads import (
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Inclusion, InitialVelocity, Material, Problem, TimeSpan
 from palpate.meshes.rigid_modes import require_supported
+from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case.acting_schema import (
     ForceSpec,
@@ -37,6 +38,7 @@ from palpate.validation.case.acting_schema import (
     MomentSpec,
     PointForceSpec,
     PressureSpec,
+    SpringSpec,
     SupportSpec,
     TractionSpec,
     TurnSpec,
@@ -62,7 +64,7 @@ _SIZES = {"force_density": "N/m3", "traction": "Pa", "pressure": "Pa", "forces":
 
 
 def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
-    """Supports, loads, tools and materials of a case on its mesh.
+    """Supports, loads, springs, tools and materials of a case on its mesh.
 
     Args:
         spec: The case's tables.
@@ -86,6 +88,7 @@ def build_problem(spec: CaseSpec, folder: Path, mesh: TetMesh) -> Problem:
         ),
         tuple(build.inclusion(s, f"inclusion {k}") for k, s in enumerate(spec.inclusion, 1)),
         build.start(spec.initial_velocity),
+        tuple(build.spring(s, f"spring {k}") for k, s in enumerate(spec.spring, 1)),
     )
     # A motion may be that of a free body.
     if time is None:
@@ -177,6 +180,28 @@ class _Builder:
         given = place(spec.velocity), spec.angular_velocity, place(spec.center)
         _require_usable(np.array(given), "initial_velocity", "m/s")
         return InitialVelocity(*given)
+
+    def spring(self, spec: SpringSpec, what: str) -> Spring:
+        units = self.units
+        if spec.displacement is None:
+            times = [place.time for place in spec.path]
+            moved = [units.place(place.displacement) for place in spec.path]
+        else:
+            times, moved = [0.0], [units.place(spec.displacement)]
+        stiffness, largest = units.newtons_per_metre(spec.stiffness), np.abs(moved).max()
+        _require_usable(np.array([stiffness]), what, "N/m")
+        _require_usable(np.array([largest]), what, "m")
+        try:
+            return Spring.on(
+                self.mesh,
+                units.place(spec.center),
+                units.metres(spec.radius),
+                stiffness,
+                AnchorPath(np.array(times), np.array(moved), spec.smooth),
+                _amplitude(spec.amplitude),
+            )
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from error
 
     def load(self, spec: LoadSpec, material: Material, what: str) -> Load:
         built = self._load(spec, material, what)

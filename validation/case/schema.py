@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 from pydantic import BeforeValidator, Field, model_validator
 
 from palpate.meshes.problem import Strain
-from palpate.validation.case.acting_schema import LoadSpec, SupportSpec
+from palpate.validation.case.acting_schema import LoadSpec, SpringSpec, SupportSpec
 from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
 from palpate.validation.case.material_schema import InclusionSpec, MaterialSpec
 from palpate.validation.case.motion_schema import (
@@ -213,6 +213,8 @@ class CaseSpec(Table):
     """What is held; the body may not float."""
     load: tuple[LoadSpec, ...] = ()
     """What pushes."""
+    spring: tuple[SpringSpec, ...] = ()
+    """What pulls at a patch of the surface by a spring."""
     inclusion: tuple[InclusionSpec, ...] = ()
     """Parts of another material."""
     tool: Annotated[tuple[ToolSpec, ...], BeforeValidator(as_list)] = ()

@@ -74,6 +74,10 @@ class Units(BaseModel):
         """Turn a force into newtons."""
         return value * FORCE[self.force]
 
+    def newtons_per_metre(self, value: float) -> float:
+        """Turn a stiffness, force over length, into N/m."""
+        return value * FORCE[self.force] / LENGTH[self.length]
+
     def pascals(self, value: float) -> float:
         """Turn a stress into pascals."""
         return value * STRESS[self.stress]

@@ -107,6 +107,8 @@ def diagnose(
                     tried += motion_explanations(stepper, mine)
         found = choose(tried)
         stated, of = _stated(body, mine, theirs)
+        if not found and problem.springs:
+            hint = "With springs mechanical slips were not tried"
         if not found and not hint and problem.time is None:
             hint = _where(body, mine[-1], length_unit)
     return Diagnosis(
@@ -140,6 +142,8 @@ def _statics(answer: StaticAnswer, ask: Ask | None, is_found: bool) -> Iterator[
     problem = answer.body.problem
     if answer.stated <= CONVERGED and not is_found:
         yield answer.tried(_kept(answer), Cause.AGREES, 0)
+    if problem.springs:
+        return
     tried: list[Explanation] = []
     for number, families in enumerate(_FAMILIES):
         if number == 0 or not (is_found or choose(tried)):

@@ -70,6 +70,8 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     assert span is not None
     said = candidate.says.get("time_step", candidate.details.get("time_step"))
     step = span.time_step or (said if isinstance(said, float) and 0.0 < said < np.inf else None)
+    if body.problem.springs:
+        return None, "A motion with springs is not stepped again: mechanical slips were not tried"
     if body.problem.tools:
         return None, "A motion with tools is not stepped again: mechanical slips were not tried"
     if step is None:

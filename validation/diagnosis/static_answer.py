@@ -21,7 +21,7 @@ class StaticAnswer:
         apart: Its distance from the reference; None where there is no reference.
         internal: Its internal force [N].
         loads: The force of each load [N].
-        external: Their sum.
+        external: Their sum, and that of springs.
         miss: How far held components are off.
         stated: What is left of the equations as stated.
     """
@@ -30,7 +30,7 @@ class StaticAnswer:
         self.body, self.displacement, self.apart = body, displacement, apart
         self.internal = body.internal(displacement)
         self.loads = body.loads(displacement)
-        self.external = body.total(self.loads)
+        self.external = body.total(self.loads) + body.pull_of_springs(displacement)
         self.miss = body.miss(displacement)
         self.stated = self._left(self.internal, self.external, body.free, self.miss)
 

@@ -115,6 +115,7 @@ def _describe(problem: Problem, strain: Strain, name: str, title: str) -> dict[s
             for support in problem.supports
         ],
         "tools": [_describe_tool(tool) for tool in problem.tools],
+        "springs": [_plain(spring) for spring in problem.springs],
         **describe_conventions(strain, problem.material.law),
     }
 

@@ -77,13 +77,13 @@ def nodal_force(mesh: TetMesh, load: Load) -> Points:
 
 
 # Of degree 3 on a triangle (Strang and Fix 1973): barycentric coordinates and weights.
-_PLACES = np.array([[1, 1, 1], [1.8, 0.6, 0.6], [0.6, 1.8, 0.6], [0.6, 0.6, 1.8]]) / 3.0
-_WEIGHTS = np.array([-27.0, 25.0, 25.0, 25.0]) / 48.0
+FACET_PLACES = np.array([[1, 1, 1], [1.8, 0.6, 0.6], [0.6, 1.8, 0.6], [0.6, 0.6, 1.8]]) / 3.0
+FACET_WEIGHTS = np.array([-27.0, 25.0, 25.0, 25.0]) / 48.0
 
 
 def _add_varying(force: Points, points: Points, areas: Points, load: Traction) -> None:
     corners = points[load.facets]
-    for place, weight in zip(_PLACES, _WEIGHTS, strict=True):
+    for place, weight in zip(FACET_PLACES, FACET_WEIGHTS, strict=True):
         found = (weight * areas)[:, None] * load.at(np.einsum("k,mkj->mj", place, corners))
         for corner, share in enumerate(place):
             np.add.at(force, load.facets[:, corner], share * found)

@@ -39,6 +39,7 @@ from palpate.validation.mechanics.laws import (
     strain_of,
 )
 from palpate.validation.mechanics.smoothing import Smoothing
+from palpate.validation.mechanics.springs import spring_force
 
 Mask = NDArray[np.bool_]
 
@@ -291,10 +292,10 @@ class Body:
         factors: Sequence[float] | None = None,
         is_other: bool = False,
     ) -> Points:
-        """Sum of all loads [N], tools left out.
+        """Sum of all loads and springs [N], tools left out.
 
         Args:
-            displacement: [m]; pressures follow it.
+            displacement: [m]; pressures and springs follow it.
             time: Of amplitudes [s]; without them where None.
             factors: Of each load beside its amplitude; 1 where None.
             is_other: See `load`.
@@ -306,7 +307,12 @@ class Body:
                 factor *= load.amplitude(time)
             if factor:
                 force += factor * self.load(index, displacement, is_other=is_other)
-        return force
+        return force + self.pull_of_springs(displacement, time)
+
+    def pull_of_springs(self, displacement: Points, time: float | None = None) -> Points:
+        """Sum of all springs [N], (num_points, 3), at a time [s]; where their paths end if None."""
+        pulled = [spring_force(self.mesh, s, displacement, time) for s in self.problem.springs]
+        return self.total(pulled)
 
     def out_of_balance(self, displacement: Points) -> tuple[Points, float]:
         """What is left of external and internal forces where nothing is held, tools left out.
@@ -324,10 +330,12 @@ class Body:
     def support_reactions(self, displacement: Points) -> Points:
         """Total force that each support exerts in its held components [N], (num_supports, 3).
 
-        The internal force less the dead loads at the held points: zero elsewhere in equilibrium.
-        Follower pressure on held points is not subtracted.
+        The internal force less the dead loads and the springs at the held points: zero elsewhere
+        in equilibrium. Follower pressure on held points is not subtracted.
         """
+        span = self.problem.time
         force = self.internal(displacement) - dead_force(self.problem)
+        force -= self.pull_of_springs(displacement, None if span is None else span.end_time)
         return pushes_of_supports(self.problem, force)
 
     def miss(self, displacement: Points) -> float:

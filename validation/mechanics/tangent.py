@@ -9,6 +9,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.mechanics.body import Body
 from palpate.validation.mechanics.finite_laws import along
 from palpate.validation.mechanics.laws import strain_of, transposed
+from palpate.validation.mechanics.springs import stiffness_times
 
 
 class Tangent:
@@ -48,6 +49,8 @@ class Tangent:
         force = body.force_of(stress)
         if body.has_followers:
             force -= self._load_change(change)
+        if body.problem.springs:
+            force = force + stiffness_times(body.mesh, body.problem.springs, change)
         return body.freed(force)
 
     def _load_change(self, change: Points) -> Points:
@@ -56,5 +59,8 @@ class Tangent:
         if not far > 0.0:
             return np.zeros_like(change)
         length = float(np.ptp(self.body.mesh.points, axis=0).max()) / far
-        ends = [self.body.external(self._displacement + s * length * change) for s in (1.0, -1.0)]
-        return (ends[0] - ends[1]) / (2.0 * length)
+        body, ends = self.body, []
+        for sign in (1.0, -1.0):
+            ends.append(body.total(body.loads(self._displacement + sign * length * change)))
+        found: Points = (ends[0] - ends[1]) / (2.0 * length)
+        return found

@@ -18,6 +18,7 @@ from palpate.meshes.field_norms import size_of_change
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.mechanics.body import body_of, factor_at_end, load_force
+from palpate.validation.mechanics.springs import spring_force
 from palpate.validation.metrics.own_mesh import problem_on
 from palpate.validation.metrics.stress import (
     Part,
@@ -69,6 +70,10 @@ def reaction(problem: Problem, state: State, part: Part, component: str) -> Numb
         if isinstance(load, Pressure):
             pushed = load_force(problem.mesh, load, state.displacement, state.strain)
             force = force - force_of_part(problem, factor_at_end(problem, load) * pushed, part)
+    time = None if problem.time is None else problem.time.end_time
+    for spring in problem.springs:
+        pulled = spring_force(problem.mesh, spring, state.displacement, time)
+        force = force - force_of_part(problem, pulled, part)
     axis = "xyz".index(component)
     off = 0.0
     if doubt is not None:

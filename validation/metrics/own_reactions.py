@@ -20,6 +20,7 @@ from palpate.validation.exchange.nodal_loads import nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.exchange.supports import held_components
 from palpate.validation.mechanics.body import body_of, factor_at_end, load_force
+from palpate.validation.mechanics.springs import spring_force
 from palpate.validation.states import State
 
 # Fractions of held points below this are rounding.
@@ -59,6 +60,11 @@ def own_reactions(
         if isinstance(load, Pressure):
             # As `support_reactions` has it: not subtracted where the body is held.
             at_points = np.where(is_held, 0.0, at_points)
+        force -= spread(at_points)
+    time = None if problem.time is None else problem.time.end_time
+    for spring in problem.springs:
+        at_points = spring_force(problem.mesh, spring, candidate.displacement, time)
+        loose += spread(np.linalg.norm(at_points, axis=1)[:, None])[:, 0]
         force -= spread(at_points)
     size = np.linalg.norm(force, axis=1)
     moving = np.zeros_like(size) if problem.time is None else size

@@ -20,12 +20,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import lumped_mass
 from palpate.validation.exchange.supports import held_components
 from palpate.validation.mechanics.body import body_of, load_force
+from palpate.validation.mechanics.springs import stiffness_times
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency
 from palpate.validation.states import State, Trajectory
@@ -145,6 +147,17 @@ def largest_acceleration(
                 force *= _FOLLOWING
             by_loads += varied * _over_mass(force, mass, is_free)
         start += first * force
+    for spring in problem.springs:
+        if spring.amplitude is not None:
+            return math.inf
+        # As stiff as it is it belongs to the body; its anchor's way is a load's.
+        for axis, component in enumerate(spring.path.components()):
+            way = np.zeros_like(problem.mesh.points)
+            way[:, axis] = 1.0
+            force = stiffness_times(problem.mesh, [spring], way)
+            first, varied = _varied(component, end)
+            by_loads += varied * _over_mass(force, mass, is_free)
+            start += first * force
     by_loads += _over_mass(start, mass, is_free)
     if problem.initial_velocity is not None:
         by_loads += _by_start(problem, problem.initial_velocity.at(problem.mesh.points))
@@ -162,7 +175,9 @@ def _by_start(problem: Problem, velocity: Points) -> float:
     """
     assert problem.time is not None
     speed = np.where(held_components(problem)[0] > 0, 0.0, velocity)
-    stretched = float(np.sum(speed * body_of(problem, Strain.LINEAR).internal(speed)))
+    rate = body_of(problem, Strain.LINEAR).internal(speed)
+    rate = rate + stiffness_times(problem.mesh, problem.springs, speed)
+    stretched = float(np.sum(speed * rate))
     kinetic = float(np.sum(lumped_mass(problem)[:, None] * speed**2))
     # A turn strains a body whose points go straight: its accelerations are omega^2 r at most.
     turning = problem.initial_velocity
@@ -206,9 +221,10 @@ def _moved_by(problem: Problem, support: Support) -> Points:
 
 def _variation(item: Load | Support, end: float) -> tuple[float, float]:
     """The factor at the start [-], and by how much it changes in all until the end."""
-    amplitude = item.amplitude
-    if amplitude is None:
-        return 1.0, 0.0
+    return (1.0, 0.0) if item.amplitude is None else _varied(item.amplitude, end)
+
+
+def _varied(amplitude: TabularAmplitude, end: float) -> tuple[float, float]:
     knots = [0.0, *(t for t in amplitude.times if 0.0 < t < end), end]
     factors = np.array([amplitude(t) for t in knots])
     return float(factors[0]), float(np.abs(np.diff(factors)).sum())

@@ -46,6 +46,7 @@ from palpate.validation.mechanics.body import (
     shape_gradients,
     sum_at_points,
 )
+from palpate.validation.mechanics.springs import spring_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.own_mesh import problem_on
 from palpate.validation.metrics.pairs import Difference, ratio
@@ -199,6 +200,11 @@ def _largest_resultant(problem: Problem, state: State, integrals: StressIntegral
     for load in problem.loads:
         at_points = load_force(mesh, load, state.displacement, state.strain)
         at_points = factor_at_end(problem, load) * at_points
+        totals.append(at_points.sum(axis=0))
+        left -= at_points
+    time = None if problem.time is None else problem.time.end_time
+    for spring in problem.springs:
+        at_points = spring_force(mesh, spring, state.displacement, time)
         totals.append(at_points.sum(axis=0))
         left -= at_points
     for support in problem.supports:

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.explicit_body import SAFETY
+from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.viscosity import damped_time_step
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.solving import solve
@@ -61,8 +62,9 @@ def expected_costs(problem: Problem) -> Costs:
     """Measure a step or a linear solve, and reckon from there."""
     body = Body.of(problem)
     mesh, span = problem.mesh, problem.time
+    springs = PatchSprings(mesh.points, problem.springs) if problem.springs else None
     critical = damped_time_step(
-        body.critical_time_step(), 0.0 if span is None else span.stiffness_damping
+        body.critical_time_step(springs=springs), 0.0 if span is None else span.stiffness_damping
     )
     ends = mesh.cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     low, high = ends.min(axis=1).astype(np.int64), ends.max(axis=1)

@@ -165,6 +165,14 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
         shape = type(tool.shape).__name__.removesuffix("Shape").lower()
         ends = " to ".join(_vector(p / scale) for p in (path.positions[0], path.positions[-1]))
         look.say(f"tool {number}", f"{shape}, from {ends} {unit}")
+    for number, spring in enumerate(problem.springs, 1):
+        stiffness = spring.stiffness * scale / FORCE[units.force]
+        look.say(
+            f"spring {number}",
+            f"{stiffness:.4g} {units.force}/{unit} over {len(spring.facets)} facets within "
+            f"{spring.radius / scale:.4g} {unit} of {_vector(np.array(spring.center) / scale)} "
+            f"{unit}, its anchor moved to {_vector(spring.path.end / scale)} {unit}",
+        )
     moves = any(support.is_moved for support in problem.supports)
     start = problem.initial_velocity
     if start is not None:
@@ -175,8 +183,10 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
             f"{_vector(np.array(start.center) / scale)} {unit}"
         )
         look.say("starts", f"at {_vector(speed)} {unit}/s" + (turning if spin.any() else ""))
-    if not (problem.loads or problem.tools or moves or start is not None):
-        look.warnings.append("nothing pushes or moves the body: add a [[load]] or a [tool]")
+    if not (problem.loads or problem.springs or problem.tools or moves or start is not None):
+        look.warnings.append(
+            "nothing pushes or moves the body: add a [[load]], a [[spring]] or a [tool]"
+        )
 
 
 def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:

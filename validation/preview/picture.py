@@ -20,6 +20,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
 )
 from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.spring import Spring
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
 from palpate.validation.drawing.scene import (
@@ -69,7 +70,7 @@ def _panels(case: Case) -> list[Panel]:
     points = problem.mesh.points / LENGTH[unit]
     loads = [acting(problem, load) for load in problem.loads]
     held = joined([support.facets for support in problem.supports])
-    pushed = joined([load.facets for load in loads])
+    pushed = joined([*(load.facets for load in loads), *(s.facets for s in problem.springs)])
     surfaces = boundary(points, problem.mesh.boundary_facets, held, pushed)
     marks, legend = [], []
     single = [support.points for support in problem.supports if not len(support.facets)]
@@ -91,6 +92,9 @@ def _panels(case: Case) -> list[Panel]:
         if any(load.spread is not None for load in loads):
             what += ", or many the force per area where it varies"
         legend.append((f"pushed or pulled; an arrow is {what}", RED))
+    if problem.springs:
+        marks += [_spring(spring, points, LENGTH[unit]) for spring in problem.springs]
+        legend.append(("spring over a patch; an arrow is its anchor's way", RED))
     if problem.tools:
         legend.append(("tool, pale where it starts", OCHRE))
         for placed, path in _tools(problem, LENGTH[unit]):
@@ -146,6 +150,15 @@ def _tools(problem: Problem, scale: float) -> list[tuple[list[Surface], Marks]]:
         path = np.array([place for place, _ in poses]) / scale
         found.append((placed, Marks(path, "black", is_path=True)))
     return found
+
+
+def _spring(spring: Spring, points: Points, scale: float) -> Marks:
+    """The way of a spring's anchor, or a short arrow where it stays."""
+    way = (spring.path.end - spring.path.displacements[0] * (len(spring.path.times) > 1)) / scale
+    start = np.array(spring.center) / scale
+    if not way.any():
+        way = 1e-3 * np.ptp(points, axis=0)
+    return Marks(start[None], RED, vectors=way[None])
 
 
 def _arrows(points: Points, loads: Sequence[Acting], scale: float) -> Marks:

@@ -41,6 +41,9 @@ def wrong_stresses(problem: Problem, state: State) -> Iterator[str]:
         if isinstance(load, Pressure):
             # It follows the truth's own surface, which is not kept.
             free[load.facets] = False
+    for spring in problem.springs:
+        # It pulls at the edges of a quadratic truth too.
+        free[spring.facets] = False
     slopes = held_slopes(problem)
     if slopes is not None:
         free[slopes.points] = False

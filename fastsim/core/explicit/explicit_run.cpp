@@ -1,5 +1,7 @@
 #include "explicit/explicit_run.hpp"
 
+#include "explicit/springs.hpp"
+
 #include "threads/thread_team.hpp"
 
 #include <algorithm>
@@ -47,7 +49,7 @@ template <typename Real> class Run final : public ExplicitRun {
         _motion.is_free.assign(4 * num_points, 0);
         _records.pack(is_free, _motion.is_free.data());
         _motion.set_scheme(settings.scheme);
-        for (auto *push : {&_pushes.pressure, &_pushes.body, &_pushes.tools})
+        for (auto *push : _pushes.all())
             push->touched.resize(_team.size());
     }
 
@@ -63,8 +65,9 @@ template <typename Real> class Run final : public ExplicitRun {
         if (_viscous)
             _increment_at_start = _motion.increment;
         _motion.has_begun = false;
-        for (auto *push : {&_pushes.pressure, &_pushes.body, &_pushes.tools})
+        for (auto *push : _pushes.all())
             std::fill(push->force.begin(), push->force.end(), Real(0));
+        _springs.reset();
         _tools.reset();
         _balance.reset(_team.size(), _motion);
         _monitor.reset(_team.size(), _motion, energy);
@@ -87,6 +90,13 @@ template <typename Real> class Run final : public ExplicitRun {
                       std::span<const double> pressures,
                       std::span<const Index> histories) override {
         _pressure.set(_records, points, facets, pressures, histories, _pushes.pressure);
+    }
+
+    void set_springs(std::span<const Index> facets, std::span<const double> stiffnesses,
+                     std::span<const Index> histories) override {
+        forget_forces();
+        _springs.set(_records, facets, stiffnesses, histories, _pushes.springs);
+        _last_factors.clear();
     }
 
     void set_moving_supports(std::span<const double> values,
@@ -262,6 +272,8 @@ template <typename Real> class Run final : public ExplicitRun {
         // Not into what was given: the other threads may still be reading that.
         if (thread == 0 && !_pressure.is_empty())
             _monitor.give_later(_pressure.add(factors, _motion, _pushes.pressure));
+        if (thread == 0 && !_springs.is_empty())
+            _monitor.give_later(_springs.add(factors, _motion, _pushes.springs));
         if (thread == 0 && !_self_contact.is_empty())
             _monitor.give_later(_self_contact.add(_records, _motion, _pushes.body));
         _team.wait();
@@ -376,6 +388,7 @@ template <typename Real> class Run final : public ExplicitRun {
     Pushes<Real> _pushes;
     DeadLoads<Real> _loads;
     FollowerPressure<Real> _pressure;
+    PatchSprings<Real> _springs;
     MovingSupports<Real> _supports;
     SlidingSupports<Real> _slides;
     RigidTools<Real> _tools;

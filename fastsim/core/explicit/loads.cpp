@@ -147,8 +147,7 @@ double MovingSupports<Real>::pull(std::size_t thread, std::span<const double> no
         const double inertia =
             (support.next - last) / (dt * dt) + damping * (support.next + last) / (2.0 * dt);
         // Dead loads on it pass straight through to the support.
-        const double inner =
-            static_cast<double>(motion.force[i]) + pushes.pressure.at(i) + pushes.body.at(i);
+        const double inner = static_cast<double>(motion.force[i]) + pushes.before_tools(i);
         support.pull = inner + support.mass * inertia;
         // What moves the support's own mass is not the free points'.
         work += 0.5 * inner * (support.next + last);

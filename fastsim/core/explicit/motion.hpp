@@ -55,7 +55,11 @@ template <typename Real> struct Push {
 };
 
 template <typename Real> struct Pushes {
-    Push<Real> pressure, body, tools;
+    Push<Real> pressure, springs, body, tools;
+
+    std::array<Push<Real> *, 4> all() { return {&pressure, &springs, &body, &tools}; }
+    /// Of those that do not depend on what is ahead [N].
+    double before_tools(std::size_t i) const { return pressure.at(i) + springs.at(i) + body.at(i); }
 };
 
 } // namespace fastsim

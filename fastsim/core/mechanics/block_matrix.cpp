@@ -84,6 +84,19 @@ void add_tangent(const ElasticCells &body, std::span<const double> displacement,
     }
 }
 
+namespace {
+
+/// Of a row and a column that it has.
+Matrix3 &block(BlockMatrix &matrix, std::size_t row, Index column) {
+    const auto first = matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row]);
+    const auto last =
+        matrix.columns.begin() + static_cast<std::ptrdiff_t>(matrix.row_start[row + 1]);
+    const auto place = std::lower_bound(first, last, column);
+    return matrix.blocks[static_cast<std::size_t>(place - matrix.columns.begin())];
+}
+
+} // namespace
+
 void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
                           double pressure, BlockMatrix &matrix) {
     for (std::size_t t = 0; t < facets.size() / 3; ++t) {
@@ -103,13 +116,7 @@ void add_pressure_tangent(std::span<const double> displaced_points, std::span<co
                     v[j] = pressure / 12.0 *
                            ((x[(l + 2) % 3][j] - x[(l + 1) % 3][j]) -
                             (x[(k + 2) % 3][j] - x[(k + 1) % 3][j]));
-                const auto first = matrix.columns.begin() +
-                                   static_cast<std::ptrdiff_t>(matrix.row_start[corner[k]]);
-                const auto last = matrix.columns.begin() +
-                                  static_cast<std::ptrdiff_t>(matrix.row_start[corner[k] + 1]);
-                const auto place = std::lower_bound(first, last, facets[3 * t + l]);
-                Matrix3 &m =
-                    matrix.blocks[static_cast<std::size_t>(place - matrix.columns.begin())];
+                Matrix3 &m = block(matrix, corner[k], facets[3 * t + l]);
                 m[1] -= v[2];
                 m[2] += v[1];
                 m[3] += v[2];
@@ -118,6 +125,18 @@ void add_pressure_tangent(std::span<const double> displaced_points, std::span<co
                 m[7] += v[0];
             }
     }
+}
+
+void add_facet_stiffness(std::span<const Index> facets, std::span<const double> stiffnesses,
+                         BlockMatrix &matrix) {
+    for (std::size_t t = 0; t < facets.size() / 3; ++t)
+        for (std::size_t k = 0; k < 3; ++k)
+            for (std::size_t l = 0; l < 3; ++l) {
+                Matrix3 &m =
+                    block(matrix, static_cast<std::size_t>(facets[3 * t + k]), facets[3 * t + l]);
+                for (std::size_t j = 0; j < 9; j += 4)
+                    m[j] += stiffnesses[9 * t + 3 * k + l];
+            }
 }
 
 void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,

@@ -38,6 +38,11 @@ void add_tangent(const ElasticCells &body, std::span<const double> displacement,
 void add_pressure_tangent(std::span<const double> displaced_points, std::span<const Index> facets,
                           double pressure, BlockMatrix &matrix);
 
+/// Adds stiffnesses between the corners of `facets` (3 points each), 9 for each, which are the same
+/// along x, y and z.
+void add_facet_stiffness(std::span<const Index> facets, std::span<const double> stiffnesses,
+                         BlockMatrix &matrix);
+
 /// Adds to the diagonal blocks of some points, each named once.
 void add_diagonal_blocks(std::span<const Index> points, std::span<const Matrix3> blocks,
                          BlockMatrix &matrix);

@@ -60,6 +60,7 @@ def _answer(adapter: Any, *, is_motion: bool) -> None:
         "loads or supports that change in time": is_motion and moves,
         "stiffness damping": damps and not getattr(adapter, "has_stiffness_damping", False),
         "tools": given["tools"],
+        "springs": given["springs"],
         "follower pressure": len(job["pressure"]),
         "inclusions": given["has_inclusions"],
         "slanted supports": "sliding_normals" in job,
