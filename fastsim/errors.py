@@ -132,6 +132,22 @@ class UnstableStepError(FastsimError):
 
 
 @dataclass(eq=False, repr=False)
+class SpringTooStiffError(FastsimError):
+    """The time step is too long for a spring; `.stiffness`, `.largest_stiffness`, `.time_step`."""
+
+    stiffness: float
+    largest_stiffness: float
+    time_step: float
+
+    def __post_init__(self) -> None:
+        super().__init__(
+            f"stiffness = {self.stiffness:.4g} N/m of a spring is too much for steps of "
+            f"{self.time_step:.4g} s on so few points: use at most {self.largest_stiffness:.3g} "
+            "N/m, a larger radius, or shorter steps"
+        )
+
+
+@dataclass(eq=False, repr=False)
 class BlowUpError(FastsimError):
     """A run that left the finite numbers or the neighbourhood of the body.
 

@@ -22,6 +22,7 @@ from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_diagnosis import diagnose
 from palpate.fastsim.explicit_loads import ExplicitLoads
 from palpate.fastsim.explicit_run import make_run
+from palpate.fastsim.explicit_springs import ExplicitSprings
 from palpate.fastsim.viscosity import damped_time_step, stiffened_time_step, viscous_force
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
@@ -264,11 +265,7 @@ class ExplicitBody:
                 pass through a tool, or energy grew from nothing; carries the last good state.
             ToolTooFastError: A tool cannot get where it was sent in these steps.
         """
-        if self._goals and self.tools is not None:
-            end = self.time + num_steps * self.time_step
-            for number, goal in self._goals.items():
-                self.tools.send(number, goal, self.time, end)
-            self._goals = {}
+        self.send_tools(num_steps)
         while num_steps > 0:
             piece = min(num_steps, max(1, int(_BREATH / self._pace)))
             start = time.perf_counter()
@@ -322,6 +319,36 @@ class ExplicitBody:
         if self.tools is None:
             raise InputError(f"tool number {number}: the problem has no tools")
         self._goals[number] = self.tools.goal(number, position, rotation)
+
+    @property
+    def tool_goals(self) -> dict[int, tuple[list[float], list[float] | None]]:
+        """Where tools are sent by the next call of `step`: position [m], quaternion, by number."""
+        return self._goals
+
+    def send_tools(self, num_steps: int) -> None:
+        """Put the tools that were sent onto their ways, for so many steps; `step` does."""
+        if not self._goals or self.tools is None:
+            return
+        goals, self._goals = self._goals, {}
+        end = (self.steps + num_steps) * self.time_step
+        for number, goal in goals.items():
+            self.tools.send(number, goal, self.time, end)
+        self._is_looked_at = False
+
+    @property
+    def mass(self) -> Floats:
+        """Lumped [kg], shape (num_points,)."""
+        return self._mass
+
+    @property
+    def springs(self) -> ExplicitSprings:
+        """Those that pull now."""
+        return self._loads.springs
+
+    def change_springs(self, springs: ExplicitSprings) -> None:
+        """Have others pull from now on; whether they are too stiff is the caller's care."""
+        self._loads.change_springs(self.run, springs)
+        self._is_looked_at = False
 
     def tool_steps(self) -> NDArray[np.void]:
         """Where the tools' paths are now, shape (num_tools,) of `TOOL_STEP`."""

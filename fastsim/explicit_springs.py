@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.amplitude import TabularAmplitude
@@ -89,6 +88,10 @@ class ExplicitSprings:
         factor, *ways = self._ways[number]
         self._ways[number] = (factor, *map(_way_to, ways, goal.tolist(), [start] * 3, [end] * 3))
 
+    def anew(self) -> ExplicitSprings:
+        """The same, with their paths as they were at first."""
+        return ExplicitSprings(self._points, self.springs)
+
     def with_spring(self, spring: Spring) -> ExplicitSprings:
         """The same with one more, the last."""
         more = ExplicitSprings(self._points, (*self.springs, spring))
@@ -101,23 +104,6 @@ class ExplicitSprings:
         fewer = ExplicitSprings(self._points, tuple(self.springs[k] for k in kept))
         fewer._ways = [self._ways[k] for k in kept]
         return fewer
-
-    def require_stable(self, time_step: float, bare: float, mass: Floats) -> None:
-        """Raise UnstableStepError if they are too stiff for a step.
-
-        Of the sum of two stiffnesses the largest eigenvalue is at most the sum of theirs, and that
-        of the springs at most the largest K_a / m_a, by Gershgorin: their rows have no negative
-        entry.
-
-        Args:
-            time_step: [s].
-            bare: The critical one without springs [s].
-            mass: Lumped [kg], shape (num_points,).
-        """
-        squared = 4.0 / bare**2 + float((self.patches.row_sums() / mass).max(initial=0.0))
-        critical = 2.0 / float(np.sqrt(squared))
-        if time_step > critical:
-            raise UnstableStepError(time_step, critical)
 
 
 _Way = Callable[[float], float]

@@ -1,0 +1,332 @@
+"""A body under the hands of a controller: tools and springs that are moved from step to step.
+
+body = LiveBody(problem)
+while ...:
+body.tools[0].move_to(place)
+body.step(steps)
+force = body.tools[0].force
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.fastsim.contact.explicit_tools import TOOL_RECORD
+from palpate.fastsim.drive_log import DriveLog
+from palpate.fastsim.errors import SpringTooStiffError
+from palpate.fastsim.explicit_body import SAFETY, ExplicitBody, Precision
+from palpate.fastsim.explicit_springs import ExplicitSprings
+from palpate.fastsim.springs import PatchSprings
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.spring import AnchorPath, Spring
+
+# A step has so many significant bits, so that its multiples are exact.
+_BITS = 20
+
+
+class LiveTool:
+    """A rigid tool of a `LiveBody`."""
+
+    def __init__(self, body: LiveBody, number: int, tool: RigidTool) -> None:
+        self._body, self._number = body, number
+        self.description = tool
+
+    def move_to(self, position: ArrayLike, rotation: ArrayLike | None = None) -> None:
+        """Go there in the next call of `LiveBody.step`, straight and at one speed, and stay.
+
+        Args:
+            position: Of the tool's origin [m], shape (3,).
+            rotation: Unit quaternion (w, x, y, z), shape (4,); None keeps the present one.
+
+        Raises:
+            InputError: This is no pose, or the tool is driven by a force. How fast it may go is
+                seen by `step`, which raises ToolTooFastError.
+        """
+        self._body._engine.move_tool(self._number, position, rotation)
+
+    @property
+    def position(self) -> Floats:
+        """Of its origin, where its path is now [m], shape (3,)."""
+        return np.array(self._pose()["position"])
+
+    @property
+    def rotation(self) -> Floats:
+        """Rotation matrix from its frame, shape (3, 3)."""
+        return np.array(self._pose()["rotation"]).reshape(3, 3)
+
+    def _pose(self) -> np.void:
+        engine = self._body._engine
+        assert engine.tools is not None
+        pose: np.void = engine.tools.steps(np.array([engine.time]))[0, self._number]["pose"]
+        return pose
+
+    @property
+    def force(self) -> Floats:
+        """On the tool, that of the body [N], shape (3,): its mean over the last call of `step`.
+
+        A mean, since the constraint pushes in single steps. Zero before the first step.
+        """
+        force: Floats = self._body._forces()[self._number]
+        return force
+
+
+class LiveSpring:
+    """A spring over a patch of a `LiveBody`, its anchor in somebody's hand."""
+
+    def __init__(self, body: LiveBody, spring: Spring) -> None:
+        self._body, self.description = body, spring
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it pulls: not once it was let go, nor after a reset if it came later."""
+        return any(spring is self.description for spring in self._body._pull.springs)
+
+    def move_to(self, place: ArrayLike) -> None:
+        """Have the anchor go to a place in the next call of `LiveBody.step`, and stay there.
+
+        Args:
+            place: To where the middle of the patch is pulled [m], shape (3,).
+
+        Raises:
+            InputError: It was let go, or this is no place.
+        """
+        number = self._number()
+        goal = np.array(place, dtype=np.float64) - np.array(self.description.center)
+        self._body._goals[self.description] = self._body._pull.goal(number, goal)
+
+    @property
+    def anchor(self) -> Floats:
+        """Where the middle of the patch is pulled to now [m], shape (3,)."""
+        number, body = self._number(), self._body
+        moved = body._pull.at(body.time)[0][number]
+        place: Floats = moved + np.array(self.description.center)
+        return place
+
+    @property
+    def force(self) -> Floats:
+        """On the hand [N], shape (3,), now: stiffness times the way from anchor to patch."""
+        number, body = self._number(), self._body
+        pulled: Floats = body._pull.resultants(body._engine.displacement, body.time)[number]
+        return -pulled
+
+    def let_go(self) -> None:
+        """Pull no more."""
+        body = self._body
+        body._engine.change_springs(body._pull.without_spring(self._number()))
+        body._goals.pop(self.description, None)
+        body._log.let_go(self.description, body._engine.steps)
+
+    def _number(self) -> int:
+        for number, spring in enumerate(self._body._pull.springs):
+            if spring is self.description:
+                return number
+        raise InputError("this spring was let go; hold the body anew")
+
+
+class LiveBody:
+    """A body that is stepped by a controller, a viewer or a robot.
+
+    Args:
+        problem: Mesh, material, supports, loads, springs and tools. Of its time span the damping
+            and the step are taken; end and outputs are not read.
+        strain: Engineering or Green strain.
+        element: Linear tetrahedra, plain or smoothed.
+        time_step: [s]; None takes the time span's, or 0.8 of the critical one, cut to 20
+            significant bits so that its multiples are exact.
+        precision: Of the step.
+        num_threads: At least 1.
+
+    Attributes:
+        tools: In the problem's order.
+        springs: Those of the problem, in its order.
+        time_step: [s].
+
+    Raises:
+        InputError, UnstableStepError, ToolError: As `ExplicitBody` does.
+
+    Example:
+        >>> import numpy as np
+        >>> import palpate
+        >>> from palpate.fastsim.live_body import LiveBody
+        >>> from palpate.meshes.shapes import shape_box
+        >>> mesh = palpate.mesh(shape_box((0.04, 0.04, 0.02), edge_length=0.01))
+        >>> low = palpate.Support(np.flatnonzero(mesh.points[:, 2] < 1e-9).astype(np.int32))
+        >>> body = LiveBody(palpate.Problem(mesh, palpate.Material(1e4, 0.3), (low,), ()))
+        >>> hand = body.hold((0.02, 0.02, 0.02), radius=0.012, stiffness=20.0)
+        >>> hand.move_to((0.02, 0.02, 0.024))
+        >>> body.step(200)
+        >>> bool(hand.force[2] < 0.0)  # the body pulls back
+        True
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        strain: Strain = Strain.GREEN,
+        element: Element = Element.LINEAR,
+        time_step: float | None = None,
+        precision: Precision = Precision.DOUBLE,
+        num_threads: int = 1,
+    ) -> None:
+        given = problem.time.time_step if problem.time is not None else None
+        step = given if time_step is None else time_step
+        if step is None:
+            bare = dataclasses.replace(problem, time=None)
+            found = ExplicitBody(bare, strain=strain, element=element, time_step=None)
+            step = _cut(SAFETY * found.critical_time_step)
+        self._engine = ExplicitBody(
+            problem,
+            strain=strain,
+            element=element,
+            time_step=step,
+            precision=precision,
+            num_threads=num_threads,
+        )
+        self.problem, self.time_step = problem, self._engine.time_step
+        self.tools = tuple(LiveTool(self, k, tool) for k, tool in enumerate(problem.tools))
+        self.springs = tuple(LiveSpring(self, spring) for spring in problem.springs)
+        self._positions = problem.mesh.points.copy()
+        self._read_only = self._positions.view()
+        self._read_only.flags.writeable = False
+        self._first = self._pull
+        self._begin()
+
+    def _begin(self) -> None:
+        self._goals: dict[Spring, Floats] = {}
+        self._mean = np.zeros((len(self.tools), 3))
+        self._is_read, self._span = True, 0.0
+        self._log = DriveLog(self.problem)
+
+    @property
+    def _pull(self) -> ExplicitSprings:
+        return self._engine.springs
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return self._engine.time
+
+    @property
+    def displacement(self) -> Points:
+        """Now [m], shape (num_points, 3): read-only, always the same array, read anew into it."""
+        return self._engine.displacement
+
+    @property
+    def positions(self) -> Points:
+        """Of the points now [m], shape (num_points, 3): read-only, always the same array."""
+        np.add(self.problem.mesh.points, self._engine.displacement, out=self._positions)
+        return self._read_only
+
+    @property
+    def velocity(self) -> Points:
+        """Now [m/s], shape (num_points, 3); as dear as a step."""
+        return self._engine.velocity()
+
+    def strain_energy(self) -> float:
+        """Stored in the body now [J]."""
+        return self._engine.elastic.strain_energy(self._engine.displacement)
+
+    def step(self, num_steps: int = 1) -> None:
+        """Do steps; what was sent goes its way in them.
+
+        Raises:
+            InputError: Less than one step.
+            BlowUpError: See `ExplicitBody.step`.
+            ToolTooFastError: A tool cannot get where it was sent in these steps; nothing is done.
+        """
+        if num_steps < 1:
+            raise InputError(f"num_steps = {num_steps}: needs at least 1")
+        engine = self._engine
+        begin, goals = engine.steps, self._goals
+        sent = dict(engine.tool_goals)
+        engine.send_tools(num_steps)
+        for spring, goal in goals.items():
+            number = next(k for k, s in enumerate(self._pull.springs) if s is spring)
+            end = (begin + num_steps) * self.time_step
+            self._pull.send(number, goal, engine.time, end)
+        self._goals = {}
+        self._log.went(begin, begin + num_steps, sent, goals)
+        if self.tools and self._is_read:
+            engine.run.take_tool_records()  # impulses begin anew
+        engine.step(num_steps)
+        self._is_read, self._span = not self.tools, num_steps * self.time_step
+
+    def hold(
+        self, center: tuple[float, float, float], *, radius: float, stiffness: float
+    ) -> LiveSpring:
+        """Take hold of a patch of the surface by a spring, from now on.
+
+        Its anchor is where the patch is now, so that it pulls with no force in all.
+
+        Args:
+            center: Of the patch, on the body at rest [m], shape (3,).
+            radius: [m], > 0.
+            stiffness: Of the whole patch [N/m], > 0.
+
+        Raises:
+            InputError: No patch there, or a value that makes no sense.
+            SpringTooStiffError: The step is too long for it.
+        """
+        spring = Spring.on(
+            self.problem.mesh, center, radius, stiffness, AnchorPath(np.zeros(1), np.zeros((1, 3)))
+        )
+        alone = PatchSprings(self.problem.mesh.points, (spring,))
+        moved = alone.mean_displacements(self._engine.displacement)
+        spring = dataclasses.replace(spring, path=AnchorPath(np.zeros(1), moved))
+        self._require_stable(spring)
+        self._engine.change_springs(self._pull.with_spring(spring))
+        self._log.held(spring, self._engine.steps)
+        return LiveSpring(self, spring)
+
+    def reset(self) -> None:
+        """Begin anew at time 0: tools and springs as the problem has them."""
+        self._engine.change_springs(self._first.anew())
+        self._engine.set_state(np.zeros_like(self._positions))
+        self._begin()
+
+    def recording(self) -> Problem:
+        """The problem with what was driven since the start as paths of its tools and springs.
+
+        `palpate.fastsim.dynamics.simulate` of it goes the same way bit for bit, with the same
+        strain, element, precision, threads and build.
+
+        Raises:
+            InputError: Nothing was stepped, a tool with a path of its own was moved, or the step
+                is no 20 bits long, so that its multiples are rounded.
+        """
+        return self._log.problem(self._engine.steps, self.time_step)
+
+    def _require_stable(self, spring: Spring) -> None:
+        """By Gershgorin: omega^2 is at most that of the body and the largest K_a / m_a.
+
+        The rows of a spring have no negative entry. Those of the problem are in the body's.
+        """
+        points = self.problem.mesh.points
+        more = [s for s in self._pull.springs if s not in self.problem.springs]
+        room = 4.0 / self.time_step**2 - 4.0 / self._engine.critical_time_step**2
+        left = room * self._engine.mass - PatchSprings(points, more).row_sums()
+        own = PatchSprings(points, [spring]).row_sums()
+        touched = own > 0.0
+        largest = spring.stiffness * float((left[touched] / own[touched]).min())
+        if spring.stiffness > largest:
+            raise SpringTooStiffError(spring.stiffness, max(largest, 0.0), self.time_step)
+
+    def _forces(self) -> Floats:
+        if not self._is_read:
+            records = self._engine.run.take_tool_records().view(TOOL_RECORD).reshape(-1)
+            self._mean, self._is_read = records["impulse"] / self._span, True
+        return self._mean
+
+
+def _cut(step: float) -> float:
+    """The longest step up to one [s] whose multiples are exact."""
+    mantissa, exponent = math.frexp(step)
+    return math.ldexp(math.floor(mantissa * 2**_BITS), exponent - _BITS)
