@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ class EdgeUses:
     edge: Integers
     counts: Integers
     edges: Integers
+
+    @cached_property
+    def by_edge(self) -> Integers:
+        """Rows in the order of their edges, shape (3 num_facets,)."""
+        return np.argsort(self.edge, kind="stable")
 
 
 def edge_uses(facets: Indices) -> EdgeUses:
@@ -73,10 +79,15 @@ def connected_parts(num_items: int, pairs: Integers) -> Integers:
     return parts
 
 
-def facet_parts(facets: Indices) -> Integers:
-    """Part of each facet, where facets that share an edge belong together."""
-    uses = edge_uses(facets)
-    order = np.argsort(uses.edge, kind="stable")
+def facet_parts(facets: Indices, uses: EdgeUses | None = None) -> Integers:
+    """Part of each facet, where facets that share an edge belong together.
+
+    Args:
+        facets: Shape (num_facets, 3).
+        uses: Their table of edges, where it is at hand.
+    """
+    uses = edge_uses(facets) if uses is None else uses
+    order = uses.by_edge
     same = uses.edge[order][1:] == uses.edge[order][:-1]
     owner = uses.owner[order]
     return connected_parts(len(facets), np.column_stack([owner[:-1], owner[1:]])[same])
@@ -91,15 +102,16 @@ def parts_by_plain_edges(
     return connected_parts(num_facets, owner[order].reshape(-1, 2))
 
 
-def points_with_several_fans(facets: Indices) -> Integers:
+def points_with_several_fans(facets: Indices, uses: EdgeUses | None = None) -> Integers:
     """Points at which sheets touch: their facets form more than one closed fan.
 
     Args:
         facets: Closed, edge-manifold and consistently oriented, shape (num_facets, 3).
+        uses: Their table of edges, where it is at hand.
     """
-    uses = edge_uses(facets)
+    uses = edge_uses(facets) if uses is None else uses
     # The two uses of an edge, as rows of `directed`.
-    first, second = np.argsort(uses.edge, kind="stable").reshape(-1, 2).T
+    first, second = uses.by_edge.reshape(-1, 2).T
     opposite = np.empty(len(uses.edge), dtype=np.int64)
     opposite[first], opposite[second] = second, first
     # Around a point, from corner k of a facet over the facet's side k - 1 -> k.
@@ -114,8 +126,5 @@ def points_with_several_fans(facets: Indices) -> Integers:
             break
         label, after = smaller, after[after]
     # Each fan has one corner that is its own label.
-    points, counts = np.unique(
-        facets.reshape(-1)[np.unique(label)].astype(np.int64), return_counts=True
-    )
-    several: Integers = points[counts > 1]
-    return several
+    fans = np.bincount(facets.reshape(-1)[label == corner], minlength=1)
+    return np.flatnonzero(fans > 1)

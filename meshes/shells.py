@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import OrientationError
-from palpate.meshes.facet_topology import facet_parts
+from palpate.meshes.facet_topology import EdgeUses, facet_parts
 from palpate.meshes.tri_surface import TriSurface
 
 # Facets times points per block: bounds the memory of the solid angles to some 50 MB.
@@ -42,7 +42,7 @@ class Shell:
     kind: ShellKind
 
 
-def find_shells(surface: TriSurface) -> list[Shell]:
+def find_shells(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell]:
     """Part a closed surface into shells and find what lies in what.
 
     Whether a shell lies in another is read from the other's winding number about one of its
@@ -51,8 +51,9 @@ def find_shells(surface: TriSurface) -> list[Shell]:
 
     Args:
         surface: Closed and consistently oriented; see `surface_checks`.
+        uses: The table of its edges, where it is at hand.
     """
-    part = facet_parts(surface.facets)
+    part = facet_parts(surface.facets, uses)
     members = [np.flatnonzero(part == k) for k in range(int(part.max(initial=-1)) + 1)]
     parts = [TriSurface(surface.points, surface.facets[rows]) for rows in members]
     corners = [surface.points[p.facets].reshape(-1, 3) for p in parts]
@@ -76,16 +77,17 @@ def find_shells(surface: TriSurface) -> list[Shell]:
     return shells
 
 
-def require_nested(surface: TriSurface) -> list[Shell]:
+def require_nested(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell]:
     """Refuse shells that face the wrong way: outer walls face out, cavities face the hollow.
 
     Args:
         surface: Closed and consistently oriented within each shell.
+        uses: The table of its edges, where it is at hand.
 
     Raises:
         OrientationError: A shell's facets face the wrong way for where it lies.
     """
-    shells = find_shells(surface)
+    shells = find_shells(surface, uses)
     for number, shell in enumerate(shells):
         is_cavity = shell.kind is ShellKind.CAVITY
         if shell.volume * (-1.0 if is_cavity else 1.0) > 0.0:

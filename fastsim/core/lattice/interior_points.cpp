@@ -1,6 +1,7 @@
 #include "lattice/interior_points.hpp"
 
 #include "lattice/graded_lattice.hpp"
+#include "lattice/surface_bins.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -32,121 +33,6 @@ class Random {
 
   private:
     std::uint64_t _state;
-};
-
-/// Number of a bin; those beyond a milliard share the last one, where all are looked at.
-Index bin_of(double x, double width) {
-    return static_cast<Index>(std::clamp(std::floor(x / width), -1e9, 1e9));
-}
-
-/// Places with a distance that others keep from them, in cubic bins; one set of bins for each
-/// octave of distances, so that few share a bin.
-class Guards {
-  public:
-    void add(const Point &place, double distance) {
-        if (!(distance > 0.0))
-            return;
-        const double width = std::exp2(std::ceil(std::log2(distance)));
-        auto layer = std::find_if(_layers.begin(), _layers.end(),
-                                  [&](const Layer &l) { return l.width == width; });
-        if (layer == _layers.end()) {
-            _layers.push_back({width, {}});
-            layer = _layers.end() - 1;
-        }
-        layer->bins[layer->key(place)].push_back({place, distance * distance});
-    }
-
-    bool keep_off(const Point &p) const {
-        for (const Layer &layer : _layers) {
-            const Triple middle = layer.key(p);
-            for (Index n = 0; n < 27; ++n) {
-                const auto found = layer.bins.find(
-                    {middle[0] + n / 9 - 1, middle[1] + n / 3 % 3 - 1, middle[2] + n % 3 - 1});
-                if (found == layer.bins.end())
-                    continue;
-                for (const Guard &guard : found->second) {
-                    const double dx = guard.place[0] - p[0], dy = guard.place[1] - p[1],
-                                 dz = guard.place[2] - p[2];
-                    if (dx * dx + dy * dy + dz * dz < guard.squared_distance)
-                        return true;
-                }
-            }
-        }
-        return false;
-    }
-
-  private:
-    struct Guard {
-        Point place;
-        double squared_distance;
-    };
-    struct Layer {
-        double width;
-        std::unordered_map<Triple, std::vector<Guard>, TripleHash> bins;
-
-        Triple key(const Point &p) const {
-            return {bin_of(p[0], width), bin_of(p[1], width), bin_of(p[2], width)};
-        }
-    };
-
-    std::vector<Layer> _layers;
-};
-
-/// Crossings of the surface by the line through (x, y) along z, in order of height.
-class Columns {
-  public:
-    Columns(std::span<const Point> points, std::span<const Triple> facets, double width)
-        : _points(points), _facets(facets), _width(width) {
-        for (std::size_t f = 0; f < facets.size(); ++f) {
-            double low[2], high[2];
-            for (std::size_t i = 0; i < 2; ++i) {
-                low[i] = std::numeric_limits<double>::infinity();
-                high[i] = -low[i];
-                for (const Index v : facets[f]) {
-                    low[i] = std::min(low[i], points[TetComplex::at(v)][i]);
-                    high[i] = std::max(high[i], points[TetComplex::at(v)][i]);
-                }
-            }
-            for (Index i = bin(low[0]); i <= bin(high[0]); ++i)
-                for (Index j = bin(low[1]); j <= bin(high[1]); ++j)
-                    _bins[edge(i, j)].push_back(f);
-        }
-    }
-
-    /// Whether a point is inside, by the number of crossings above it. Rounding may err for a
-    /// line through an edge: harmless, since the cells outside are carved off later.
-    bool is_inside(const Point &p) const {
-        const auto found = _bins.find(edge(bin(p[0]), bin(p[1])));
-        if (found == _bins.end())
-            return false;
-        bool inside = false;
-        for (const std::size_t f : found->second) {
-            const Point &a = corner(f, 0), &b = corner(f, 1), &c = corner(f, 2);
-            const double ab = cross(a, b, p), bc = cross(b, c, p), ca = cross(c, a, p);
-            const bool is_hit = (ab > 0 && bc > 0 && ca > 0) || (ab < 0 && bc < 0 && ca < 0);
-            if (!is_hit)
-                continue;
-            const double z = (bc * a[2] + ca * b[2] + ab * c[2]) / (ab + bc + ca);
-            if (z > p[2])
-                inside = !inside;
-        }
-        return inside;
-    }
-
-  private:
-    Index bin(double x) const { return bin_of(x, _width); }
-    static Triple edge(Index i, Index j) { return {i, j, 0}; }
-    const Point &corner(std::size_t f, std::size_t k) const {
-        return _points[TetComplex::at(_facets[f][k])];
-    }
-    static double cross(const Point &a, const Point &b, const Point &p) {
-        return (a[0] - p[0]) * (b[1] - p[1]) - (a[1] - p[1]) * (b[0] - p[0]);
-    }
-
-    std::span<const Point> _points;
-    std::span<const Triple> _facets;
-    double _width;
-    std::unordered_map<Triple, std::vector<std::size_t>, TripleHash> _bins;
 };
 
 double distance(const Point &a, const Point &b) {
@@ -198,6 +84,7 @@ Guards guard_surface(std::span<const Point> points, std::span<const Triple> face
                     guards.add(place, clearance * size);
                 }
     }
+    guards.sort();
     return guards;
 }
 
@@ -235,10 +122,10 @@ std::vector<Point> interior_points(std::span<const Point> surface_points,
     });
     const GradedLattice lattice(grid, places, wanted, surface_points.size(),
                                 settings.grows_inwards ? for_growing : for_uniform);
-    const Guards guards = guard_surface(surface_points, facets, sizes, settings.clearance);
+    Guards guards = guard_surface(surface_points, facets, sizes, settings.clearance);
     const double mean =
         std::accumulate(sizes.begin(), sizes.end(), 0.0) / static_cast<double>(sizes.size());
-    const Columns columns(surface_points, facets, mean);
+    Columns columns(surface_points, facets, mean);
     Random random(settings.seed);
     std::vector<Point> points;
     lattice.visit(is_graded, [&](const Point &place, double edge) {

@@ -1,9 +1,11 @@
 #include "slivers/cell_quality.hpp"
 
-#include "predicates/vector_algebra.hpp"
+#include "slivers/wide.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 namespace fastsim {
@@ -13,41 +15,175 @@ namespace {
 // Wanted altitude in parts of the thinnest facet's, and of the mean edge: a regular cell has 0.82.
 constexpr double share_of_thinnest = 0.85, share_of_edge = 0.4;
 
+constexpr std::size_t lanes = 4;
+
+// One formula for single cells and for four at once; those are handed over by reference, since
+// what returns them depends on the width of registers.
+template <typename T> inline __attribute__((always_inline)) void lower(T &a, const T &b) {
+    a = b < a ? b : a;
+}
+template <typename T> inline __attribute__((always_inline)) void raise(T &a, const T &b) {
+    a = a < b ? b : a;
+}
+inline __attribute__((always_inline)) void take_root(double &x) { x = std::sqrt(x); }
+inline __attribute__((always_inline)) void take_root(Four &x) {
+    std::array<double, lanes> each;
+    std::memcpy(each.data(), &x, sizeof x);
+    for (double &r : each)
+        r = std::sqrt(r);
+    std::memcpy(&x, each.data(), sizeof x);
+}
+
+/// Of corner i the coordinate j is x[i][j].
+template <typename T> struct CellShape {
+    T six_volumes;
+    T ab, ac, ad, bc, bd, cd; // squared lengths
+    T fa, fb, fc, fd;         // four times the squared areas of the facets opposite a, b, c, d
+
+    inline __attribute__((always_inline)) explicit CellShape(const T (&x)[4][3]) {
+        T u[3], v[3], w[3], bcv[3], bdv[3], cdv[3];
+        for (std::size_t j = 0; j < 3; ++j) {
+            u[j] = x[1][j] - x[0][j];
+            v[j] = x[2][j] - x[0][j];
+            w[j] = x[3][j] - x[0][j];
+            bcv[j] = x[2][j] - x[1][j];
+            bdv[j] = x[3][j] - x[1][j];
+            cdv[j] = x[3][j] - x[2][j];
+        }
+        T normal_d[3], normal_b[3], normal[3];
+        cross(u, v, normal_d);
+        cross(v, w, normal_b);
+        dot(normal_d, w, six_volumes);
+        dot(u, u, ab), dot(v, v, ac), dot(w, w, ad);
+        dot(bcv, bcv, bc), dot(bdv, bdv, bd), dot(cdv, cdv, cd);
+        cross(bcv, bdv, normal);
+        dot(normal, normal, fa);
+        dot(normal_b, normal_b, fb);
+        cross(u, w, normal);
+        dot(normal, normal, fc);
+        dot(normal_d, normal_d, fd);
+    }
+
+    // sin(dihedral at an edge) = 6 V |edge| / (2 A_i 2 A_j), facets i and j opposite the other
+    // edge's ends; squared, and over one denominator, so that one root and one division do.
+    inline __attribute__((always_inline)) void find_smallest_sine(T &sine) const {
+        const T fab = fa * fb, fcd = fc * fd;
+        T smallest = ab * fab;
+        lower<T>(smallest, ac * (fa * fc));
+        lower<T>(smallest, ad * (fa * fd));
+        lower<T>(smallest, bc * (fb * fc));
+        lower<T>(smallest, bd * (fb * fd));
+        lower<T>(smallest, cd * fcd);
+        sine = smallest / (fab * fcd);
+        take_root(sine);
+        sine = six_volumes * sine;
+    }
+
+    inline __attribute__((always_inline)) void lower_by_altitude(T &quality,
+                                                                 double wanted_altitude) const {
+        // 3 V over the largest area.
+        T largest = fa;
+        raise<T>(largest, fb);
+        raise<T>(largest, fc);
+        raise<T>(largest, fd);
+        take_root(largest);
+        const T altitude = six_volumes / largest;
+        lower<T>(quality, quality_at_wanted_altitude * altitude / wanted_altitude);
+    }
+
+  private:
+    static inline __attribute__((always_inline)) void cross(const T *a, const T *b, T *out) {
+        out[0] = a[1] * b[2] - a[2] * b[1];
+        out[1] = a[2] * b[0] - a[0] * b[2];
+        out[2] = a[0] * b[1] - a[1] * b[0];
+    }
+    static inline __attribute__((always_inline)) void dot(const T *a, const T *b, T &out) {
+        out = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    }
+};
+
+std::array<double, 6> squared_edges(const TetComplex &complex, Index c) {
+    const Cell &v = complex.cell(c);
+    std::array<double, 6> squared;
+    std::size_t edge = 0;
+    for (std::size_t i = 0; i < 4; ++i)
+        for (std::size_t j = i + 1; j < 4; ++j) {
+            const Point &a = complex.points[TetComplex::at(v[i])];
+            const Point &b = complex.points[TetComplex::at(v[j])];
+            const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+            squared[edge++] = x * x + y * y + z * z;
+        }
+    return squared;
+}
+
+bool is_told(double sine) { return sine != 0.0 && std::isfinite(sine); }
+
+/// Four cells, corner by corner and axis by axis.
+PALPATE_WIDE void rate_four(const std::array<double, lanes> (&corners)[4][3],
+                            double wanted_altitude, double *sines, double *qualities) {
+    Four x[4][3];
+    for (std::size_t i = 0; i < 4; ++i)
+        for (std::size_t j = 0; j < 3; ++j)
+            std::memcpy(&x[i][j], corners[i][j].data(), sizeof(Four));
+    const CellShape<Four> shape(x);
+    Four quality;
+    shape.find_smallest_sine(quality);
+    std::memcpy(sines, &quality, sizeof quality);
+    if (wanted_altitude > 0.0)
+        shape.lower_by_altitude(quality, wanted_altitude);
+    std::memcpy(qualities, &quality, sizeof quality);
+}
+
 } // namespace
 
 double cell_quality(const TetComplex &complex, const Cell &cell) {
-    const Point &a = complex.points[TetComplex::at(cell[0])];
-    const Point &b = complex.points[TetComplex::at(cell[1])];
-    const Point &c = complex.points[TetComplex::at(cell[2])];
-    const Point &d = complex.points[TetComplex::at(cell[3])];
-    const Point ab = minus(b, a), ac = minus(c, a), ad = minus(d, a);
-    const Point bc = minus(c, b), bd = minus(d, b), cd = minus(d, c);
-    const Point normal_d = cross(ab, ac), normal_b = cross(ac, ad);
-    const double six_volumes = dot(normal_d, ad);
-    const auto squared = [](const Point &v) { return dot(v, v); };
-    // Four times the squared areas of the facets opposite a, b, c, d.
-    const double fa = squared(cross(bc, bd)), fb = squared(normal_b);
-    const double fc = squared(cross(ab, ad)), fd = squared(normal_d);
-    // sin(dihedral at an edge) = 6 V |edge| / (2 A_i 2 A_j), facets i and j opposite the other
-    // edge's ends; squared, and over one denominator, so that one root and one division do.
-    const double fab = fa * fb, fcd = fc * fd;
-    const double smallest =
-        std::min({squared(ab) * fab, squared(ac) * (fa * fc), squared(ad) * (fa * fd),
-                  squared(bc) * (fb * fc), squared(bd) * (fb * fd), squared(cd) * fcd});
-    const double sine = six_volumes * std::sqrt(smallest / (fab * fcd));
-    if (sine != 0.0 && std::isfinite(sine)) {
-        if (complex.wanted_altitude <= 0.0)
-            return sine;
-        // 3 V over the largest area.
-        const double altitude = six_volumes / std::sqrt(std::max({fa, fb, fc, fd}));
-        return std::min(sine, quality_at_wanted_altitude * altitude / complex.wanted_altitude);
+    double x[4][3];
+    for (std::size_t i = 0; i < 4; ++i)
+        for (std::size_t j = 0; j < 3; ++j)
+            x[i][j] = complex.points[TetComplex::at(cell[i])][j];
+    const CellShape<double> s(x);
+    double quality = 0.0;
+    s.find_smallest_sine(quality);
+    if (is_told(quality)) {
+        if (complex.wanted_altitude > 0.0)
+            s.lower_by_altitude(quality, complex.wanted_altitude);
+        return quality;
     }
     // Lengths so small or large that products of areas leave the range, or a facet without area:
     // such a cell is as bad as a flat one.
     const double each =
-        std::min({squared(ab) / fcd, squared(ac) / (fb * fd), squared(ad) / (fb * fc),
-                  squared(bc) / (fa * fd), squared(bd) / (fa * fc), squared(cd) / fab});
-    return std::isfinite(each) ? six_volumes * std::sqrt(each) : 0.0;
+        std::min({s.ab / (s.fc * s.fd), s.ac / (s.fb * s.fd), s.ad / (s.fb * s.fc),
+                  s.bc / (s.fa * s.fd), s.bd / (s.fa * s.fc), s.cd / (s.fa * s.fb)});
+    return std::isfinite(each) ? s.six_volumes * std::sqrt(each) : 0.0;
+}
+
+std::vector<double> cell_qualities(const TetComplex &complex) {
+    const std::size_t count = complex.num_slots();
+    std::vector<double> result(count);
+    std::array<double, lanes> corners[4][3];
+    std::array<double, lanes> sines, qualities;
+    for (std::size_t first = 0; first < count; first += lanes) {
+        const std::size_t size = std::min(lanes, count - first);
+        for (std::size_t l = 0; l < lanes; ++l) {
+            // What is no cell is rated as another, and that is not looked at.
+            const auto slot = static_cast<Index>(first + std::min(l, size - 1));
+            for (std::size_t i = 0; i < 4; ++i) {
+                const Index v = complex.cell(slot)[i];
+                const Point &p = complex.points[TetComplex::at(std::max(v, Index{0}))];
+                for (std::size_t j = 0; j < 3; ++j)
+                    corners[i][j][l] = p[j];
+            }
+        }
+        rate_four(corners, complex.wanted_altitude, sines.data(), qualities.data());
+        for (std::size_t l = 0; l < size; ++l) {
+            const auto slot = static_cast<Index>(first + l);
+            if (is_told(sines[l]) || !complex.is_alive(slot))
+                result[first + l] = qualities[l];
+            else
+                result[first + l] = cell_quality(complex, complex.cell(slot));
+        }
+    }
+    return result;
 }
 
 double find_wanted_altitude(const TetComplex &complex) {
@@ -81,18 +217,23 @@ double find_wanted_altitude(const TetComplex &complex) {
 }
 
 double edge_length_deviation(const TetComplex &complex, Index c) {
-    const Cell &v = complex.cell(c);
+    const std::array<double, 6> squared = squared_edges(complex, c);
     double sum = 0.0, squares = 0.0;
-    for (std::size_t i = 0; i < 4; ++i)
-        for (std::size_t j = i + 1; j < 4; ++j) {
-            const Point &a = complex.points[TetComplex::at(v[i])];
-            const Point &b = complex.points[TetComplex::at(v[j])];
-            const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
-            squares += x * x + y * y + z * z;
-            sum += std::sqrt(x * x + y * y + z * z);
-        }
+    for (const double x : squared) {
+        squares += x;
+        sum += std::sqrt(x);
+    }
     const double mean = sum / 6.0;
     return std::sqrt(std::max(squares / 6.0 - mean * mean, 0.0)) / mean;
+}
+
+bool is_edge_length_deviation_above(const TetComplex &complex, Index c, double limit) {
+    // A deviation is at most half the range, so at most (longest / shortest - 1) / 2 of the mean;
+    // most cells are told by that, without a root.
+    const std::array<double, 6> squared = squared_edges(complex, c);
+    const auto [shortest, longest] = std::minmax_element(squared.begin(), squared.end());
+    const double ratio = 1.0 + 1.99 * limit;
+    return *longest >= ratio * ratio * *shortest && edge_length_deviation(complex, c) > limit;
 }
 
 } // namespace fastsim

@@ -13,11 +13,17 @@ constexpr double quality_at_wanted_altitude = 0.5;
 /// of that: small cells set the critical time step.
 double cell_quality(const TetComplex &complex, const Cell &cell);
 
+/// The same of all living cells, by slot; of others some number.
+std::vector<double> cell_qualities(const TetComplex &complex);
+
 /// No cell needs to be thinner than the thinnest facet that is given, nor thicker than a part of
 /// the mean edge.
 double find_wanted_altitude(const TetComplex &complex);
 
 /// Standard deviation of a cell's edge lengths over their mean: the paper's measure.
 double edge_length_deviation(const TetComplex &complex, Index c);
+
+/// Whether that is above a limit; most cells are told by less work.
+bool is_edge_length_deviation_above(const TetComplex &complex, Index c, double limit);
 
 } // namespace fastsim

@@ -70,13 +70,22 @@ class FlatCells {
 } // namespace
 
 std::size_t remove_flat_cells(TetComplex &complex, const Protection &protection, bool may_insert) {
+    const std::vector<double> qualities = cell_qualities(complex);
+    const auto first_flat = [&] {
+        for (std::size_t slot = 0; slot < qualities.size(); ++slot)
+            if (qualities[slot] < flat && complex.is_alive(static_cast<Index>(slot)))
+                return static_cast<Index>(slot);
+        return none;
+    }();
+    if (first_flat == none)
+        return 0;
     FlatCells cells(complex, protection, may_insert);
     std::size_t left = 0;
     for (int pass = 0; pass < most_passes; ++pass) {
         left = 0;
         std::size_t removed = 0;
         const auto count = static_cast<Index>(complex.num_slots());
-        for (Index c = 0; c < count; ++c)
+        for (Index c = pass == 0 ? first_flat : 0; c < count; ++c)
             if (cells.is_flat(c))
                 ++(cells.remove(c) ? removed : left);
         if (removed == 0)

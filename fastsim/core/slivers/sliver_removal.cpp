@@ -47,13 +47,10 @@ class SliverRemoval {
           _watch(watch) {
         complex.wanted_altitude =
             least_altitude > 0.0 ? least_altitude : find_wanted_altitude(complex);
-        _quality.resize(complex.num_slots());
+        _quality = cell_qualities(complex);
         _tried.assign(complex.num_slots(), 0);
         _refusals.assign(complex.num_slots(), 0);
         _changed.assign(complex.points.size(), 1);
-        for (std::size_t slot = 0; slot < complex.num_slots(); ++slot)
-            if (complex.is_alive(static_cast<Index>(slot)))
-                _quality[slot] = cell_quality(complex, complex.cell(static_cast<Index>(slot)));
     }
 
     /// Works on every bad cell once, the worst first; false when little was gained by the last
@@ -67,7 +64,7 @@ class SliverRemoval {
                 continue;
             if (_quality[slot] >= _target) {
                 if (has_changed_since(c, _last_pass) &&
-                    edge_length_deviation(_complex, c) > largest_deviation && has_news(c))
+                    is_edge_length_deviation_above(_complex, c, largest_deviation) && has_news(c))
                     bad.emplace_back(_quality[slot], c);
                 continue;
             }
@@ -116,6 +113,20 @@ class SliverRemoval {
             changes += improve(c, report) ? 1 : 0;
         }
         return changes > 0;
+    }
+
+    /// Ends the work: from now on angles alone count.
+    std::size_t count_slivers() {
+        _complex.wanted_altitude = 0.0;
+        std::size_t count = 0;
+        for (std::size_t slot = 0; slot < _complex.num_slots(); ++slot) {
+            const auto c = static_cast<Index>(slot);
+            // Without its altitude no cell is rated lower than with it.
+            if (_complex.is_alive(c) && _quality[slot] < told_sine &&
+                cell_quality(_complex, _complex.cell(c)) < told_sine)
+                ++count;
+        }
+        return count;
     }
 
   private:
@@ -303,12 +314,7 @@ SliverReport remove_slivers(TetComplex &complex, Index num_fixed, double target,
     for (int pass = 0; pass < finishing_passes && max_passes > 0 && removal.finish(report);
          ++pass) {
     }
-    complex.wanted_altitude = 0.0; // angles alone
-    for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
-        const auto c = static_cast<Index>(slot);
-        if (complex.is_alive(c) && cell_quality(complex, complex.cell(c)) < told_sine)
-            ++report.left;
-    }
+    report.left = removal.count_slivers();
     return report;
 }
 
