@@ -38,6 +38,7 @@ class DriveLog:
         self._problem = problem
         self._tools: list[dict[int, ToolGoal]] = [{} for _ in problem.tools]
         self._springs = [_Held(spring, 0) for spring in problem.springs]
+        self._left_its_path = ""
 
     def held(self, spring: Spring, step: int) -> None:
         """Somebody took hold."""
@@ -55,14 +56,16 @@ class DriveLog:
             knots, path = self._tools[number], self._problem.tools[number].path
             if not knots:
                 if len(path.times) > 1:
-                    raise InputError(f"tool {number + 1} has a path of its own and was moved")
+                    self._left_its_path = f"tool {number + 1}"
                 knots[0] = path.positions[0].tolist(), path.rotations[0].tolist()
             place, turn = knots[max(knots)]
             knots[begin] = place, turn
             knots[end] = goal[0], turn if goal[1] is None else goal[1]
         for spring, anchor in anchors.items():
             held = self._of(spring)
-            if not held.knots and len(spring.path.times) == 1:
+            if not held.knots:
+                if len(spring.path.times) > 1:
+                    self._left_its_path = "a spring"
                 held.knots[begin] = spring.path.end
             held.knots[begin] = held.knots[max(held.knots)]
             held.knots[end] = anchor
@@ -72,6 +75,16 @@ class DriveLog:
         end_time = num_steps * time_step
         if not num_steps:
             raise InputError("nothing was recorded: step the body first")
+        if self._left_its_path:
+            raise InputError(
+                f"{self._left_its_path} had a path of its own and was moved off it: no path tells "
+                "both; give it a single knot to start from"
+            )
+        if end_time / num_steps != time_step:
+            raise InputError(
+                f"{num_steps} steps of {time_step!r} s are rounded, and divided again are no such "
+                "steps: leave time_step to the body, or give one of at most 20 significant bits"
+            )
         span = self._problem.time or TimeSpan(end_time, time_step)
         span = dataclasses.replace(
             span, end_time=end_time, time_step=time_step, num_outputs=num_steps

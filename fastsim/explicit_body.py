@@ -331,8 +331,7 @@ class ExplicitBody:
             return
         goals, self._goals = self._goals, {}
         end = (self.steps + num_steps) * self.time_step
-        for number, goal in goals.items():
-            self.tools.send(number, goal, self.time, end)
+        self.tools.send(goals, self.time, end)
         self._is_looked_at = False
 
     @property

@@ -299,8 +299,8 @@ class LiveBody:
         strain, element, precision, threads and build.
 
         Raises:
-            InputError: Nothing was stepped, a tool with a path of its own was moved, or the step
-                is no 20 bits long, so that its multiples are rounded.
+            InputError: Nothing was stepped, a tool or spring was moved off a path of its own, or
+                the given step has so many digits that all of them together are rounded.
         """
         return self._log.problem(self._engine.steps, self.time_step)
 

@@ -202,20 +202,18 @@ class ExplicitTools:
         return place, [q / length for q in turn]
 
     def send(
-        self,
-        number: int,
-        goal: tuple[list[float], list[float] | None],
-        begin: float,
-        end: float,
+        self, goals: dict[int, tuple[list[float], list[float] | None]], begin: float, end: float
     ) -> None:
-        """Put a tool onto the straight way from where it is at a time to its goal at another.
+        """Put tools onto the straight ways from where they are at a time to goals at another.
 
         Raises:
-            ToolTooFastError: Vertices could not follow.
+            ToolTooFastError: Vertices could not follow; all of them stay on their ways then.
         """
-        way = self._paths[number].way_to(*goal, begin, end)
-        self._require_slow(way, number)
-        self._paths[number] = way
+        ways = {k: self._paths[k].way_to(*goal, begin, end) for k, goal in goals.items()}
+        for number, way in ways.items():
+            self._require_slow(way, number)
+        for number, way in ways.items():
+            self._paths[number] = way
 
     def _require_slow(self, path: _core.ToolPath, number: int) -> None:
         speed = path.fastest_point(self._reaches[number])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -149,7 +151,31 @@ def test_what_was_recorded_goes_the_same_way_bit_for_bit(strain: Strain, element
     assert again.num_steps == 210
     assert np.array_equal(again.displacements[-1], end)
     body.reset()
+    assert body.tools[0].position == pytest.approx([0.02, 0.015, 0.033])
     assert body.time == 0.0
     assert not body.displacement.any()
     with pytest.raises(InputError, match="nothing was recorded"):
         body.recording()
+
+
+def test_what_cannot_be_recorded_is_refused() -> None:
+    problem = block(tools=False)
+    step = 1.1e-4
+    rounded = next(n for n in range(1, 200) if n * step / n != step)
+    body = LiveBody(problem, time_step=step)
+    body.step(rounded)
+    with pytest.raises(InputError, match="rounded"):
+        body.recording()
+    path = AnchorPath([0.0, 0.1], [[0.0, 0.0, 0.0], [0.0, 0.0, 0.005]])
+    spring = Spring.on(problem.mesh, TOP, 0.012, 30.0, path)
+    driven = LiveBody(dataclasses.replace(problem, springs=(spring,)))
+    driven.step(10)
+    driven.springs[0].move_to(TOP)
+    driven.step(10)
+    assert driven.springs[0].anchor == pytest.approx(TOP)
+    with pytest.raises(InputError, match="a path of its own"):
+        driven.recording()
+    driven.reset()
+    driven.step(10)
+    again = simulate(driven.recording())
+    assert np.array_equal(again.displacements[-1], driven.displacement)

@@ -31,10 +31,18 @@ def test_a_right_simulator_passes_its_gate() -> None:
     assert runpy.run_path(str(EXAMPLES / "gate_in_my_repository.py"))["is_green"]
 
 
+def test_a_probe_finds_the_inclusion_wherever_it_is() -> None:
+    shown = runpy.run_path(str(EXAMPLES / "palpate_by_force.py"))
+    assert shown["found"] == pytest.approx((0.052, 0.024), abs=0.003)
+    elsewhere = shown["find_inclusion"](shown["block_with_inclusion"]((0.024, 0.014, 0.012), 0.007))
+    assert elsewhere == pytest.approx((0.024, 0.014), abs=0.005)
+
+
 def test_every_example_is_run_here_and_is_in_percent_format() -> None:
     names = {path.name for path in EXAMPLES.glob("*.py")}
     assert names == {
         "judge_my_simulator.py", "linear_or_nonlinear.py", "gate_in_my_repository.py",
+        "palpate_by_force.py",
     }  # fmt: skip
     for name in names:
         text = (EXAMPLES / name).read_text("utf-8")
