@@ -27,7 +27,7 @@ from palpate.meshes.rigid_modes import require_supported
 from palpate.meshes.rigid_tool import ForceDrive
 
 # Penalty in layers of cells: presses as much as a hundredth of a layer.
-_STIFFNESS_IN_LAYERS = 100.0
+STIFFNESS_IN_LAYERS = 100.0
 # Multipliers are settled when they change by no more than this.
 _SETTLED = 1e-9
 _MOST_UPDATES = 40
@@ -111,7 +111,7 @@ def solve_contact(
     require_supported(problem)
     contacts = [ToolContact(problem, tool) for tool in problem.tools]
     stiffnesses = [
-        law.stiffness or _STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
+        law.stiffness or STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
         for contact in contacts
     ]
     for number, contact in enumerate(contacts):

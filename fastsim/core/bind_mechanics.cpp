@@ -192,6 +192,14 @@ void bind_mechanics(nb::module_ &module) {
                 return vectors_by(body, [&](auto y) { multiply(body.matrix, as_span(x), y); });
             },
             nb::arg("x").noconvert())
+        .def("matrix",
+             [](const ElasticBody &body) {
+                 const BlockMatrix &matrix = body.matrix;
+                 auto row_start = new_array<std::int64_t>({matrix.row_start.size()});
+                 std::copy(matrix.row_start.begin(), matrix.row_start.end(), row_start.data());
+                 return std::make_tuple(row_start, as_column<Index>(std::span(matrix.columns)),
+                                        as_table(matrix.blocks));
+             })
         .def(
             "build_multigrid",
             [](ElasticBody &body, Flags is_free) {

@@ -14,6 +14,7 @@ void bind_grading(nb::module_ &module);
 void bind_mechanics(nb::module_ &module);
 void bind_contact(nb::module_ &module);
 void bind_explicit_run(nb::module_ &module);
+void bind_condensed(nb::module_ &module);
 
 namespace {
 
@@ -46,4 +47,5 @@ NB_MODULE(_core, module) {
     bind_mechanics(module);
     bind_contact(module);
     bind_explicit_run(module);
+    bind_condensed(module);
 }

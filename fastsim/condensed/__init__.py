@@ -1,0 +1,34 @@
+"""The condensed linear model: a body's compliance at its surface, for steps at haptic rate."""
+
+from palpate.fastsim.condensed.condense import (
+    MOST_BYTES,
+    CondensedSize,
+    condense,
+    condensed_size,
+    load_condensed,
+)
+from palpate.fastsim.condensed.errors import (
+    CondensedTooLargeError,
+    NotCondensableError,
+    UnsettledContactError,
+)
+from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
+from palpate.fastsim.condensed.solve import CondensedResult, solve_condensed
+from palpate.fastsim.condensed.steps import CondensedSteps, StepState
+
+__all__ = [
+    "MOST_BYTES",
+    "CompliancePrecision",
+    "CondensedModel",
+    "CondensedResult",
+    "CondensedSize",
+    "CondensedSteps",
+    "CondensedTooLargeError",
+    "NotCondensableError",
+    "StepState",
+    "UnsettledContactError",
+    "condense",
+    "condensed_size",
+    "load_condensed",
+    "solve_condensed",
+]

@@ -1,0 +1,184 @@
+"""Static condensation: what is left of a stiffness matrix at the points that are kept.
+
+With K cut into eliminated (e) and kept (k) points, u_e = y - X u_k and
+
+    S = K_kk - K_ke K_ee^-1 K_ek,      S u_k = f_k - K_ke K_ee^-1 f_e
+
+(Bro-Nielsen and Cotin 1996, "Real-time volumetric deformable models for surgery simulation using
+finite elements and condensation", eq. 12 ff.; Guyan 1965). Elimination runs over the fronts of a
+nested dissection; the dense work is LAPACK's, by NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.fastsim.condensed.dissection import Dissection, Graph
+from palpate.meshes.arrays import Floats, Indices
+
+_ROWS = 768  # of an update made at a time, so that it is never there twice
+_SMALL = 192  # a matrix that is inverted in one piece
+
+
+@dataclass(frozen=True, eq=False)
+class Condensed:
+    """A matrix condensed to the points that are kept.
+
+    Attributes:
+        stiffness: S, shape (3 num_kept, 3 num_kept).
+        loads: f_k - K_ke K_ee^-1 f_e for each right-hand side, (3 num_kept, num_columns).
+        dissection: Whose fronts these are.
+        couplings: X of each front, shape (3 num_own, 3 num_border); none where not kept.
+        offsets: y of each front, shape (3 num_own, num_columns).
+    """
+
+    stiffness: Floats
+    loads: Floats
+    dissection: Dissection
+    couplings: list[Floats]
+    offsets: list[Floats]
+
+    def extend(self, kept: Floats, num_points: int, offsets: Floats | None = None) -> Floats:
+        """Displacements of all points from those of the kept ones.
+
+        Args:
+            kept: Shape (3 num_kept, n).
+            num_points: Of the mesh.
+            offsets: How much of each right-hand side there is, (num_columns, n); None is nothing.
+
+        Returns:
+            Shape (3 num_points, n); 0 where nothing was eliminated or kept.
+        """
+        found = np.zeros((3 * num_points, kept.shape[1]))
+        found[components_of(self.dissection.kept)] = kept
+        fronts = zip(self.dissection.nodes, self.couplings, self.offsets, strict=True)
+        for node, coupling, offset in reversed(list(fronts)):
+            own = -coupling @ found[components_of(node.border)]
+            if offsets is not None:
+                own += offset @ offsets
+            found[components_of(node.own)] = own
+        return found
+
+
+def components_of(points: Indices | NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers of the three components of each point, shape (3 n,)."""
+    found: NDArray[np.int64] = (3 * points[:, None] + np.arange(3)).reshape(-1)
+    return found
+
+
+def condense_matrix(
+    graph: Graph,
+    blocks: Floats,
+    loads: Floats,
+    dissection: Dissection,
+    *,
+    keeps_couplings: bool,
+    progress: Callable[[str], None] | None = None,
+) -> Condensed:
+    """Eliminate all points that are not kept.
+
+    Args:
+        graph: Of the matrix.
+        blocks: Its 3 x 3 blocks, symmetric and positive definite, shape (num_entries, 3, 3).
+        loads: Right-hand sides, shape (3 num_points, num_columns).
+        dissection: The order.
+        keeps_couplings: Whether what was eliminated may be asked for again.
+        progress: Called with one line now and then.
+
+    Raises:
+        numpy.linalg.LinAlgError: A front that is singular.
+    """
+    kept = dissection.kept
+    num_points = len(graph.row_start) - 1
+    place = np.full(num_points, -1, dtype=np.int64)
+    place[kept] = np.arange(len(kept))
+    entries, owner = graph.entries_of(kept)
+    columns = place[graph.columns[entries]]
+    stiffness = np.zeros((3 * len(kept), 3 * len(kept)))
+    inside = columns >= 0
+    _blocks_of(stiffness)[owner[inside], columns[inside]] = blocks[entries[inside]]
+    left = loads.copy()
+    updates: dict[int, Floats] = {}
+    couplings, offsets = [], []
+    is_child = {k for node in dissection.nodes for k in node.children}
+    at_kept = place.copy()
+    place[:] = -1
+    for number, node in enumerate(dissection.nodes):
+        a, b = len(node.own), len(node.border)
+        place[node.own], place[node.border] = np.arange(a), a + np.arange(b)
+        front, beside = np.zeros((3 * a, 3 * a)), np.zeros((3 * a, 3 * b))
+        entries, owner = graph.entries_of(node.own)
+        columns = place[graph.columns[entries]]
+        for target, first, end in ((front, 0, a), (beside, a, a + b)):
+            inside = (columns >= first) & (columns < end)
+            _blocks_of(target)[owner[inside], columns[inside] - first] = blocks[entries[inside]]
+        # The last fronts add to what is kept at once: their updates are the largest.
+        is_last = number not in is_child
+        update = stiffness if is_last else np.zeros((3 * b, 3 * b))
+        rows = components_of(at_kept[node.border] if is_last else np.arange(b))
+        for child in node.children:
+            added = updates.pop(child)
+            at = components_of(place[dissection.nodes[child].border])
+            mine = at < 3 * a
+            inner, outer = np.flatnonzero(mine), np.flatnonzero(~mine)
+            front[np.ix_(at[inner], at[inner])] += added[np.ix_(inner, inner)]
+            beside[np.ix_(at[inner], at[outer] - 3 * a)] += added[np.ix_(inner, outer)]
+            to = rows[at[outer] - 3 * a]
+            for some in _pieces(len(outer)):
+                update[np.ix_(to[some], to)] += added[np.ix_(outer[some], outer)]
+        own, border = components_of(node.own), components_of(node.border)
+        solved = np.linalg.solve(front, np.hstack([beside, left[own]]))
+        coupling, offset = solved[:, : 3 * b].copy(), solved[:, 3 * b :].copy()
+        del solved
+        for some in _pieces(3 * b):
+            update[np.ix_(rows[some], rows)] -= coupling[:, some].T @ beside
+        left[border] -= beside.T @ offset
+        if not is_last:
+            updates[number] = update
+        if keeps_couplings:
+            couplings.append(coupling)
+            offsets.append(offset)
+        place[node.own], place[node.border] = -1, -1
+        if progress and (number + 1) % 32 == 0:
+            progress(f"{number + 1} of {len(dissection.nodes)} fronts eliminated")
+    return Condensed(stiffness, left[components_of(kept)], dissection, couplings, offsets)
+
+
+def invert_in_place(matrix: Floats) -> None:
+    """Put the inverse of a symmetric positive definite matrix in its place.
+
+    By halves: with W = A^-1 B and C' = C - B^T W, the inverse has C'^-1, -W C'^-1 and
+    A^-1 + W C'^-1 W^T.
+    """
+    n = len(matrix)
+    if n <= _SMALL:
+        matrix[...] = np.linalg.inv(matrix)
+        matrix[...] = 0.5 * (matrix + matrix.T)
+        return
+    h = n // 2
+    a, b, c = matrix[:h, :h], matrix[:h, h:], matrix[h:, h:]
+    invert_in_place(a)
+    w = a @ b
+    for some in _pieces(n - h):
+        c[some] -= b[:, some].T @ w
+    invert_in_place(c)
+    np.matmul(w, c, out=b)
+    np.negative(b, out=b)
+    for some in _pieces(h):
+        a[some] -= b[some] @ w.T
+    matrix[h:, :h] = b.T
+
+
+def _pieces(n: int) -> list[slice]:
+    return [slice(begin, min(begin + _ROWS, n)) for begin in range(0, n, _ROWS)]
+
+
+def _blocks_of(matrix: Floats) -> Floats:
+    """A view with the 3 x 3 blocks last."""
+    rows, columns = matrix.shape
+    view: Floats = matrix.reshape(rows // 3, 3, columns // 3, 3).transpose(0, 2, 1, 3)
+    return view

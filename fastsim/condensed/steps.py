@@ -1,0 +1,184 @@
+"""Steps of the condensed model with rigid tools: poses in, displacements and forces out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.fastsim import _core
+from palpate.fastsim.condensed.errors import NotCondensableError, UnsettledContactError
+from palpate.fastsim.condensed.model import CondensedModel
+from palpate.fastsim.contact.contact_law import (
+    ContactForm,
+    ContactLaw,
+    layer_stiffness,
+    mean_edge,
+)
+from palpate.fastsim.contact.static_contact import STIFFNESS_IN_LAYERS
+from palpate.fastsim.contact.tool_contact import ToolContact
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.rigid_tool import RigidTool
+
+# Vertices nearer than this part of an edge are looked at from the start of a step.
+_REACH = 0.1
+
+
+class StepState(NamedTuple):
+    """An equilibrium with tools.
+
+    Attributes:
+        displacement: Of the model's seen points [m], shape (num_seen, 3).
+        forces: On each tool [N], shape (num_tools, 3).
+        moments: On each tool about its origin [N m], shape (num_tools, 3).
+        touching: Vertices that tools push.
+        iterations: Newton iterations.
+    """
+
+    displacement: Points
+    forces: Floats
+    moments: Floats
+    touching: int
+    iterations: int
+
+
+class CondensedSteps:
+    """A condensed body under rigid tools that go wherever they are told, without inertia.
+
+    Args:
+        model: The body.
+        tools: Shapes, and the facets that they may touch; their paths are not read. None is the
+            problem's tools.
+        law: How tools are kept out: None is the constraint, as in statics; with a penalty its
+            stiffness, or the same default.
+        relative_tolerance: Of gaps and displacements at vertices beside tools, over the largest
+            displacement there.
+        max_iterations: Newton iterations of a step.
+
+    Attributes:
+        base: Displacement of the seen points without contact [m], shape (num_seen, 3).
+
+    Raises:
+        NotCondensableError: A tool with friction or driven by a force, or one that may touch
+            points that are not `touched` ones of the model.
+
+    >>> import numpy as np
+    >>> import palpate
+    >>> from palpate.fastsim.condensed import CondensedSteps, condense
+    >>> problem = palpate.load_case("press").problem
+    >>> steps = CondensedSteps(condense(problem))
+    >>> position, rotation = problem.tools[0].path.pose_at(1.0)
+    >>> state = steps.step([(position, rotation)])
+    >>> bool(state.forces[0, 2] > 0.0), state.displacement.shape == (len(steps.model.seen), 3)
+    (True, True)
+    """
+
+    def __init__(
+        self,
+        model: CondensedModel,
+        tools: Sequence[RigidTool] | None = None,
+        *,
+        law: ContactLaw | None = None,
+        relative_tolerance: float = 1e-10,
+        max_iterations: int = 50,
+    ) -> None:
+        self.model = model
+        self.tools = tuple(model.problem.tools if tools is None else tools)
+        self._law = law or ContactLaw()
+        self._tolerance, self._most = relative_tolerance, max_iterations
+        self._num_only_seen = len(model.seen) - len(model.touched)
+        self._core, self.stiffnesses = self._build()
+        self._poses = np.zeros((len(self.tools), 12))
+        self.base = model.displacement()
+
+    def set_base(
+        self,
+        forces: ArrayLike | None = None,
+        *,
+        load_factor: float = 1.0,
+        support_factors: float | Sequence[float] = 1.0,
+    ) -> None:
+        """Forces on touched points, loads and supports from the next step on.
+
+        The arguments are those of `CondensedModel.displacement`.
+        """
+        self.base = self.model.displacement(
+            forces, load_factor=load_factor, support_factors=support_factors
+        )
+
+    def step(self, poses: Sequence[tuple[ArrayLike, ArrayLike]] | Floats) -> StepState:
+        """Equilibrium with the tools at these poses, from that of the last step.
+
+        Args:
+            poses: Of each tool: position [m], shape (3,), and rotation matrix, shape (3, 3); or
+                both in a row, shape (num_tools, 12).
+
+        Raises:
+            UnsettledContactError: Contact did not settle; the body stays as it was.
+            InputError: Another number of poses, or one that is not finite.
+        """
+        rows = self._rows(poses)
+        outcome = self._core.step(rows, self.base, self._tolerance, self._most)
+        if not outcome.is_settled:
+            raise UnsettledContactError(outcome.iterations, outcome.error)
+        loads = self._core.loads()
+        displacement = self._core.response()
+        displacement += self.base
+        return StepState(
+            displacement, loads[:, :3], loads[:, 3:], outcome.touching, outcome.iterations
+        )
+
+    def clear(self) -> None:
+        """Forget all contact: the tools are away."""
+        self._core.clear()
+
+    @property
+    def contact_forces(self) -> Points:
+        """Of the tools on the touched points in the last step [N], shape (num_touched, 3)."""
+        return self._core.forces()
+
+    def _rows(self, poses: Sequence[tuple[ArrayLike, ArrayLike]] | Floats) -> Floats:
+        rows = self._poses
+        if isinstance(poses, np.ndarray) and poses.shape == rows.shape:
+            rows[...] = poses
+        elif len(poses) == len(self.tools):
+            for row, (position, rotation) in zip(rows, poses, strict=True):
+                row[:3], row[3:] = position, np.ravel(np.asarray(rotation, dtype=np.float64))
+        else:
+            raise InputError(f"{len(poses)} poses for {len(self.tools)} tools: give one for each")
+        if not np.isfinite(rows).all():
+            raise InputError("a pose of a tool is NaN or infinite")
+        return rows
+
+    def _build(self) -> tuple[_core.CondensedContact, tuple[float, ...]]:
+        model, problem = self.model, self.model.problem
+        place = np.full(problem.mesh.num_points, -1, dtype=np.int32)
+        place[model.touched] = np.arange(len(model.touched))
+        shapes, stiffnesses, reach = [], [], 0.0
+        for number, tool in enumerate(self.tools, start=1):
+            if tool.friction_coefficient > 0.0 or tool.drive is not None:
+                what = "has friction" if tool.drive is None else "is driven by a force"
+                raise NotCondensableError(
+                    f"tool {number} {what}: the condensed model knows tools without friction, on "
+                    "poses; solve by statics"
+                )
+            contact = ToolContact(problem, tool)
+            vertices: NDArray[np.int32] = place[contact.vertices]
+            if (vertices < 0).any():
+                bad = int(contact.vertices[vertices < 0][0])
+                raise NotCondensableError(
+                    f"tool {number} may touch point {bad}, of which the model knows no compliance; "
+                    "name it among `touched`, or give the tool contact_facets"
+                )
+            layers = STIFFNESS_IN_LAYERS * layer_stiffness(problem, contact.facets)
+            stiffness = self._law.stiffness or layers
+            reach = max(reach, _REACH * mean_edge(problem, contact.facets))
+            stiffnesses.append(stiffness)
+            shapes.append(_core.CondensedTool(contact.shape, stiffness, vertices, contact.areas))
+        is_penalty = self._law.form is ContactForm.PENALTY
+        places = np.array(problem.mesh.points[model.touched])
+        core = _core.CondensedContact(model.compliance, places, shapes, is_penalty, reach)
+        return core, tuple(stiffnesses)

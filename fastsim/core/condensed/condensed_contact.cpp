@@ -1,0 +1,398 @@
+#include "condensed/condensed_contact.hpp"
+
+#include "condensed/small_system.hpp"
+#include "predicates/vector_algebra.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+namespace fastsim {
+
+namespace {
+
+constexpr int most_rounds = 20;
+// Part of the largest displacement: with less wrong, pushes are nearly what they will be.
+constexpr double nearly = 0.05;
+// Of a step's way that is tried.
+constexpr double smallest_part = 1.0 / 64.0;
+
+bool is_in(const Box &box, const Point &place) {
+    return place[0] >= box.low[0] && place[0] <= box.high[0] && place[1] >= box.low[1] &&
+           place[1] <= box.high[1] && place[2] >= box.low[2] && place[2] <= box.high[2];
+}
+
+Point times(const CompliancePart &c, const Point &f) {
+    return {c[0] * f[0] + c[1] * f[1] + c[2] * f[2], c[3] * f[0] + c[4] * f[1] + c[5] * f[2],
+            c[6] * f[0] + c[7] * f[1] + c[8] * f[2]};
+}
+
+CompliancePart product(const CompliancePart &a, const CompliancePart &b) {
+    CompliancePart c{};
+    for (std::size_t i = 0; i < 3; ++i)
+        for (std::size_t j = 0; j < 3; ++j)
+            c[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+    return c;
+}
+
+/// Poses a part of the way from some to others.
+std::vector<Pose> between(std::span<const Pose> from, std::span<const Pose> to, double part) {
+    std::vector<Pose> poses(to.begin(), to.end());
+    for (std::size_t k = 0; k < poses.size(); ++k) {
+        for (std::size_t a = 0; a < 3; ++a)
+            poses[k].position[a] += (1.0 - part) * (from[k].position[a] - to[k].position[a]);
+        // Columns of the mean, made orthonormal again.
+        std::array<Point, 3> axes{};
+        for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i)
+                axes[j][i] =
+                    (1.0 - part) * from[k].rotation[3 * i + j] + part * to[k].rotation[3 * i + j];
+        axes[0] = along({}, axes[0], 1.0 / norm(axes[0]));
+        axes[1] = along(axes[1], axes[0], -dot(axes[0], axes[1]));
+        axes[1] = along({}, axes[1], 1.0 / norm(axes[1]));
+        axes[2] = cross(axes[0], axes[1]);
+        for (std::size_t j = 0; j < 3; ++j)
+            for (std::size_t i = 0; i < 3; ++i)
+                poses[k].rotation[3 * i + j] = axes[j][i];
+    }
+    return poses;
+}
+
+double largest(const Point &v) {
+    return std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
+}
+
+} // namespace
+
+CondensedContact::CondensedContact(Compliance compliance, std::vector<Point> places,
+                                   std::vector<CondensedTool> tools, bool is_penalty, double reach)
+    : _compliance(compliance), _places(std::move(places)), _tools(std::move(tools)),
+      _is_penalty(is_penalty), _reach(reach), _response(compliance.num_seen()),
+      _forces(compliance.num_touched()), _loads(_tools.size()),
+      _local(compliance.num_touched(), -1) {
+    for (const CondensedTool &tool : _tools) {
+        _boxes.push_back(box_of(tool.shape));
+        _pushes.emplace_back(tool.vertices.size(), 0.0);
+        const bool is_box = std::holds_alternative<SharpBox>(tool.shape);
+        _ways.emplace_back(is_box ? tool.vertices.size() : 0);
+    }
+}
+
+void CondensedContact::clear() {
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        std::ranges::fill(_pushes[t], 0.0);
+        std::ranges::fill(_ways[t], WayIn{});
+    }
+    std::ranges::fill(_response, Point{});
+    std::ranges::fill(_forces, Point{});
+    std::ranges::fill(_loads, ToolLoad{});
+    _last.clear();
+}
+
+Point CondensedContact::place_of(std::size_t touched, std::span<const Point> base) const {
+    const std::size_t seen = _compliance.num_only_seen() + touched;
+    return along(along(_places[touched], base[seen], 1.0), _response[seen], 1.0);
+}
+
+Gap CondensedContact::gap_of_vertex(std::size_t tool, std::size_t vertex, const Pose &pose,
+                                    const Point &place) const {
+    if (_ways[tool].empty())
+        return gap_at(_tools[tool].shape, pose, place);
+    Gap found = gap_on_way(_tools[tool].shape, pose.to_tool(place), _ways[tool][vertex]);
+    found.normal = pose.turned_out(found.normal);
+    found.axis = pose.turned_out(found.axis);
+    return found;
+}
+
+/// Adds what is pushed or nearer than the margin, as displaced by the last pushes, and says whether
+/// there was any that was not looked at yet.
+bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Point> base,
+                                double margin) {
+    const std::size_t before = _entries.size();
+    for (std::size_t t = 0; t < _tools.size(); ++t) {
+        const CondensedTool &tool = _tools[t];
+        const Box box = posed_box(_boxes[t], poses[t], margin);
+        for (std::size_t v = 0; v < tool.vertices.size(); ++v) {
+            const auto touched = static_cast<std::size_t>(tool.vertices[v]);
+            const Point place = place_of(touched, base);
+            const double push = _pushes[t][v];
+            if (push <= 0.0 &&
+                (!is_in(box, place) || gap_of_vertex(t, v, poses[t], place).distance >= margin))
+                continue;
+            const auto is_it = [&](const Entry &e) { return e.tool == t && e.vertex == v; };
+            if (std::any_of(_entries.begin(),
+                            _entries.begin() + static_cast<std::ptrdiff_t>(before), is_it))
+                continue;
+            if (_local[touched] < 0) {
+                _local[touched] = static_cast<std::int32_t>(_points.size());
+                _points.push_back(tool.vertices[v]);
+            }
+            const double give = _is_penalty ? 1.0 / (tool.stiffness * tool.areas[v]) : 0.0;
+            const auto local = static_cast<std::size_t>(_local[touched]);
+            _entries.push_back({t, v, local, give, push, push, Gap{0.0, {}}});
+        }
+    }
+    return _entries.size() > before;
+}
+
+void CondensedContact::gather_parts() {
+    if (_gathered == _points)
+        return;
+    const std::size_t n = _points.size();
+    _parts.resize(n * n);
+    for (std::size_t i = 0; i < n; ++i)
+        for (std::size_t j = 0; j < n; ++j)
+            _parts[i * n + j] = _compliance.part(static_cast<std::size_t>(_points[i]),
+                                                 static_cast<std::size_t>(_points[j]));
+    _gathered = _points;
+}
+
+ContactOutcome CondensedContact::step(std::span<const Pose> poses, std::span<const Point> base,
+                                      double relative_tolerance, int max_iterations) {
+    const auto pushes = _pushes;
+    const auto ways = _ways;
+    const auto response = _response, forces = _forces;
+    const auto loads = _loads;
+    const auto last = _last;
+    ContactOutcome outcome;
+    double reached = 0.0, part = 1.0;
+    while (reached < 1.0) {
+        const double target = std::min(1.0, reached + part);
+        const std::vector<Pose> on_way = target < 1.0
+                                             ? between(last, poses, target)
+                                             : std::vector<Pose>(poses.begin(), poses.end());
+        const ContactOutcome found = go_to(on_way, base, relative_tolerance, max_iterations);
+        outcome = {found.is_settled, outcome.iterations + found.iterations, found.touching,
+                   found.error};
+        if (found.is_settled) {
+            reached = target;
+            _last = on_way;
+            continue;
+        }
+        part *= 0.5;
+        if (last.empty() || part < smallest_part) {
+            _pushes = pushes;
+            _ways = ways;
+            _response = response;
+            _forces = forces;
+            _loads = loads;
+            _last = last;
+            return outcome;
+        }
+    }
+    return outcome;
+}
+
+ContactOutcome CondensedContact::go_to(std::span<const Pose> poses, std::span<const Point> base,
+                                       double relative_tolerance, int max_iterations) {
+    _entries.clear();
+    _points.clear();
+    std::ranges::fill(_local, -1);
+    ContactOutcome outcome;
+    add_near(poses, base, _reach);
+    for (int round = 0; round < most_rounds; ++round) {
+        const ContactOutcome found = settle(poses, base, relative_tolerance, max_iterations);
+        outcome.iterations += found.iterations;
+        outcome.error = found.error;
+        if (!found.is_settled)
+            return outcome;
+        take_over(poses, base);
+        if (!add_near(poses, base, 0.0)) {
+            outcome.is_settled = true;
+            break;
+        }
+    }
+    for (const Entry &entry : _entries)
+        outcome.touching += entry.push > 0.0 ? 1 : 0;
+    for (std::size_t t = 0; t < _tools.size(); ++t)
+        if (const auto *const box = std::get_if<SharpBox>(&_tools[t].shape))
+            for (std::size_t v = 0; v < _ways[t].size(); ++v) {
+                const Point place = place_of(static_cast<std::size_t>(_tools[t].vertices[v]), base);
+                _ways[t][v] = way_from(*box, poses[t].to_tool(place), _ways[t][v]);
+            }
+    return outcome;
+}
+
+ContactOutcome CondensedContact::settle(std::span<const Pose> poses, std::span<const Point> base,
+                                        double relative_tolerance, int max_iterations) {
+    gather_parts();
+    const std::size_t n = _points.size(), first = _compliance.num_only_seen();
+    const auto touched = [&](std::size_t local) {
+        return static_cast<std::size_t>(_points[local]);
+    };
+    _moved.resize(n);
+    _pushed.resize(n);
+    for (std::size_t p = 0; p < n; ++p)
+        _moved[p] = along(base[first + touched(p)], _response[first + touched(p)], 1.0);
+    std::vector<Point> residual(n);
+    ContactOutcome outcome;
+    for (; outcome.iterations < max_iterations; ++outcome.iterations) {
+        std::ranges::fill(_pushed, Point{});
+        double size = 0.0, error = 0.0, place_size = 0.0;
+        for (Entry &entry : _entries) {
+            const Point place = along(_places[touched(entry.local)], _moved[entry.local], 1.0);
+            entry.gap = gap_of_vertex(entry.tool, entry.vertex, poses[entry.tool], place);
+            const double wrong = entry.gap.distance + entry.give * entry.push;
+            error = std::max(error, entry.push > 0.0 ? std::abs(wrong) : -wrong);
+            place_size = std::max(place_size, largest(place));
+            if (entry.push > 0.0)
+                _pushed[entry.local] = along(_pushed[entry.local], entry.gap.normal, entry.push);
+        }
+        for (std::size_t p = 0; p < n; ++p) {
+            Point sum = base[first + touched(p)];
+            for (std::size_t q = 0; q < n; ++q)
+                if (_pushed[q] != Point{})
+                    sum = along(sum, times(_parts[p * n + q], _pushed[q]), 1.0);
+            residual[p] = minus(sum, _moved[p]);
+            size = std::max(size, largest(sum));
+            error = std::max(error, largest(residual[p]));
+        }
+        outcome.error = error;
+        if (!std::isfinite(error))
+            return outcome;
+        constexpr double eps = std::numeric_limits<double>::epsilon();
+        if (error <= std::max(relative_tolerance * size, 16.0 * eps * place_size)) {
+            outcome.is_settled = true;
+            return outcome;
+        }
+        // On the way pushes may be far too large, and the body give way under their turning.
+        for (Entry &entry : _entries)
+            entry.settled =
+                error < nearly * size ? entry.push : std::min(entry.settled, entry.push);
+        if (!change(residual))
+            return outcome;
+    }
+    return outcome;
+}
+
+/// Which points' normals turn under their pushes, and how: D = p kappa (I - n n^T - axis axis^T).
+void CondensedContact::turn_normals() {
+    _bent.clear();
+    _turning.clear();
+    std::vector<std::size_t> row_of(_points.size(), _points.size());
+    for (const Entry &entry : _entries) {
+        const double bend = entry.settled * entry.gap.curvature;
+        if (bend == 0.0)
+            continue;
+        if (row_of[entry.local] == _points.size()) {
+            row_of[entry.local] = _bent.size();
+            _bent.push_back(entry.local);
+            _turning.emplace_back();
+        }
+        CompliancePart &d = _turning[row_of[entry.local]];
+        const Point &normal = entry.gap.normal, &axis = entry.gap.axis;
+        for (std::size_t a = 0; a < 3; ++a)
+            for (std::size_t b = 0; b < 3; ++b)
+                d[3 * a + b] +=
+                    bend * ((a == b ? 1.0 : 0.0) - normal[a] * normal[b] - axis[a] * axis[b]);
+    }
+}
+
+/// One Newton step: du = C (N dp + D du) + r, and g + n . du + p / (k A) complementary to p.
+bool CondensedContact::change(std::span<const Point> residual) {
+    turn_normals();
+    const std::size_t n = _points.size(), m = _entries.size(), width = m + 1;
+    // Columns of du: of each dp, and of r.
+    _columns.assign(3 * n * width, 0.0);
+    for (std::size_t p = 0; p < n; ++p) {
+        double *rows = &_columns[3 * p * width];
+        for (std::size_t f = 0; f < m; ++f) {
+            const Point moved = times(_parts[p * n + _entries[f].local], _entries[f].gap.normal);
+            for (std::size_t a = 0; a < 3; ++a)
+                rows[a * width + f] = moved[a];
+        }
+        for (std::size_t a = 0; a < 3; ++a)
+            rows[a * width + m] = residual[p][a];
+    }
+    const std::size_t bent = _bent.size();
+    if (bent > 0) {
+        // (I - C D) du at the bent points; the others follow.
+        _matrix.resize(9 * bent * bent);
+        _bent_columns.resize(3 * bent * width);
+        for (std::size_t i = 0; i < bent; ++i) {
+            std::copy_n(&_columns[3 * _bent[i] * width], 3 * width, &_bent_columns[3 * i * width]);
+            for (std::size_t j = 0; j < bent; ++j) {
+                const CompliancePart cd = product(_parts[_bent[i] * n + _bent[j]], _turning[j]);
+                for (std::size_t a = 0; a < 3; ++a)
+                    for (std::size_t b = 0; b < 3; ++b)
+                        _matrix[(3 * i + a) * 3 * bent + 3 * j + b] =
+                            (i == j && a == b ? 1.0 : 0.0) - cd[3 * a + b];
+            }
+        }
+        if (!solve_small(_matrix, _bent_columns, 3 * bent, width))
+            return false;
+        for (std::size_t p = 0; p < n; ++p)
+            for (std::size_t j = 0; j < bent; ++j) {
+                const CompliancePart cd = product(_parts[p * n + _bent[j]], _turning[j]);
+                for (std::size_t a = 0; a < 3; ++a)
+                    for (std::size_t b = 0; b < 3; ++b) {
+                        const double *from = &_bent_columns[(3 * j + b) * width];
+                        double *to = &_columns[(3 * p + a) * width];
+                        for (std::size_t f = 0; f < width; ++f)
+                            to[f] += cd[3 * a + b] * from[f];
+                    }
+            }
+    }
+    _small.resize(m * m);
+    _slack.resize(m);
+    _push.resize(m);
+    for (std::size_t e = 0; e < m; ++e) {
+        const Entry &entry = _entries[e];
+        const double *rows = &_columns[3 * entry.local * width];
+        const Point &normal = entry.gap.normal;
+        const auto along_normal = [&](std::size_t f) {
+            return normal[0] * rows[f] + normal[1] * rows[width + f] +
+                   normal[2] * rows[2 * width + f];
+        };
+        _slack[e] = entry.gap.distance + along_normal(m);
+        for (std::size_t f = 0; f < m; ++f) {
+            _small[e * m + f] = along_normal(f);
+            _slack[e] -= _small[e * m + f] * _entries[f].push;
+        }
+        _small[e * m + e] += entry.give;
+        _push[e] = entry.push;
+    }
+    if (!_complementarity.solve(_small, _slack, _push))
+        return false;
+    for (std::size_t e = 0; e < m; ++e)
+        std::swap(_entries[e].push, _push[e]); // then `_push` is what was
+    for (std::size_t e = 0; e < m; ++e)
+        _push[e] = _entries[e].push - _push[e];
+    for (std::size_t p = 0; p < n; ++p)
+        for (std::size_t a = 0; a < 3; ++a) {
+            const double *row = &_columns[(3 * p + a) * width];
+            double moved = row[m];
+            for (std::size_t f = 0; f < m; ++f)
+                moved += row[f] * _push[f];
+            _moved[p][a] += moved;
+        }
+    return true;
+}
+
+/// Pushes, forces and displacements of what has settled.
+void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Point> base) {
+    std::ranges::fill(_response, Point{});
+    std::ranges::fill(_forces, Point{});
+    std::ranges::fill(_loads, ToolLoad{});
+    for (const Entry &entry : _entries) {
+        _pushes[entry.tool][entry.vertex] = entry.push;
+        const auto touched = static_cast<std::size_t>(_points[entry.local]);
+        _forces[touched] = along(_forces[touched], entry.gap.normal, entry.push);
+    }
+    for (const std::int32_t point : _points) {
+        const auto touched = static_cast<std::size_t>(point);
+        if (_forces[touched] != Point{})
+            _compliance.add_response(touched, _forces[touched], _response);
+    }
+    for (const Entry &entry : _entries) {
+        const Point place = place_of(static_cast<std::size_t>(_points[entry.local]), base);
+        const Point force = along({}, entry.gap.normal, -entry.push);
+        ToolLoad &load = _loads[entry.tool];
+        load.force = along(load.force, force, 1.0);
+        load.moment =
+            along(load.moment, cross(minus(place, poses[entry.tool].position), force), 1.0);
+    }
+}
+
+} // namespace fastsim
