@@ -4,6 +4,7 @@
 
 #include <nanobind/stl/vector.h>
 
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -43,9 +44,9 @@ void bind_condensed(nb::module_ &module) {
             const auto rows = as_rows<Point>(forces);
             const std::span<Point> seen{reinterpret_cast<Point *>(out.data()), self.num_seen()};
             nb::gil_scoped_release release;
-            for (std::size_t i = 0; i < rows.size(); ++i)
-                if (rows[i] != Point{})
-                    self.add_response(i, rows[i], seen);
+            std::vector<std::int32_t> all(rows.size());
+            std::iota(all.begin(), all.end(), 0);
+            self.add_response(rows, all, seen);
             return out;
         },
         nb::arg("forces").noconvert());

@@ -9,6 +9,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <variant>
 
@@ -33,8 +34,9 @@ class Compliance {
 
     /// C between two touched points: displacement of `i` under a force at `j`.
     [[nodiscard]] CompliancePart part(std::size_t i, std::size_t j) const;
-    /// Adds the displacement of every seen point under a force at a touched one.
-    void add_response(std::size_t touched, const Point &force, std::span<Point> seen) const;
+    /// Adds the displacement of every seen point under forces at some touched ones.
+    void add_response(std::span<const Point> forces, std::span<const std::int32_t> at,
+                      std::span<Point> seen) const;
 
   private:
     Numbers _numbers;

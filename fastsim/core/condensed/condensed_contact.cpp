@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 namespace fastsim {
@@ -293,8 +294,8 @@ void CondensedContact::turn_normals() {
 bool CondensedContact::change(std::span<const Point> residual) {
     turn_normals();
     const std::size_t n = _points.size(), m = _entries.size(), width = m + 1;
-    // Columns of du: of each dp, and of r.
-    _columns.assign(3 * n * width, 0.0);
+    // Columns of du without the turning of normals: of each dp, and of r.
+    _columns.resize(3 * n * width);
     for (std::size_t p = 0; p < n; ++p) {
         double *rows = &_columns[3 * p * width];
         for (std::size_t f = 0; f < m; ++f) {
@@ -305,68 +306,74 @@ bool CondensedContact::change(std::span<const Point> residual) {
         for (std::size_t a = 0; a < 3; ++a)
             rows[a * width + m] = residual[p][a];
     }
-    const std::size_t bent = _bent.size();
-    if (bent > 0) {
-        // (I - C D) du at the bent points; the others follow.
-        _matrix.resize(9 * bent * bent);
-        _bent_columns.resize(3 * bent * width);
-        for (std::size_t i = 0; i < bent; ++i) {
-            std::copy_n(&_columns[3 * _bent[i] * width], 3 * width, &_bent_columns[3 * i * width]);
-            for (std::size_t j = 0; j < bent; ++j) {
-                const CompliancePart cd = product(_parts[_bent[i] * n + _bent[j]], _turning[j]);
-                for (std::size_t a = 0; a < 3; ++a)
-                    for (std::size_t b = 0; b < 3; ++b)
-                        _matrix[(3 * i + a) * 3 * bent + 3 * j + b] =
-                            (i == j && a == b ? 1.0 : 0.0) - cd[3 * a + b];
-            }
+    // At points whose normals turn (I - C D) du is what these say; C D du is the same elsewhere.
+    const std::size_t bent = _bent.size(), size = 3 * bent;
+    _matrix.resize(size * size);
+    _bent_columns.resize(size * width);
+    for (std::size_t i = 0; i < bent; ++i) {
+        std::copy_n(&_columns[3 * _bent[i] * width], 3 * width, &_bent_columns[3 * i * width]);
+        for (std::size_t j = 0; j < bent; ++j) {
+            const CompliancePart cd = product(_parts[_bent[i] * n + _bent[j]], _turning[j]);
+            for (std::size_t a = 0; a < 3; ++a)
+                for (std::size_t b = 0; b < 3; ++b)
+                    _matrix[(3 * i + a) * size + 3 * j + b] =
+                        (i == j && a == b ? 1.0 : 0.0) - cd[3 * a + b];
         }
-        if (!solve_small(_matrix, _bent_columns, 3 * bent, width))
-            return false;
-        for (std::size_t p = 0; p < n; ++p)
-            for (std::size_t j = 0; j < bent; ++j) {
-                const CompliancePart cd = product(_parts[p * n + _bent[j]], _turning[j]);
-                for (std::size_t a = 0; a < 3; ++a)
-                    for (std::size_t b = 0; b < 3; ++b) {
-                        const double *from = &_bent_columns[(3 * j + b) * width];
-                        double *to = &_columns[(3 * p + a) * width];
-                        for (std::size_t f = 0; f < width; ++f)
-                            to[f] += cd[3 * a + b] * from[f];
-                    }
-            }
     }
+    if (!solve_small(_matrix, _bent_columns, size, width))
+        return false;
+    // Along the normals: g + n . du.
     _small.resize(m * m);
     _slack.resize(m);
     _push.resize(m);
+    std::vector<double> row(width);
     for (std::size_t e = 0; e < m; ++e) {
         const Entry &entry = _entries[e];
-        const double *rows = &_columns[3 * entry.local * width];
-        const Point &normal = entry.gap.normal;
-        const auto along_normal = [&](std::size_t f) {
-            return normal[0] * rows[f] + normal[1] * rows[width + f] +
-                   normal[2] * rows[2 * width + f];
+        std::ranges::fill(row, 0.0);
+        const auto add = [&](double factor, const double *from) {
+            for (std::size_t f = 0; f < width; ++f)
+                row[f] += factor * from[f];
         };
-        _slack[e] = entry.gap.distance + along_normal(m);
+        for (std::size_t a = 0; a < 3; ++a)
+            add(entry.gap.normal[a], &_columns[(3 * entry.local + a) * width]);
+        for (std::size_t j = 0; j < bent; ++j) {
+            const CompliancePart cd = product(_parts[entry.local * n + _bent[j]], _turning[j]);
+            for (std::size_t b = 0; b < 3; ++b)
+                add(entry.gap.normal[0] * cd[b] + entry.gap.normal[1] * cd[3 + b] +
+                        entry.gap.normal[2] * cd[6 + b],
+                    &_bent_columns[(3 * j + b) * width]);
+        }
+        _slack[e] = entry.gap.distance + row[m];
         for (std::size_t f = 0; f < m; ++f) {
-            _small[e * m + f] = along_normal(f);
-            _slack[e] -= _small[e * m + f] * _entries[f].push;
+            _small[e * m + f] = row[f];
+            _slack[e] -= row[f] * _entries[f].push;
         }
         _small[e * m + e] += entry.give;
         _push[e] = entry.push;
     }
     if (!_complementarity.solve(_small, _slack, _push))
         return false;
-    for (std::size_t e = 0; e < m; ++e)
-        std::swap(_entries[e].push, _push[e]); // then `_push` is what was
-    for (std::size_t e = 0; e < m; ++e)
-        _push[e] = _entries[e].push - _push[e];
-    for (std::size_t p = 0; p < n; ++p)
-        for (std::size_t a = 0; a < 3; ++a) {
-            const double *row = &_columns[(3 * p + a) * width];
-            double moved = row[m];
-            for (std::size_t f = 0; f < m; ++f)
-                moved += row[f] * _push[f];
-            _moved[p][a] += moved;
-        }
+    std::vector<double> change(width, 1.0); // of the pushes, and once r
+    for (std::size_t e = 0; e < m; ++e) {
+        change[e] = _push[e] - _entries[e].push;
+        _entries[e].push = _push[e];
+    }
+    const auto sum = [&](const double *from) {
+        return std::inner_product(change.begin(), change.end(), from, 0.0);
+    };
+    std::vector<Point> turned(bent); // D du
+    for (std::size_t j = 0; j < bent; ++j) {
+        Point moved{};
+        for (std::size_t a = 0; a < 3; ++a)
+            moved[a] = sum(&_bent_columns[(3 * j + a) * width]);
+        turned[j] = times(_turning[j], moved);
+    }
+    for (std::size_t p = 0; p < n; ++p) {
+        for (std::size_t a = 0; a < 3; ++a)
+            _moved[p][a] += sum(&_columns[(3 * p + a) * width]);
+        for (std::size_t j = 0; j < bent; ++j)
+            _moved[p] = along(_moved[p], times(_parts[p * n + _bent[j]], turned[j]), 1.0);
+    }
     return true;
 }
 
@@ -380,11 +387,7 @@ void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Po
         const auto touched = static_cast<std::size_t>(_points[entry.local]);
         _forces[touched] = along(_forces[touched], entry.gap.normal, entry.push);
     }
-    for (const std::int32_t point : _points) {
-        const auto touched = static_cast<std::size_t>(point);
-        if (_forces[touched] != Point{})
-            _compliance.add_response(touched, _forces[touched], _response);
-    }
+    _compliance.add_response(_forces, _points, _response);
     for (const Entry &entry : _entries) {
         const Point place = place_of(static_cast<std::size_t>(_points[entry.local]), base);
         const Point force = along({}, entry.gap.normal, -entry.push);
