@@ -21,6 +21,10 @@ ROOMS = ("meshes", "fastsim", "reference", "validation")
 OFFERED = {
     "fastsim.body": ["Body"],
     "fastsim.collision.detection": ["Overlaps", "VertexCellDetector"],
+    "fastsim.condensed": [
+        *("CondensedModel", "CondensedResult", "CondensedSize", "CondensedSteps", "StepState"),
+        *("condense", "condensed_size", "load_condensed", "solve_condensed"),
+    ],
     "fastsim.contact.contact_law": ["ContactLaw"],
     "fastsim.contact.static_contact": ["ContactResult", "solve_contact"],
     "fastsim.dynamic_relaxation": ["RelaxationResult", "relax"],

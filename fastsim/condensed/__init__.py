@@ -2,7 +2,6 @@
 
 from palpate.fastsim.condensed.condense import (
     MOST_BYTES,
-    CondensedSize,
     condense,
     condensed_size,
     load_condensed,
@@ -13,6 +12,7 @@ from palpate.fastsim.condensed.errors import (
     UnsettledContactError,
 )
 from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
+from palpate.fastsim.condensed.setup import CondensedSize
 from palpate.fastsim.condensed.solve import CondensedResult, solve_condensed
 from palpate.fastsim.condensed.steps import CondensedSteps, StepState
 

@@ -4,66 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from palpate.fastsim.body import Body
-from palpate.fastsim.condensed.dissection import Dissection, Graph, dissect
 from palpate.fastsim.condensed.elimination import (
     components_of,
     condense_matrix,
     invert_in_place,
 )
-from palpate.fastsim.condensed.errors import CondensedTooLargeError, NotCondensableError
-from palpate.fastsim.condensed.model import (
-    CompliancePrecision,
-    CondensedModel,
-    SupportTerm,
-    model_key,
-    read_fields,
+from palpate.fastsim.condensed.errors import CondensedTooLargeError
+from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel, read_fields
+from palpate.fastsim.condensed.setup import (
+    COLUMNS,
+    CondensedSetup,
+    CondensedSize,
+    held_fields_of,
 )
-from palpate.fastsim.forces import external_force, lumped_areas
-from palpate.fastsim.supports import HeldPoints, turning
-from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
-from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, Traction
+from palpate.fastsim.supports import HeldPoints
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import FileFormatError
-from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.rigid_modes import require_supported
+from palpate.meshes.problem import Element, Problem
 
 # What a model may take while it is made, where nobody says otherwise.
 MOST_BYTES = 4_000_000_000
-# Columns of the compliance extended to seen points at a time.
-_COLUMNS = 384
-
-
-@dataclass(frozen=True)
-class CondensedSize:
-    """What condensing takes, told without doing it.
-
-    Attributes:
-        num_touched: Points on which forces may act.
-        num_seen: Points whose displacements are known, the touched ones included.
-        model_bytes: Of the compliance that is kept.
-        peak_bytes: Most at a time while it is made.
-        operations: Floating-point operations, about; a core does 10 to 40 in a nanosecond.
-    """
-
-    num_touched: int
-    num_seen: int
-    model_bytes: int
-    peak_bytes: int
-    operations: float
-
-    def __str__(self) -> str:
-        return (
-            f"{self.num_touched} touched and {self.num_seen} seen points: "
-            f"{self.model_bytes / 1e6:.0f} MB, {self.peak_bytes / 1e6:.0f} MB while it is made, "
-            f"{self.operations / 1e9:.3g} GFlop"
-        )
 
 
 def condense(
@@ -106,7 +71,7 @@ def condense(
     Note:
         Engineering strain: wrong where the body turns or strains much.
     """
-    setup = _Setup(problem, element, touched, seen)
+    setup = CondensedSetup(problem, element, touched, seen)
     size = setup.size(precision, keep_inside)
     if size.peak_bytes > most_bytes:
         raise CondensedTooLargeError(size.peak_bytes, most_bytes, str(size))
@@ -136,8 +101,8 @@ def condense(
         extended = condensed.extend(columns, problem.mesh.num_points, eye)
         others = components_of(setup.others)
         whole[others] += extended[others]
-        for begin in range(0, dense.shape[1], _COLUMNS):
-            part = dense[:, begin : begin + _COLUMNS]
+        for begin in range(0, dense.shape[1], COLUMNS):
+            part = dense[:, begin : begin + COLUMNS]
             response = condensed.extend(part, problem.mesh.num_points)[others]
             setup.fill_others(rows, response, begin)
     setup.fill_touched(rows, dense)
@@ -169,8 +134,23 @@ def condensed_size(
     precision: CompliancePrecision = CompliancePrecision.DOUBLE,
     keep_inside: bool = False,
 ) -> CondensedSize:
-    """Memory and work that `condense` would take, with the same arguments and errors."""
-    return _Setup(problem, element, touched, seen).size(precision, keep_inside)
+    """Memory and work that `condense` would take, told without doing it.
+
+    Args:
+        problem: As of `condense`; the other arguments as well.
+        element: Likewise.
+        touched: Likewise.
+        seen: Likewise.
+        precision: Likewise.
+        keep_inside: Likewise.
+
+    Returns:
+        Its size.
+
+    Raises:
+        UnsupportedBodyError, NotCondensableError: As of `condense`.
+    """
+    return CondensedSetup(problem, element, touched, seen).size(precision, keep_inside)
 
 
 def load_condensed(
@@ -183,11 +163,21 @@ def load_condensed(
 ) -> CondensedModel:
     """Read a model that `CondensedModel.save` wrote, for the same problem and arguments.
 
+    Args:
+        path: Of the file.
+        problem: As of `condense`; the other arguments as well.
+        element: Likewise.
+        touched: Likewise.
+        seen: Likewise.
+
+    Returns:
+        The model, without its inside.
+
     Raises:
         FileFormatError: No such file, no model, or one of another problem, element or points.
     """
     fields = read_fields(path)
-    setup = _Setup(problem, element, touched, seen)
+    setup = CondensedSetup(problem, element, touched, seen)
     if fields["key"] != setup.key(fields["precision"]):
         raise FileFormatError(path, "is the model of another problem; condense this one anew")
     return CondensedModel(problem=problem, **fields)
@@ -204,7 +194,7 @@ def extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Po
     assert model.inside is not None
     problem = model.problem
     supports = HeldPoints(problem)
-    fields = _held_fields(problem, supports, model.terms)
+    fields = held_fields_of(problem, supports, model.terms)
     held = (fields @ factors).reshape(-1, 3)
     at_touched = np.zeros_like(problem.mesh.points)
     at_touched[model.touched] = touched
@@ -214,195 +204,3 @@ def extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Po
         own.reshape(-1, 1), problem.mesh.num_points, factors[:, None]
     ).reshape(-1, 3)
     return supports.to_global(np.where(supports.is_free != 0, found, held))
-
-
-class _Setup:
-    """The matrix with its held components cut out, its right sides, and the points' order."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        element: Element,
-        touched: ArrayLike | None,
-        seen: ArrayLike | None,
-    ) -> None:
-        _require_condensable(problem)
-        mesh = problem.mesh
-        self._problem, self._element = problem, element
-        self._supports = HeldPoints(problem)
-        self.is_free = self._supports.is_free
-        is_movable = self.is_free.any(axis=1)
-        boundary = np.unique(mesh.boundary_facets)
-        self.touched = _chosen(touched, boundary[is_movable[boundary]], mesh.num_points, "touched")
-        if not is_movable[self.touched].all():
-            bad = int(self.touched[~is_movable[self.touched]][0])
-            raise NotCondensableError(f"touched point {bad} is held; leave it out")
-        wanted = _chosen(seen, self.touched, mesh.num_points, "seen")
-        self.others = np.setdiff1d(wanted, self.touched).astype(np.int32)
-        self.seen = np.concatenate([self.others, self.touched]).astype(np.int32)
-        self._assemble()
-        eliminated = np.setdiff1d(np.flatnonzero(is_movable), self.touched).astype(np.int32)
-        self.dissection: Dissection = dissect(mesh.points, self.graph, eliminated, self.touched)
-
-    @property
-    def num_blocks(self) -> int:
-        """Of the compliance that is kept."""
-        t = len(self.touched)
-        return t * len(self.others) + t * (t + 1) // 2
-
-    def size(self, precision: CompliancePrecision, keep_inside: bool) -> CondensedSize:
-        """What it takes."""
-        model = self.num_blocks * 9 * precision.dtype.itemsize
-        order, t = self.dissection, len(self.touched)
-        keeps = keep_inside or len(self.others) > 0
-        factors = order.factor_bytes if keeps else 0
-        at_once = 3 * self._problem.mesh.num_points * min(3 * t, _COLUMNS) * 8
-        extending = 8 * 9 * t * t + model + (2 * at_once if len(self.others) else 0)
-        matrix = self.blocks.nbytes + self.right_sides.nbytes
-        peak = matrix + factors + max(order.peak_bytes, extending)
-        return CondensedSize(t, len(self.seen), model, peak, order.operations)
-
-    def key(self, precision: CompliancePrecision) -> str:
-        """By which the model is known again."""
-        arrays: list[NDArray[Any]] = [
-            self.graph.row_start, self.graph.columns, self.blocks, self.right_sides,
-            self.held_fields, self.touched, self.seen,
-        ]  # fmt: skip
-        return model_key(arrays, (self._element.value, precision.value))
-
-    def to_space(self, vectors: Points) -> Points:
-        """Components along x, y, z of points' own ones."""
-        return self._supports.to_global(vectors)
-
-    def rows(self, numbers: NDArray[Any]) -> list[NDArray[Any]]:
-        """Views of the rows of the compliance: blocks of each, shape (n, 3, 3)."""
-        blocks = numbers.reshape(-1, 3, 3)
-        lengths = len(self.others) + 1 + np.arange(len(self.touched))
-        return np.split(blocks, np.cumsum(lengths)[:-1]) if len(lengths) else []
-
-    def fill_touched(self, rows: list[NDArray[Any]], dense: Floats) -> None:
-        """Put a compliance in the points' own components into the rows."""
-        turns = self._turns()
-        for k, row in enumerate(rows):
-            blocks = dense[3 * k : 3 * k + 3, : 3 * k + 3].reshape(3, k + 1, 3).transpose(1, 0, 2)
-            if turns is not None:
-                own = turns[self.touched[: k + 1]]
-                blocks = turns[self.touched[k]].T @ blocks @ own
-            row[len(self.others) :] = blocks
-
-    def fill_others(self, rows: list[NDArray[Any]], response: Floats, begin: int) -> None:
-        """Put what the only seen points do under some columns of forces into the rows."""
-        turns, n = self._turns(), len(self.others)
-        for column in range(0, response.shape[1], 3):
-            k = (begin + column) // 3
-            # C_is is C_si transposed.
-            blocks = response[:, column : column + 3].reshape(n, 3, 3).transpose(0, 2, 1)
-            if turns is not None:
-                blocks = turns[self.touched[k]].T @ blocks @ turns[self.others]
-            rows[k][:n] = blocks
-
-    def _turns(self) -> Floats | None:
-        """Axes of every point, as rows; None where all are x, y, z."""
-        slanted = self._supports.slanted
-        if slanted is None:
-            return None
-        turns = np.tile(np.eye(3), (self._problem.mesh.num_points, 1, 1))
-        turns[slanted.points] = slanted.axes
-        return turns
-
-    def _assemble(self) -> None:
-        problem, supports = self._problem, self._supports
-        body = Body.of(problem, Strain.LINEAR, element=self._element)
-        if supports.slanted is not None:
-            slanted = supports.slanted
-            body.core.set_frames(slanted.points, slanted.axes.reshape(-1, 9))
-        body.core.assemble_tangent(np.zeros_like(problem.mesh.points))
-        if supports.slanted is not None:
-            body.core.turn_matrix()
-        row_start, columns, numbers = body.core.matrix()
-        self.graph = Graph(row_start, columns)
-        free = self.is_free.astype(np.float64)
-        rows = np.repeat(np.arange(len(row_start) - 1), np.diff(row_start))
-        blocks = numbers.reshape(-1, 3, 3)
-        blocks *= free[rows][:, :, None]
-        blocks *= free[columns][:, None, :]
-        # Held components are equations of their own.
-        blocks[rows == columns] += (1.0 - free)[:, :, None] * np.eye(3)
-        self.blocks: Floats = blocks
-        self.terms = tuple(
-            SupportTerm(number, kind)
-            for number, support in enumerate(problem.supports)
-            for kind in _kinds_of(support)
-        )
-        self.held_fields = _held_fields(problem, supports, self.terms)
-        load = supports.to_local(external_force(problem))
-        sides = [np.where(self.is_free != 0, load, 0.0)]
-        for field in self.held_fields.T[1:]:
-            reaction = body.core.multiply(np.ascontiguousarray(field.reshape(-1, 3)))
-            sides.append(np.where(self.is_free != 0, -reaction, 0.0))
-        self.right_sides: Floats = np.array(sides).reshape(len(sides), -1).T.copy()
-
-
-def surface_points(problem: Problem) -> Indices:
-    """Points of the boundary that are not held in all components, ascending."""
-    mesh = problem.mesh
-    is_free = HeldPoints(problem).is_free.any(axis=1)
-    found: Indices = np.flatnonzero((lumped_areas(mesh, mesh.boundary_facets) > 0.0) & is_free)
-    return found.astype(np.int32)
-
-
-def _kinds_of(support: Any) -> tuple[int, ...]:
-    first = (0,) if any(support.displacement) else ()
-    return first if support.rotation is None else (*first, 1, 2)
-
-
-def _held_fields(problem: Problem, supports: HeldPoints, terms: tuple[SupportTerm, ...]) -> Floats:
-    """Where terms of factor 1 put held components, of points' own; first a column of zeros.
-
-    Shape (3 num_points, 1 + len(terms)).
-    """
-    points = problem.mesh.points
-    fields = [np.zeros_like(points)]
-    unturned = HeldPoints(
-        dataclasses.replace(
-            problem,
-            supports=tuple(dataclasses.replace(s, rotation=None) for s in problem.supports),
-            tools=(),
-        )
-    )
-    for term in terms:
-        factors = np.zeros(len(problem.supports))
-        field = np.zeros_like(points)
-        rotation = problem.supports[term.support].rotation
-        if term.kind == 0:
-            factors[term.support] = 1.0
-            field = unturned.at(factors)
-        elif rotation is not None:
-            mine = supports.held_by(term.support)
-            turned = turning(rotation, points)[term.kind - 1]
-            field = np.where(mine, turned, 0.0)
-            slanted = supports.slanted
-            if slanted is not None and (slanted.supports == term.support).any():
-                raise NotCondensableError(
-                    f"support {term.support + 1} turns points that another holds along a slanted "
-                    "normal; separate the supports"
-                )
-        fields.append(field)
-    return np.array(fields).reshape(len(fields), -1).T.copy()
-
-
-def _chosen(given: ArrayLike | None, default: Indices, num_points: int, what: str) -> Indices:
-    if given is None:
-        return default.astype(np.int32)
-    checked = checked_indices(given, 1, num_points, f"{what} points")
-    return np.unique(checked).astype(np.int32)
-
-
-def _require_condensable(problem: Problem) -> None:
-    require_supported(problem)
-    for number, load in enumerate(problem.loads, start=1):
-        if not isinstance(load, Traction | Pressure | PointForce | BodyForce):
-            raise NotCondensableError(
-                f"load {number} ({type(load).__name__}) depends on the displacement; the condensed "
-                "model takes forces that do not"
-            )

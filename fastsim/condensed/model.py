@@ -13,6 +13,7 @@ from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -219,7 +220,7 @@ def read_fields(path: str | Path) -> dict[str, Any]:
         FileFormatError: No such file, or one of another version.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             fields = {name: file[name] for name in file.files}
         if int(fields["version"]) != _VERSION:
             raise FileFormatError(path, f"is of version {int(fields['version'])}, not {_VERSION}")
@@ -236,5 +237,5 @@ def read_fields(path: str | Path) -> dict[str, Any]:
         }
     except FileFormatError:
         raise
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise FileFormatError(path, f"is no condensed model ({error})") from error

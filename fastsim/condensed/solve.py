@@ -9,11 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.fastsim.condensed.condense import MOST_BYTES, condense, surface_points
+from palpate.fastsim.condensed.condense import MOST_BYTES, condense
 from palpate.fastsim.condensed.errors import NotCondensableError, UnsettledContactError
 from palpate.fastsim.condensed.model import CondensedModel
-from palpate.fastsim.condensed.steps import CondensedSteps, StepState
-from palpate.fastsim.contact.contact_law import ContactLaw, half_thickness, mean_edge
+from palpate.fastsim.condensed.setup import surface_points
+from palpate.fastsim.condensed.steps import CondensedSteps, StepState, require_known_tool
+from palpate.fastsim.contact.contact_law import ContactLaw, half_thickness
 from palpate.fastsim.contact.errors import ContactLostError
 from palpate.fastsim.contact.tool_checks import require_larger_than_gaps, require_outside
 from palpate.fastsim.contact.tool_contact import ToolContact
@@ -21,11 +22,9 @@ from palpate.fastsim.forces import external_force
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.boundary_conditions import PointForce, Pressure, Traction
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.meshes.rigid_tool import BoxShape
 
-# A tool goes no farther in a step than this part of its half thickness; a box, of an edge.
+# A tool goes no farther in a step than this part of its half thickness.
 _PART_OF_THICKNESS = 0.25
-_PART_OF_EDGE = 0.05
 _SMALLEST_STEP = 1.0 / 4096.0
 
 
@@ -65,12 +64,15 @@ def solve_condensed(
     that of the points that they may touch.
 
     Args:
-        problem: Statics; tools on paths, without friction.
+        problem: Statics; tools on paths, without friction, none a box.
         strain: Linear, or refused.
         element: Linear tetrahedra, plain or smoothed.
         contact: How tools are kept out: None is the constraint.
         most_bytes: Memory allowed.
         progress: Called with one line now and then.
+
+    Returns:
+        Displacement of all points, and the forces on the tools at the end of their paths.
 
     Raises:
         NotCondensableError: Green strain, a motion, or a tool that it does not know.
@@ -113,7 +115,7 @@ def require_posable(problem: Problem, strain: Strain) -> None:
     """Refuse what the condensed model cannot be asked, with the reason.
 
     Raises:
-        NotCondensableError: Green strain, a motion, friction, or a tool driven by a force.
+        NotCondensableError: Green strain, a motion, or a tool that it does not know.
     """
     if strain is not Strain.LINEAR:
         raise NotCondensableError(
@@ -125,12 +127,7 @@ def require_posable(problem: Problem, strain: Strain) -> None:
             "the condensed model has no inertia, and this problem is a motion; take statics"
         )
     for number, tool in enumerate(problem.tools, start=1):
-        if tool.friction_coefficient > 0.0 or tool.drive is not None:
-            what = "has friction" if tool.drive is None else "is driven by a force"
-            raise NotCondensableError(
-                f"tool {number} {what}: the condensed model knows tools without friction, on "
-                "paths; solve by statics"
-            )
+        require_known_tool(tool, number)
 
 
 class _Way:
@@ -181,11 +178,7 @@ class _Way:
 
     def _longest(self, number: int) -> float:
         """How far a tool may go in a step [m]."""
-        tool = self.steps.tools[number]
-        problem = self.steps.model.problem
-        if isinstance(tool.shape, BoxShape):
-            return _PART_OF_EDGE * mean_edge(problem, ToolContact(problem, tool).facets)
-        return _PART_OF_THICKNESS * half_thickness(tool.shape)
+        return _PART_OF_THICKNESS * half_thickness(self.steps.tools[number].shape)
 
     def _step(self, time: float) -> StepState:
         state = self.steps.step([path.pose_at(time) for path in self._paths])

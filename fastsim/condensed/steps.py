@@ -21,7 +21,7 @@ from palpate.fastsim.contact.static_contact import STIFFNESS_IN_LAYERS
 from palpate.fastsim.contact.tool_contact import ToolContact
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.rigid_tool import RigidTool
+from palpate.meshes.rigid_tool import BoxShape, RigidTool
 
 # Vertices nearer than this part of an edge are looked at from the start of a step.
 _REACH = 0.1
@@ -45,6 +45,24 @@ class StepState(NamedTuple):
     iterations: int
 
 
+def require_known_tool(tool: RigidTool, number: int) -> None:
+    """Refuse a tool that the condensed model cannot pose, with the reason.
+
+    Raises:
+        NotCondensableError: A box, friction, or a tool driven by a force.
+    """
+    reason = ""
+    if isinstance(tool.shape, BoxShape):
+        # Statics hold each vertex to one face, and let it go round an edge by steps of their own.
+        reason = "is a box, over whose sharp edges vertices jump; give a capsule or a surface"
+    elif tool.friction_coefficient > 0.0:
+        reason = "has friction, which the condensed model does not know; solve by statics"
+    elif tool.drive is not None:
+        reason = "is driven by a force; give it a path, or solve by statics"
+    if reason:
+        raise NotCondensableError(f"tool {number} {reason}")
+
+
 class CondensedSteps:
     """A condensed body under rigid tools that go wherever they are told, without inertia.
 
@@ -62,8 +80,8 @@ class CondensedSteps:
         base: Displacement of the seen points without contact [m], shape (num_seen, 3).
 
     Raises:
-        NotCondensableError: A tool with friction or driven by a force, or one that may touch
-            points that are not `touched` ones of the model.
+        NotCondensableError: A box, a tool with friction or driven by a force, or one that may
+            touch points that are not `touched` ones of the model.
 
     >>> import numpy as np
     >>> import palpate
@@ -101,9 +119,15 @@ class CondensedSteps:
         load_factor: float = 1.0,
         support_factors: float | Sequence[float] = 1.0,
     ) -> None:
-        """Forces on touched points, loads and supports from the next step on.
+        """What acts besides the tools, from the next step on.
 
-        The arguments are those of `CondensedModel.displacement`.
+        Args:
+            forces: On the touched points [N], shape (num_touched, 3); None is none.
+            load_factor: Part of the problem's loads.
+            support_factors: Part of the full size of all supports, or one for each.
+
+        Raises:
+            InputError: Another shape, or a number that is not finite.
         """
         self.base = self.model.displacement(
             forces, load_factor=load_factor, support_factors=support_factors
@@ -159,12 +183,7 @@ class CondensedSteps:
         place[model.touched] = np.arange(len(model.touched))
         shapes, stiffnesses, reach = [], [], 0.0
         for number, tool in enumerate(self.tools, start=1):
-            if tool.friction_coefficient > 0.0 or tool.drive is not None:
-                what = "has friction" if tool.drive is None else "is driven by a force"
-                raise NotCondensableError(
-                    f"tool {number} {what}: the condensed model knows tools without friction, on "
-                    "poses; solve by statics"
-                )
+            require_known_tool(tool, number)
             contact = ToolContact(problem, tool)
             vertices: NDArray[np.int32] = place[contact.vertices]
             if (vertices < 0).any():

@@ -195,8 +195,10 @@ void bind_mechanics(nb::module_ &module) {
         .def("matrix",
              [](const ElasticBody &body) {
                  const BlockMatrix &matrix = body.matrix;
-                 auto row_start = new_array<std::int64_t>({matrix.row_start.size()});
-                 std::copy(matrix.row_start.begin(), matrix.row_start.end(), row_start.data());
+                 auto row_start = new_array<Index>({matrix.row_start.size()});
+                 std::ranges::transform(matrix.row_start, row_start.data(), [](std::size_t entry) {
+                     return static_cast<Index>(entry);
+                 });
                  return std::make_tuple(row_start, as_column<Index>(std::span(matrix.columns)),
                                         as_table(matrix.blocks));
              })

@@ -11,7 +11,7 @@ import pytest
 from palpate.fastsim import _core
 
 STUB = Path(__file__).parents[2] / "fastsim" / "_core.pyi"
-ARRAYS = {"float64": "Floats", "int32": "Ints", "uint8": "Flags"}
+ARRAYS = {"float64": "Floats", "float32": "Singles", "int32": "Ints", "uint8": "Flags"}
 Signatures = dict[str, list[str]]
 
 

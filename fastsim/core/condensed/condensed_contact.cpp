@@ -75,16 +75,13 @@ CondensedContact::CondensedContact(Compliance compliance, std::vector<Point> pla
     for (const CondensedTool &tool : _tools) {
         _boxes.push_back(box_of(tool.shape));
         _pushes.emplace_back(tool.vertices.size(), 0.0);
-        const bool is_box = std::holds_alternative<SharpBox>(tool.shape);
-        _ways.emplace_back(is_box ? tool.vertices.size() : 0);
     }
 }
 
 void CondensedContact::clear() {
-    for (std::size_t t = 0; t < _tools.size(); ++t) {
+    for (std::size_t t = 0; t < _tools.size(); ++t)
         std::ranges::fill(_pushes[t], 0.0);
-        std::ranges::fill(_ways[t], WayIn{});
-    }
+
     std::ranges::fill(_response, Point{});
     std::ranges::fill(_forces, Point{});
     std::ranges::fill(_loads, ToolLoad{});
@@ -94,16 +91,6 @@ void CondensedContact::clear() {
 Point CondensedContact::place_of(std::size_t touched, std::span<const Point> base) const {
     const std::size_t seen = _compliance.num_only_seen() + touched;
     return along(along(_places[touched], base[seen], 1.0), _response[seen], 1.0);
-}
-
-Gap CondensedContact::gap_of_vertex(std::size_t tool, std::size_t vertex, const Pose &pose,
-                                    const Point &place) const {
-    if (_ways[tool].empty())
-        return gap_at(_tools[tool].shape, pose, place);
-    Gap found = gap_on_way(_tools[tool].shape, pose.to_tool(place), _ways[tool][vertex]);
-    found.normal = pose.turned_out(found.normal);
-    found.axis = pose.turned_out(found.axis);
-    return found;
 }
 
 /// Adds what is pushed or nearer than the margin, as displaced by the last pushes, and says whether
@@ -119,7 +106,7 @@ bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Poi
             const Point place = place_of(touched, base);
             const double push = _pushes[t][v];
             if (push <= 0.0 &&
-                (!is_in(box, place) || gap_of_vertex(t, v, poses[t], place).distance >= margin))
+                (!is_in(box, place) || gap_at(tool.shape, poses[t], place).distance >= margin))
                 continue;
             const auto is_it = [&](const Entry &e) { return e.tool == t && e.vertex == v; };
             if (std::any_of(_entries.begin(),
@@ -152,7 +139,6 @@ void CondensedContact::gather_parts() {
 ContactOutcome CondensedContact::step(std::span<const Pose> poses, std::span<const Point> base,
                                       double relative_tolerance, int max_iterations) {
     const auto pushes = _pushes;
-    const auto ways = _ways;
     const auto response = _response, forces = _forces;
     const auto loads = _loads;
     const auto last = _last;
@@ -174,7 +160,6 @@ ContactOutcome CondensedContact::step(std::span<const Pose> poses, std::span<con
         part *= 0.5;
         if (last.empty() || part < smallest_part) {
             _pushes = pushes;
-            _ways = ways;
             _response = response;
             _forces = forces;
             _loads = loads;
@@ -206,12 +191,6 @@ ContactOutcome CondensedContact::go_to(std::span<const Pose> poses, std::span<co
     }
     for (const Entry &entry : _entries)
         outcome.touching += entry.push > 0.0 ? 1 : 0;
-    for (std::size_t t = 0; t < _tools.size(); ++t)
-        if (const auto *const box = std::get_if<SharpBox>(&_tools[t].shape))
-            for (std::size_t v = 0; v < _ways[t].size(); ++v) {
-                const Point place = place_of(static_cast<std::size_t>(_tools[t].vertices[v]), base);
-                _ways[t][v] = way_from(*box, poses[t].to_tool(place), _ways[t][v]);
-            }
     return outcome;
 }
 
@@ -233,7 +212,7 @@ ContactOutcome CondensedContact::settle(std::span<const Pose> poses, std::span<c
         double size = 0.0, error = 0.0, place_size = 0.0;
         for (Entry &entry : _entries) {
             const Point place = along(_places[touched(entry.local)], _moved[entry.local], 1.0);
-            entry.gap = gap_of_vertex(entry.tool, entry.vertex, poses[entry.tool], place);
+            entry.gap = gap_at(_tools[entry.tool].shape, poses[entry.tool], place);
             const double wrong = entry.gap.distance + entry.give * entry.push;
             error = std::max(error, entry.push > 0.0 ? std::abs(wrong) : -wrong);
             place_size = std::max(place_size, largest(place));

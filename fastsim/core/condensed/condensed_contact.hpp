@@ -11,7 +11,6 @@
 
 #include "condensed/complementarity.hpp"
 #include "condensed/compliance.hpp"
-#include "contact/box_faces.hpp"
 #include "contact/tool_shape.hpp"
 
 #include <cstddef>
@@ -73,8 +72,6 @@ class CondensedContact {
 
     ContactOutcome go_to(std::span<const Pose> poses, std::span<const Point> base,
                          double relative_tolerance, int max_iterations);
-    Gap gap_of_vertex(std::size_t tool, std::size_t vertex, const Pose &pose,
-                      const Point &place) const;
     Point place_of(std::size_t touched, std::span<const Point> base) const;
     bool add_near(std::span<const Pose> poses, std::span<const Point> base, double margin);
     void gather_parts();
@@ -92,7 +89,6 @@ class CondensedContact {
     double _reach;
 
     std::vector<std::vector<double>> _pushes; // of each tool's vertices
-    std::vector<std::vector<WayIn>> _ways;    // of a box's vertices
     std::vector<Point> _response, _forces;
     std::vector<ToolLoad> _loads;
 

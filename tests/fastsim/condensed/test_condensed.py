@@ -1,0 +1,188 @@
+"""The condensed model beside the linear solve on the whole mesh."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.fastsim.condensed import (
+    CompliancePrecision,
+    CondensedTooLargeError,
+    NotCondensableError,
+    condense,
+    condensed_size,
+    load_condensed,
+)
+from palpate.fastsim.condensed.elimination import invert_in_place
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import (
+    BodyForce,
+    PointForce,
+    Pressure,
+    Rotation,
+    Support,
+    Traction,
+)
+from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
+from palpate.meshes.rigid_modes import UnsupportedBodyError
+
+EQUAL = 1e-10  # of the largest displacement
+
+
+def body() -> Problem:
+    """A block of two materials under its weight, a traction and a pressure, pulled and turned."""
+    mesh = brick_box((5, 4, 3), (0.05, 0.04, 0.03))
+    stiff = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.03).astype(np.int32)
+    turn = Rotation((1.0, 0.0, 0.0), (0.05, 0.02, 0.015), 0.1)
+    far = side(mesh, 0, 0.05)
+    return Problem(
+        mesh,
+        Material(1e4, 0.45, 1000.0),
+        (
+            held(side(mesh, 0, 0.0)),
+            Support(np.unique(far).astype(np.int32), far, (True,) * 3, (1e-3, 0, 0), None, turn),
+        ),
+        (
+            BodyForce((0.0, 0.0, -9810.0)),
+            Traction(side(mesh, 2, 0.03), (0.0, 40.0, 0.0)),
+            Pressure(side(mesh, 1, 0.0), 30.0),
+        ),
+        inclusions=(Inclusion(stiff, Material(3e4, 0.3, 1200.0)),),
+    )
+
+
+def slanted() -> Problem:
+    """A block on a plane that is not along an axis, which has been moved."""
+    mesh = brick_box((4, 3, 3), (0.04, 0.03, 0.03))
+    bottom = np.unique(side(mesh, 2, 0.0)).astype(np.int32)
+    wall = Support(bottom, normal=(0.0, 0.6, 0.8), displacement=(0.0, 0.0, 1e-3))
+    clamp = Support(np.unique(side(mesh, 0, 0.0)).astype(np.int32), components=(True, True, False))
+    return Problem(mesh, Material(1e4, 0.3), (wall, clamp), (BodyForce((0.0, 0.0, 900.0)),))
+
+
+def solve(problem: Problem, element: Element) -> Points:
+    return solve_static(
+        problem, strain=Strain.LINEAR, element=element, relative_tolerance=1e-13
+    ).displacement
+
+
+def difference(found: Points, expected: Points) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def with_forces(problem: Problem, points: Points, forces: Points) -> Problem:
+    return dataclasses.replace(problem, loads=(*problem.loads, PointForce(points, forces)))
+
+
+@pytest.mark.parametrize("element", Element)
+@pytest.mark.parametrize("make", [body, slanted])
+def test_loads_supports_and_forces_as_the_linear_solve_has_them(
+    element: Element, make: Callable[[], Problem]
+) -> None:
+    problem = make()
+    model = condense(problem, element=element, keep_inside=True)
+    expected = solve(problem, element)
+    assert difference(model.displacement(), expected[model.seen]) <= EQUAL
+    forces = np.random.default_rng(1).standard_normal((len(model.touched), 3)) * 1e-2
+    pushed = solve(with_forces(problem, model.touched, forces), element)
+    assert np.abs(pushed - expected).max() > 0.1 * np.abs(expected).max()
+    assert difference(model.displacement(forces), pushed[model.seen]) <= EQUAL
+    assert difference(model.whole_displacement(forces), pushed) <= EQUAL
+
+
+def test_supports_move_after_condensing() -> None:
+    problem = body()
+    model = condense(problem)
+    clamp, turned = problem.supports
+    assert turned.rotation is not None
+    half = dataclasses.replace(turned.rotation, angle=0.5 * turned.rotation.angle)
+    moved = dataclasses.replace(turned, displacement=(5e-4, 0.0, 0.0), rotation=half)
+    expected = solve(dataclasses.replace(problem, supports=(clamp, moved)), Element.LINEAR)
+    found = model.displacement(support_factors=(1.0, 0.5))
+    assert difference(found, expected[model.seen]) <= EQUAL
+    assert difference(model.displacement(), expected[model.seen]) > 0.1
+
+
+def test_few_touched_points_and_others_that_are_only_seen() -> None:
+    problem = body()
+    everything = np.arange(problem.mesh.num_points)
+    touched = np.unique(side(problem.mesh, 2, 0.03))
+    touched = touched[(problem.mesh.points[touched, 0] % 0.05) > 1e-9]
+    model = condense(problem, touched=touched, seen=everything)
+    assert len(model.seen) == problem.mesh.num_points > len(model.touched)
+    forces = np.random.default_rng(2).standard_normal((len(touched), 3)) * 1e-2
+    expected = solve(with_forces(problem, model.touched, forces), Element.LINEAR)
+    assert difference(model.displacement(forces), expected[model.seen]) <= EQUAL
+
+
+def test_the_compliance_is_kept_once_for_each_pair_and_in_single_precision_where_asked() -> None:
+    problem = body()
+    double = condense(problem)
+    single = condense(problem, precision=CompliancePrecision.SINGLE)
+    n = len(double.touched)
+    assert double.blocks.shape == (n * (n + 1) // 2, 9)
+    assert single.blocks.nbytes == double.blocks.nbytes // 2
+    forces = np.ones((n, 3)) * 1e-2
+    error = difference(single.displacement(forces), double.displacement(forces))
+    assert 1e-10 < error < 1e-5
+
+
+def test_memory_is_told_before_any_is_taken() -> None:
+    problem = body()
+    size = condensed_size(problem)
+    lines: list[str] = []
+    model = condense(problem, progress=lines.append)
+    assert size.model_bytes == model.blocks.nbytes
+    assert str(size) in lines[0]
+    with pytest.raises(CondensedTooLargeError, match="fewer touched points") as refusal:
+        condense(problem, most_bytes=size.peak_bytes - 1)
+    assert refusal.value.needed_bytes == size.peak_bytes
+    assert condensed_size(problem, keep_inside=True).peak_bytes > size.peak_bytes
+
+
+def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None:
+    problem, file = body(), tmp_path / "model.npz"
+    model = condense(problem)
+    model.save(file)
+    read = load_condensed(file, problem)
+    assert np.array_equal(read.displacement(), model.displacement())
+    with pytest.raises(NotCondensableError, match="keep_inside"):
+        read.whole_displacement()
+    softer = dataclasses.replace(problem, material=Material(0.99e4, 0.45, 1000.0))
+    with pytest.raises(FileFormatError, match="another problem"):
+        load_condensed(file, softer)
+    with pytest.raises(FileFormatError, match="another problem"):
+        load_condensed(file, problem, element=Element.SMOOTHED)
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(FileFormatError, match="no condensed model"):
+        load_condensed(file, problem)
+
+
+def test_what_cannot_be_condensed_is_refused() -> None:
+    problem = body()
+    with pytest.raises(UnsupportedBodyError):
+        condense(dataclasses.replace(problem, supports=()))
+    with pytest.raises(NotCondensableError, match=r"touched point \d+ is held"):
+        condense(problem, touched=problem.supports[0].points)
+    model = condense(problem, touched=condense(problem).touched[:2])
+    for forces in (np.zeros((3, 3)), np.full((2, 3), np.nan)):
+        with pytest.raises(InputError, match="touched points need"):
+            model.displacement(forces)
+    with pytest.raises(InputError, match="support factors"):
+        model.displacement(support_factors=(1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("n", [1, 150, 401])
+def test_inverse_in_place(n: int) -> None:
+    rows = np.random.default_rng(n).standard_normal((n, n))
+    matrix = rows @ rows.T + n * np.eye(n)
+    inverse = matrix.copy()
+    invert_in_place(inverse)
+    assert np.abs(inverse @ matrix - np.eye(n)).max() <= 1e-12
