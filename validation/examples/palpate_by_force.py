@@ -29,9 +29,7 @@ def block_with_inclusion(center: tuple[float, float, float], radius: float) -> p
         supports=(palpate.Support(low),),
         loads=(),
         time=palpate.TimeSpan(1.0, mass_damping=100.0),  # only its damping is read
-        tools=(
-            palpate.RigidTool(palpate.SphereShape(RADIUS), palpate.ToolPath(np.zeros(1), start)),
-        ),
+        tools=(probe,),
         inclusions=(palpate.Inclusion(hard, palpate.Material(50e3, 0.4)),),
     )
 
