@@ -34,14 +34,15 @@ template <typename Real> class Run final : public ExplicitRun {
             array->assign(_records.padded_size(), Real(0));
         for (std::size_t t = 1; t < _parts.size(); ++t)
             _parts[t].force.assign(_records.padded_size(), Real(0));
-        if (settings.stiffness_damping > 0.0) {
-            _viscous = InternalForce<Real>::make_viscous(body, _records, _kernel, _team.size(),
-                                                         settings.stiffness_damping /
-                                                             settings.scheme.time_step);
-            if (settings.tracks_energy) {
-                _motion.viscous.assign(_records.padded_size(), Real(0));
-                _viscous_parts.assign(_team.size(), _motion.viscous);
-            }
+        _damps_strain = settings.stiffness_damping > 0.0;
+        _damping_over_step =
+            static_cast<Real>(settings.stiffness_damping / settings.scheme.time_step);
+        // Where stress is linear in strain one sum does, unless the balance wants them apart.
+        if (_damps_strain && (settings.tracks_energy || !body.elastic.is_linear_in_strain()))
+            _viscous = InternalForce<Real>::make_viscous(body, _records, _kernel, _team.size());
+        if (_damps_strain && settings.tracks_energy) {
+            _motion.viscous.assign(_records.padded_size(), Real(0));
+            _viscous_parts.assign(_team.size(), _motion.viscous);
         }
         _motion.mass.resize(num_points);
         for (std::size_t k = 0; k < num_points; ++k)
@@ -62,7 +63,7 @@ template <typename Real> class Run final : public ExplicitRun {
         for (std::size_t i = 0; i < _motion.is_free.size(); ++i)
             if (_motion.is_free[i] == 0)
                 _motion.increment[i] = Real(0);
-        if (_viscous)
+        if (_damps_strain)
             _increment_at_start = _motion.increment;
         _motion.has_begun = false;
         for (auto *push : _pushes.all())
@@ -203,7 +204,8 @@ template <typename Real> class Run final : public ExplicitRun {
     void internal_force(std::span<double> force) override {
         forget_forces();
         _team.run([&](std::size_t thread) {
-            static_cast<void>(add_internal_force(thread));
+            static_cast<void>(
+                _internal->add(thread, _motion.displacement.data(), {}, force_of(thread)));
             _team.wait();
             sum_parts(_portions[thread]);
         });
@@ -223,19 +225,24 @@ template <typename Real> class Run final : public ExplicitRun {
         return thread == 0 ? _motion.force.data() : _parts[thread].force.data();
     }
 
-    Real add_internal_force(std::size_t thread) {
-        return _internal->add(thread, _motion.displacement.data(), nullptr, force_of(thread));
-    }
-
-    /// By stiffness damping: to the internal forces, or apart for the balance of energy.
-    void add_viscous_force(std::size_t thread, std::size_t step) {
+    /// The change of strain over the last increment, and a part of the strain itself.
+    StrainChange<Real> change_of(std::size_t step, Real own) const {
         // What moves supports from the first step on is not yet seen before it.
         const bool is_first = step == 0 && !_motion.has_begun;
         const auto &increment = is_first ? _increment_at_start : _motion.increment;
+        return {increment.data(), own, _damping_over_step};
+    }
+
+    /// Internal forces, with those of stiffness damping, or with these apart for the balance.
+    Real add_forces_of_cells(std::size_t thread, std::size_t step) {
+        const Real *const displacement = _motion.displacement.data();
+        Real *const force = force_of(thread);
+        if (_damps_strain && !_viscous)
+            return _internal->add(thread, displacement, change_of(step, Real(1)), force);
         if (_viscous)
-            _viscous->add(thread, _motion.displacement.data(), increment.data(),
-                          _viscous_parts.empty() ? force_of(thread)
-                                                 : _viscous_parts[thread].data());
+            _viscous->add(thread, displacement, change_of(step, Real(0)),
+                          _viscous_parts.empty() ? force : _viscous_parts[thread].data());
+        return _internal->add(thread, displacement, {}, force);
     }
 
     /// Those apart, of the points of a portion, once all threads have added theirs.
@@ -265,8 +272,7 @@ template <typename Real> class Run final : public ExplicitRun {
     StopReason find_forces(std::size_t thread, const ExplicitPlan &plan, std::size_t step) {
         const Portion &portion = _portions[thread];
         const auto factors = plan.factors_at(step);
-        const Real smallest = add_internal_force(thread);
-        add_viscous_force(thread, step);
+        const Real smallest = add_forces_of_cells(thread, step);
         _at_forces.cast(thread, step,
                         smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
         // Not into what was given: the other threads may still be reading that.
@@ -377,10 +383,12 @@ template <typename Real> class Run final : public ExplicitRun {
     KernelChoice<Real> _kernel;
     PointRecords _records;
     std::unique_ptr<InternalForce<Real>> _internal;
-    std::unique_ptr<InternalForce<Real>> _viscous;   // null without stiffness damping
+    std::unique_ptr<InternalForce<Real>> _viscous;   // null where `_internal` does it too
     std::vector<AlignedVector<Real>> _viscous_parts; // by thread, where they are kept apart
     AlignedVector<Real> _increment_at_start;         // with stiffness damping
-    std::vector<Portion> _portions;                  // by thread
+    bool _damps_strain = false;
+    Real _damping_over_step = 0;
+    std::vector<Portion> _portions; // by thread
     ThreadTeam _team;
     Votes<StopReason> _at_forces, _at_end;
     std::vector<Part> _parts;

@@ -15,9 +15,9 @@ template <typename Real> class PlainForce final : public InternalForce<Real> {
         this->portions = divide(_batches, records.size(), num_threads);
     }
 
-    Real add(std::size_t thread, const Real *displacement, const Real *increment,
+    Real add(std::size_t thread, const Real *displacement, const StrainChange<Real> &change,
              Real *force) override {
-        return _add_forces({displacement, increment, force, _batches.corners.data(),
+        return _add_forces({displacement, change, force, _batches.corners.data(),
                             _batches.rest.data(), this->portions[thread].first_batch,
                             this->portions[thread].last_batch,
                             _batches.moduli.empty() ? nullptr : _batches.moduli.data(),
@@ -55,9 +55,9 @@ template <typename Real> class SmoothedForce final : public InternalForce<Real> 
         }
     }
 
-    Real add(std::size_t thread, const Real *displacement, const Real *increment,
+    Real add(std::size_t thread, const Real *displacement, const StrainChange<Real> &change,
              Real *force) override {
-        return _plans[thread].run(_sweep, displacement, increment, force);
+        return _plans[thread].run(_sweep, displacement, change, force);
     }
 
   private:
@@ -74,7 +74,8 @@ template <typename Real> class ScalarForce final : public InternalForce<Real> {
         this->portions = {{0, 1, 0, records.size(), 0, records.size()}};
     }
 
-    Real add(std::size_t, const Real *displacement, const Real *, Real *force) override {
+    Real add(std::size_t, const Real *displacement, const StrainChange<Real> &,
+             Real *force) override {
         _records.unpack(displacement, _u);
         std::ranges::fill(_f, 0.0);
         cell_det_f(_body.elastic, _u, _det_f);
@@ -115,12 +116,9 @@ InternalForce<Real>::make(const ElasticBody &body, StrainMeasure strain,
 template <typename Real>
 std::unique_ptr<InternalForce<Real>>
 InternalForce<Real>::make_viscous(const ElasticBody &body, const PointRecords &records,
-                                  const KernelChoice<Real> &kernel, std::size_t num_threads,
-                                  double factor) {
+                                  const KernelChoice<Real> &kernel, std::size_t num_threads) {
     ElasticCells viscous = body.elastic;
     viscous.law = Law::saint_venant_kirchhoff;
-    for (Moduli &moduli : viscous.materials)
-        moduli = {moduli.lmbda * factor, moduli.mu * factor, 0.0};
     if (body.patches)
         return std::make_unique<SmoothedForce<Real>>(viscous, *body.patches, viscous.strain,
                                                      records, kernel, num_threads);

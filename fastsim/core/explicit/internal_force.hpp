@@ -15,18 +15,16 @@ template <typename Real> class InternalForce {
                                                const PointRecords &records,
                                                const KernelChoice<Real> &kernel,
                                                std::size_t num_threads);
-    /// Viscous forces by S = factor C : (E(a) - E(a - d)), C Hooke's of the materials at rest,
-    /// whatever the body's law: those of `add` with increments d.
+    /// Hooke's of the materials at rest, whatever the body's law: of viscous stresses.
     static std::unique_ptr<InternalForce> make_viscous(const ElasticBody &body,
                                                        const PointRecords &records,
                                                        const KernelChoice<Real> &kernel,
-                                                       std::size_t num_threads, double factor);
+                                                       std::size_t num_threads);
     virtual ~InternalForce() = default;
 
     /// Adds the forces of a thread's cells; returns the smallest det F met (1 for linear strain).
-    /// `increment` is null, or what the displacement has changed by: then stresses are those of the
-    /// change of strain over it, where stress is linear in strain.
-    virtual Real add(std::size_t thread, const Real *displacement, const Real *increment,
+    /// A change goes with stresses that are linear in strain.
+    virtual Real add(std::size_t thread, const Real *displacement, const StrainChange<Real> &change,
                      Real *force) = 0;
 
     /// One for each thread, of which there may be fewer than were asked for.

@@ -16,10 +16,16 @@
 
 namespace fastsim {
 
+/// Of what stresses are, where increments are given: `own` times the strain, and `factor` times
+/// what it has changed by over them.
+template <typename Real> struct StrainChange {
+    const Real *increment = nullptr; // records of 4
+    Real own = 0, factor = 0;
+};
+
 template <typename Real> struct ForceJob {
     const Real *displacement; // records of 4
-    // Null, or records of 4: then stresses are those of the change of strain over these.
-    const Real *increment;
+    StrainChange<Real> change;
     Real *force;                 // records of 4; forces are added
     const std::int32_t *records; // each batch: 4 corners x width, offsets into the arrays above
     const Real *rest;            // each batch: 9 gradient entries and the volume, x width

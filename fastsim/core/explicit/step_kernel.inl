@@ -83,6 +83,21 @@ inline void twice_change(const V *h, const V *d, V *e) {
     }
 }
 
+/// Twice the strain of a batch of cells, or what `change` says. `changes` are of corners 1 to 3, less
+/// that of corner 0.
+template <bool is_green, bool of_change, typename Real, typename V>
+inline void twice_strain_asked(const StrainChange<Real> &change, const V *g, const V *h,
+                               [[maybe_unused]] const V *changes, V *e) {
+    twice_strain<is_green>(h, e);
+    if constexpr (of_change) {
+        V d[9], changed[6];
+        gradient_of(g, changes, d);
+        twice_change<is_green, Real>(h, d, changed);
+        for (std::size_t k = 0; k < 6; ++k)
+            e[k] = change.own * e[k] + change.factor * changed[k];
+    }
+}
+
 /// det F; 1 for linear strain.
 template <bool is_green, typename Real, typename V> inline V det_of(const V *h) {
     if constexpr (!is_green)
@@ -122,13 +137,7 @@ inline typename Pack::V forces_of_batch(const ForceJob<typename Pack::Real> &job
     for (std::size_t k = 0; k < 9; ++k)
         g[k] = Pack::load(rest + k * width);
     gradient_of(g, edges, h);
-    if constexpr (of_change) {
-        V d[9];
-        gradient_of(g, changes, d);
-        twice_change<is_green, Real>(h, d, e);
-    } else {
-        twice_strain<is_green>(h, e);
-    }
+    twice_strain_asked<is_green, of_change>(job.change, g, h, changes, e);
     const V volume = Pack::load(rest + 9 * width);
     V mu = V{} + job.mu, half_lmbda = V{} + Real(0.5) * job.lmbda;
     if (job.moduli) {
@@ -176,7 +185,7 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
         gather_edges<Pack>(job.displacement, records, edges);
         V least;
         if constexpr (of_change)
-            gather_edges<Pack>(job.increment, records, changes);
+            gather_edges<Pack>(job.change.increment, records, changes);
         if constexpr (law == Law::saint_venant_kirchhoff)
             least = forces_of_batch<Pack, is_green, of_change>(job, batch, edges, changes);
         else
@@ -189,7 +198,7 @@ typename Pack::Real add_batches(const ForceJob<typename Pack::Real> &job) {
 }
 
 template <typename Pack> typename Pack::Real add_forces(const ForceJob<typename Pack::Real> &job) {
-    if (job.increment)
+    if (job.change.increment)
         return job.is_green ? add_batches<Pack, true, Law::saint_venant_kirchhoff, true>(job)
                             : add_batches<Pack, false, Law::saint_venant_kirchhoff, true>(job);
     if (!job.is_green)

@@ -21,7 +21,7 @@ class StiffnessAtRest {
     void multiply(std::span<const double> x, std::span<double> y) {
         _records.pack(x, _x.data());
         std::fill(_y.begin(), _y.end(), 0.0);
-        _force->add(0, _x.data(), nullptr, _y.data());
+        _force->add(0, _x.data(), {}, _y.data());
         _records.unpack(_y.data(), y);
     }
 

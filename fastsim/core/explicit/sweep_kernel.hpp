@@ -42,8 +42,8 @@ struct SweepChunk {
 
 template <typename Real> struct SweepJob {
     const Real *displacement; // records of 4
-    const Real *increment;    // null, or as of plain cells
-    Real *force;              // records of 4; forces are added
+    StrainChange<Real> change;
+    Real *force; // records of 4; forces are added
     const SweepChunk *chunks;
     std::size_t num_chunks;
     const std::int32_t *own_batches; // those that are forced; others are only strained here

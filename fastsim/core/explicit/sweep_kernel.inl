@@ -31,14 +31,10 @@ inline typename Pack::V strain_batch(const SweepJob<typename Pack::Real> &job, s
     V edges[9], h[9], e[sweep_record];
     gather_edges<Pack>(job.displacement, job.corners + 4 * width * batch, edges);
     gradient_of(rest, edges, h);
-    if constexpr (of_change) {
-        V changes[9], d[9];
-        gather_edges<Pack>(job.increment, job.corners + 4 * width * batch, changes);
-        gradient_of(rest, changes, d);
-        twice_change<is_green, Real>(h, d, e);
-    } else {
-        twice_strain<is_green>(h, e);
-    }
+    [[maybe_unused]] V changes[9];
+    if constexpr (of_change)
+        gather_edges<Pack>(job.change.increment, job.corners + 4 * width * batch, changes);
+    twice_strain_asked<is_green, of_change>(job.change, rest, h, changes, e);
     e[trace_entry] = e[0] + e[1] + e[2];
     for (std::size_t k = 0; k <= trace_entry; ++k)
         e[k] *= rest[9];
@@ -196,5 +192,5 @@ typename Pack::Real sweep_of(const SweepJob<typename Pack::Real> &job) {
 }
 
 template <typename Pack> typename Pack::Real sweep(const SweepJob<typename Pack::Real> &job) {
-    return job.increment ? sweep_of<Pack, true>(job) : sweep_of<Pack, false>(job);
+    return job.change.increment ? sweep_of<Pack, true>(job) : sweep_of<Pack, false>(job);
 }

@@ -159,11 +159,11 @@ void SweepPlan<Real>::lay_out_cells(const ElasticCells &body, const SmoothingPat
 }
 
 template <typename Real>
-Real SweepPlan<Real>::run(SweepKernel<Real> kernel, const Real *displacement, const Real *increment,
-                          Real *force) {
+Real SweepPlan<Real>::run(SweepKernel<Real> kernel, const Real *displacement,
+                          const StrainChange<Real> &change, Real *force) {
     SweepJob<Real> job = _job;
     job.displacement = displacement;
-    job.increment = increment;
+    job.change = change;
     job.force = force;
     job.chunks = _chunks.data();
     job.num_chunks = _chunks.size();

@@ -16,7 +16,7 @@ template <typename Real> class SweepPlan {
               const PointRecords &records, const SweepSchedule &schedule);
 
     /// Adds the forces of the own cells; returns the smallest det F met.
-    Real run(SweepKernel<Real> kernel, const Real *displacement, const Real *increment,
+    Real run(SweepKernel<Real> kernel, const Real *displacement, const StrainChange<Real> &change,
              Real *force);
 
     /// Points of the own cells, from the first record to one past the last.
