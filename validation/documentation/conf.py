@@ -1,0 +1,35 @@
+"""How Sphinx makes the documentation; `make docs` calls it by way of .ci/docs.sh."""
+
+import sys
+from importlib import metadata
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+project = "palpate"
+author = "the palpate developers"
+copyright = f"2026, {author}"
+release = version = metadata.version("palpate")
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
+exclude_patterns = ["README.md"]
+html_theme = "furo"
+html_title = f"palpate {release}"
+html_static_path = ["static"]
+html_css_files = ["palpate.css"]
+html_math_renderer = "mathml"
+
+# The demos are the examples that the tests run too: Python files in cells, executed here.
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+nb_execution_mode = "force"
+nb_execution_timeout = 300
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+napoleon_google_docstring = True
+napoleon_use_rtype = False
