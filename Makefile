@@ -9,7 +9,7 @@ PYTHON ?=
 export VENV FENICSX PYTHON
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz wheels view clean
+.PHONY: help setup report peers scoreboard test gate lint sanitize mutants fuzz docs wheels view clean
 
 help: ## print this list
 	@echo "palpate: fast soft-tissue simulators, judged against FEniCSx"
@@ -53,6 +53,10 @@ mutants: setup ## slips in the judge's own sources, 200 by a fixed seed: each mu
 
 fuzz: setup ## mutated surfaces against the mesher, under sanitizers: FUZZ_SECONDS=60
 	@FUZZ_SECONDS=$${FUZZ_SECONDS:-60} bash .ci/sanitize.sh $(VENV)/bin/python
+
+docs: setup ## the documentation, warnings as errors: out/docs/index.html
+	@$(VENV)/bin/python -m pip install -q --disable-pip-version-check -c $(VENV)/constraints.txt --group docs
+	@bash .ci/docs.sh $(VENV)/bin/python $(OUT)/docs
 
 wheels: ## sdist and wheels, repaired and tried without a compiler: dist/
 	@bash .ci/wheels.sh dist

@@ -1,8 +1,10 @@
 """How Sphinx makes the documentation; `make docs` calls it by way of .ci/docs.sh."""
 
+import re
 import sys
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -12,7 +14,7 @@ copyright = f"2026, {author}"
 release = version = metadata.version("palpate")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
-exclude_patterns = ["README.md"]
+exclude_patterns = ["conf.py", "mathml.py", "made_pages.py"]
 html_theme = "furo"
 html_title = f"palpate {release}"
 html_static_path = ["static"]
@@ -29,7 +31,19 @@ nb_merge_streams = True
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 
+add_module_names = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 napoleon_google_docstring = True
 napoleon_use_rtype = False
+
+
+def _plain_text(*event: Any) -> None:
+    """Docstrings are plain text: what reStructuredText would take for marks is escaped."""
+    lines = event[-1]
+    lines[:] = [re.sub(r"^( *)([+|])", r"\1\\\2", line.replace("|", "\\|")) for line in lines]
+
+
+def setup(app: Any) -> None:
+    """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", _plain_text)

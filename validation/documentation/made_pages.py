@@ -54,6 +54,7 @@ def main() -> None:
     for demo in EXAMPLES.glob("*.py"):
         shutil.copy(demo, made / demo.name)
     shutil.copy(ROOT / "CHANGELOG.md", made / "changelog.md")
+    shutil.copy(ROOT / "validation" / "report" / "kidney.png", made / "kidney.png")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -75,10 +76,10 @@ def write_cases(made: Path) -> None:
     rows = []
     for name in builtin_cases():
         case = load_case(name)
-        draw_case(case, made / "cases" / f"{name}.png")
+        draw_case(case, made / "cases" / f"{name}.png", by=("matplotlib",))
         (made / "cases" / f"{name}.md").write_text(_case(name, expected.get(name, {})), "utf-8")
         verdicts = [str(says["verdict"]) for says in expected.get(name, {}).values()]
-        rows.append((f"[{name}](cases/{name}.md)", case.title, *(verdicts + ["-", "-"])[:2]))
+        rows.append((f"[{name}](cases/{name}.md)", case.title, *[*verdicts, "-", "-"][:2]))
     names = "\n".join(f"cases/{name}" for name in builtin_cases())
     text = (
         "# Built-in cases\n\nEach with its source, what its user needs, and the verdict of "
@@ -94,9 +95,7 @@ def _case(name: str, expected: Mapping[str, Any]) -> str:
     case = load_case(name)
     problem = case.problem
     comment = "\n".join(_heading_comment(case.text))
-    checks = [
-        (f"`{c.metric}`", _against(c), f"{c.limit:g}", c.reason) for c in case.spec.check
-    ]
+    checks = [(f"`{c.metric}`", _against(c), f"`{c.limit:g}`", c.reason) for c in case.spec.check]
     parts = [
         f"# {name}: {case.title}\n",
         f"{case.spec.description}\n" if case.spec.description else "",
@@ -305,14 +304,14 @@ def third_party() -> str:
 
 def _licence(distribution: str) -> str:
     try:
-        about = metadata.metadata(distribution)
+        about = metadata.metadata(distribution).json
     except metadata.PackageNotFoundError:
         return "not installed here"
-    classifiers = [c for c in about.get_all("Classifier") or [] if c.startswith("License ::")]
+    classifiers = [c for c in about.get("classifier", ()) if c.startswith("License ::")]
     stated = [
-        about.get("License-Expression") or "",
-        classifiers[-1].rsplit("::", 1)[-1].strip() if classifiers else "",
-        *(about.get("License") or "").strip().splitlines()[:1],
+        str(about.get("license_expression", "")),
+        *(c.rsplit("::", 1)[-1].strip() for c in classifiers[-1:]),
+        *str(about.get("license", "")).strip().splitlines()[:1],
     ]
     return next((text for text in stated if text), "not stated")
 
