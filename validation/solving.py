@@ -13,7 +13,7 @@ from palpate.validation.states import Elements, Method, Progress, State, in_sile
 
 
 class Simulator(StrEnum):
-    """Who solves: fastsim, or the reference, which needs FEniCSx.
+    """Who solves: fastsim, its condensed linear model, or the reference, which needs FEniCSx.
 
     >>> import palpate
     >>> palpate.Simulator("reference")
@@ -21,11 +21,12 @@ class Simulator(StrEnum):
     """
 
     FASTSIM = "fastsim"
+    CONDENSED = "condensed"
     REFERENCE = "reference"
 
 
 StrainName: TypeAlias = Strain | Literal["linear", "green"]
-SimulatorName: TypeAlias = Simulator | Literal["fastsim", "reference"]
+SimulatorName: TypeAlias = Simulator | Literal["fastsim", "condensed", "reference"]
 MethodName: TypeAlias = Method | Literal["newton", "relaxation"]
 ElementName: TypeAlias = Element | Literal["linear", "smoothed"]
 ElementsName: TypeAlias = Elements | Literal["linear", "smoothed", "both"]
@@ -49,7 +50,8 @@ def solve(
 
     Args:
         problem: A motion from rest where it has a time span, equilibrium otherwise.
-        with_: fastsim, or the reference (UFL on FEniCSx, which it needs).
+        with_: fastsim; "condensed", its condensed linear model, for linear strain and statics; or
+            the reference (UFL on FEniCSx, which it needs).
         strain: Engineering strain, or Green strain (Saint-Venant-Kirchhoff).
         degree: Of the reference's elements, 1 to 3; of a motion 1 or 2.
         method: How fastsim looks for equilibrium: Newton's method, or dynamic relaxation, which
@@ -98,6 +100,10 @@ def solve(
         from palpate.validation.references.motion_runs import solve_reference
 
         return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
+    if simulator is Simulator.CONDENSED:
+        from palpate.validation.simulators.condensed import run_condensed
+
+        return run_condensed(problem, used, progress, element=kind)
     from palpate.validation.simulators.candidate import fastsim_candidate
 
     return fastsim_candidate(method=way, element=kind, device=device).solve(problem, used, progress)
@@ -106,11 +112,11 @@ def solve(
 def _require_possible(
     problem: Problem, simulator: Simulator, method: Method, formulation: Formulation | None
 ) -> None:
-    if formulation is Formulation.MIXED and simulator is Simulator.FASTSIM:
+    if formulation is Formulation.MIXED and simulator is not Simulator.REFERENCE:
         raise InputError(
             'formulation = "mixed" is the reference\'s: solve with the reference, degree 2'
         )
-    if method is Method.RELAXATION and simulator is Simulator.REFERENCE:
+    if method is Method.RELAXATION and simulator is not Simulator.FASTSIM:
         raise InputError('method = "relaxation" is fastsim\'s: leave it out, or solve with fastsim')
     if method is Method.RELAXATION and problem.time is not None:
         raise InputError(
@@ -120,8 +126,9 @@ def _require_possible(
 
 
 def _require_stepped(problem: Problem, simulator: Simulator, method: Method, device: str) -> None:
-    if simulator is Simulator.REFERENCE:
-        raise InputError(f"device = {device!r} is fastsim's: leave it out for the reference")
+    if simulator is not Simulator.FASTSIM:
+        of = "reference" if simulator is Simulator.REFERENCE else "condensed model"
+        raise InputError(f"device = {device!r} is fastsim's: leave it out for the {of}")
     if problem.time is None and method is not Method.RELAXATION:
         raise InputError(
             f"device = {device!r} makes explicit steps, and Newton's method has none: say "

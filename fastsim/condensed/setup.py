@@ -241,6 +241,11 @@ def _chosen(given: ArrayLike | None, default: Indices, num_points: int, what: st
 
 
 def _require_condensable(problem: Problem) -> None:
+    if problem.springs:
+        raise NotCondensableError(
+            "a spring pulls by where the body is, which the condensed model takes no load by; "
+            "solve by statics, or give its force"
+        )
     require_supported(problem)
     for number, load in enumerate(problem.loads, start=1):
         if not isinstance(load, Traction | Pressure | PointForce | BodyForce):

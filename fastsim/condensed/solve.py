@@ -115,16 +115,21 @@ def require_posable(problem: Problem, strain: Strain) -> None:
     """Refuse what the condensed model cannot be asked, with the reason.
 
     Raises:
-        NotCondensableError: Green strain, a motion, or a tool that it does not know.
+        NotCondensableError: Green strain, a motion, a spring, or a tool that it does not know.
     """
     if strain is not Strain.LINEAR:
         raise NotCondensableError(
             "the condensed model adds displacements up, which Green strain does not allow; ask "
-            "for linear strain"
+            "for linear strain (strain = \"linear\", --strain linear)"
         )
     if problem.time is not None:
         raise NotCondensableError(
             "the condensed model has no inertia, and this problem is a motion; take statics"
+        )
+    if problem.springs:
+        raise NotCondensableError(
+            "a spring pulls by where the body is, and the condensed model takes forces that do "
+            "not hang on that; solve by statics"
         )
     for number, tool in enumerate(problem.tools, start=1):
         require_known_tool(tool, number)

@@ -138,7 +138,10 @@ def test_the_stresses_of_cells_are_those_that_make_the_forces(box, element, stra
 @pytest.mark.parametrize("element", list(Element))
 def test_fastsim_and_the_reference_find_the_same_stresses_on_the_same_mesh(box, element, strain):
     problem = two_materials(box)
-    found = [solve(problem, with_=who, strain=strain, element=element) for who in Simulator]
+    found = [
+        solve(problem, with_=who, strain=strain, element=element)
+        for who in (Simulator.FASTSIM, Simulator.REFERENCE)
+    ]
     ours, theirs = (state.stresses for state in found)
     for name in ("second_piola_kirchhoff", "cauchy", "von_mises"):
         one, other = getattr(ours, name), getattr(theirs, name)

@@ -122,7 +122,9 @@ def test_the_door_and_the_command_line_solve_a_motion_by_the_reference_alike(
 
 def test_a_word_that_is_not_known_is_told_with_those_that_are() -> None:
     problem = palpate.load_case("block").problem
-    with pytest.raises(palpate.InputError, match="with_ = 'fenics': use one of fastsim, reference"):
+    with pytest.raises(
+        palpate.InputError, match="with_ = 'fenics': use one of fastsim, condensed, reference"
+    ):
         palpate.solve(problem, with_="fenics")  # type: ignore[arg-type]
     with pytest.raises(palpate.InputError, match="strain = 'big': use one of linear, green"):
         palpate.solve(problem, strain="big")  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from palpate.meshes.material_law import Law
 from palpate.validation.commands.words import (
     AskedTimeStep,
     ChosenElements,
+    ChosenEngine,
     Device,
     GrantedPrecision,
     OptionalCases,
@@ -23,11 +24,13 @@ from palpate.validation.commands.words import (
     StatedIntegrator,
     TimeLimit,
     ToldIterations,
+    is_condensed,
     progress_lines,
 )
 from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.solving import Simulator
 from palpate.validation.states import ExitCode, Precision
 
 if TYPE_CHECKING:
@@ -44,6 +47,7 @@ def gate(
         Fault, typer.Option(metavar="FAULT", help="seed one of those above: the gate goes red")
     ] = Fault.NONE,
     element: ChosenElements = None,
+    with_: ChosenEngine = Simulator.FASTSIM,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     versus: Annotated[
@@ -115,7 +119,13 @@ def gate(
     if on_device and precision is Precision.SINGLE:
         arithmetic = StepPrecision.SINGLE
     given = candidates_for(
-        simulator, time_limit, element, stepping, device=device, precision=arithmetic
+        simulator,
+        time_limit,
+        element,
+        stepping,
+        device=device,
+        precision=arithmetic,
+        is_condensed=is_condensed(with_),
     )
     candidates = [with_fault(candidate, fault) for candidate in given]
     accepted = read_accepted(since) if since else None
@@ -146,8 +156,8 @@ def gate(
         loaded = [case.under(one) for case in loaded for one in dict.fromkeys(law)]
         if versus is None and any(case.other_law for case in loaded):
             require_available()
-    if on_device and (expected or record_expected):
-        raise InputError("--expected is about fastsim's core: it takes no --device")
+    if (on_device or with_ is not Simulator.FASTSIM) and (expected or record_expected):
+        raise InputError("--expected is about fastsim's core: it takes no --device or --with")
     if expected or record_expected:
         require_builtin(loaded)
     require_outputs(

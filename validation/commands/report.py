@@ -12,6 +12,7 @@ from palpate.validation.commands.gate import require_builtin, tell_unexpected
 from palpate.validation.commands.words import (
     AskedTimeStep,
     ChosenElements,
+    ChosenEngine,
     Folder,
     GrantedPrecision,
     OptionalCases,
@@ -19,9 +20,11 @@ from palpate.validation.commands.words import (
     StatedIntegrator,
     TimeLimit,
     ToldIterations,
+    is_condensed,
     progress_lines,
 )
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
+from palpate.validation.solving import Simulator
 
 
 def report(
@@ -29,6 +32,7 @@ def report(
     names: OptionalCases = None,
     every: Annotated[bool, typer.Option("--all", help="every built-in case, and an index")] = False,
     element: ChosenElements = None,
+    with_: ChosenEngine = Simulator.FASTSIM,
     simulator: SimulatorCommand = None,
     time_limit: TimeLimit = DEFAULT_TIME_LIMIT,
     integrator: StatedIntegrator = None,
@@ -56,8 +60,10 @@ def report(
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")
-    if expected and simulator:
-        raise InputError("--expected is about fastsim's verdicts: it takes no --simulator")
+    if expected and (simulator or with_ is not Simulator.FASTSIM):
+        raise InputError(
+            "--expected is about fastsim's verdicts: it takes no --simulator or --with"
+        )
     known = read_expected() if expected else {}
     if pdf:
         require_browser()
@@ -70,7 +76,11 @@ def report(
     require_run_folder(output, inputs=inputs)
     progress = progress_lines()
     candidates = candidates_for(
-        simulator, time_limit, element, Stepping(integrator, time_step, iterations)
+        simulator,
+        time_limit,
+        element,
+        Stepping(integrator, time_step, iterations),
+        is_condensed=is_condensed(with_),
     )
     results = [
         judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)

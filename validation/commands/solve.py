@@ -1,4 +1,4 @@
-"""`palpate solve`: a case solved by fastsim or the reference; displacement and stresses written."""
+"""`palpate solve`: a case solved by fastsim, its condensed model or the reference, and written."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def sweep(
         ),
     ],
     with_: Annotated[
-        Simulator, typer.Option("--with", help="reference: solved by it as well")
+        Simulator, typer.Option("--with", help="reference, or condensed: solved by it as well")
     ] = Simulator.FASTSIM,
     simulator: Annotated[
         str | None,

@@ -11,10 +11,23 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
 from palpate.reference.integrators.schemes import Integrator
 from palpate.validation.quoting import for_terminal
+from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements, Precision, Progress
+
+
+def is_condensed(simulator: Simulator) -> bool:
+    """Whether fastsim's condensed model is judged, and not fastsim itself.
+
+    Raises:
+        InputError: The reference, which is what others are held against.
+    """
+    if simulator is Simulator.REFERENCE:
+        raise InputError("--with reference: the reference is no candidate; take fastsim's engines")
+    return simulator is Simulator.CONDENSED
 
 
 def complete_case(incomplete: str) -> list[str]:
@@ -43,6 +56,10 @@ OptionalFile = Annotated[Path | None, typer.Option()]
 ChosenElements = Annotated[
     Elements | None,
     typer.Option("--element", help="of fastsim's tetrahedra; both: beside one another"),
+]
+ChosenEngine = Annotated[
+    Simulator,
+    typer.Option("--with", help="condensed: fastsim's condensed linear model; linear strain"),
 ]
 Device = Annotated[
     str,

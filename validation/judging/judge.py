@@ -82,7 +82,11 @@ def judge_case(
     everybody = [given] if isinstance(given, Candidate) else list(given)
     for judged in everybody:
         if not any(_is_answered(spec, case, judged) for spec in case.checks):
-            raise InputError(f"{case.path.name}: no check for {case.strain} strain; add one")
+            (asked,) = judged.strains_of(case.strain)
+            raise InputError(
+                f"{case.path.name}: no check for {asked} strain, for which {judged.name} is asked; "
+                "add one"
+            )
     elements = {judged.element for judged in everybody}
     references = find_references(case, live=live, elements=elements, progress=progress)
     return together(
@@ -117,7 +121,7 @@ def _judge_one(
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
-    strains = tuple(Strain) if judged.has_both_strains else (case.strain,)
+    strains = judged.strains_of(case.strain)
     for strain, answer in _answers(judged, problem, strains, progress).items():
         if isinstance(answer, CandidateFailedError):
             failures[strain] = case.spec.units.in_case_units(str(answer))
@@ -222,7 +226,7 @@ def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnos
 
 def _is_answered(spec: CheckSpec, case: Case, candidate: Candidate) -> bool:
     """Whether a candidate is asked for the strain measure that a check is about."""
-    return candidate.has_both_strains or (spec.strain or case.strain) is case.strain
+    return (spec.strain or case.strain) in candidate.strains_of(case.strain)
 
 
 def _judged(
@@ -235,7 +239,8 @@ def _judged(
     """One check of a candidate, or why it is left out, and whether it says anything."""
     strain = judge.strain_of(spec)
     if not _is_answered(spec, judge.case, candidate):
-        why = f"{candidate.name} is asked for {judge.case.strain} strain only"
+        (asked,) = candidate.strains_of(judge.case.strain)
+        why = f"{candidate.name} is asked for {asked} strain only"
         return skipped_check(spec, strain, why)
     has_failed = strain in failures
     found = judge.check(spec, None if has_failed else answer, failures.get(strain, ""))

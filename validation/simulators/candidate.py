@@ -24,6 +24,7 @@ from palpate.validation.exchange.result_files import (
     room_for_answer,
 )
 from palpate.validation.quoting import visible
+from palpate.validation.simulators.condensed import condensed_name, run_condensed
 from palpate.validation.simulators.fastsim import Way, name_of, run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.simulators.result_states import state_of_result
@@ -93,6 +94,8 @@ class Candidate:
         notes: What a reader of the verdict must know of it.
         can_be_asked: Whether it solves other problems than the case's, as a file cannot.
         element: What its tetrahedra are, where it does not say another in its answer.
+        only_strain: The one strain measure that it knows, whatever the case's; None asks for the
+            case's.
         steps_without_lock: Whether its motions let go of Python's lock, so that both strain
             measures may be stepped side by side.
     """
@@ -103,7 +106,14 @@ class Candidate:
     notes: tuple[str, ...] = field(default=())
     can_be_asked: bool = True
     element: Element = Element.LINEAR
+    only_strain: Strain | None = None
     steps_without_lock: bool = False
+
+    def strains_of(self, case_strain: Strain) -> tuple[Strain, ...]:
+        """Which strain measures it is asked for on a case of one of them."""
+        if self.has_both_strains:
+            return tuple(Strain)
+        return (self.only_strain or case_strain,)
 
 
 def fastsim_candidate(
@@ -138,6 +148,16 @@ def fastsim_candidate(
     )
 
 
+def condensed_candidate(*, element: Element = Element.LINEAR) -> Candidate:
+    """Fastsim's condensed linear model, which answers for linear strain alone.
+
+    Args:
+        element: Linear tetrahedra, plain or smoothed.
+    """
+    solve = partial(run_condensed, element=element)
+    return Candidate(condensed_name(element), solve, element=element, only_strain=Strain.LINEAR)
+
+
 def candidates_for(
     command: str | None,
     time_limit: float,
@@ -146,6 +166,7 @@ def candidates_for(
     *,
     device: str = CORE,
     precision: StepPrecision = StepPrecision.DOUBLE,
+    is_condensed: bool = False,
 ) -> list[Candidate]:
     """Fastsim by element, or the program of a command line.
 
@@ -156,6 +177,7 @@ def candidates_for(
         stepping: How the program steps, where its result does not say.
         device: Of fastsim's explicit steps; see `fastsim_candidate`.
         precision: Of them.
+        is_condensed: Whether fastsim's condensed linear model answers in its place.
 
     Raises:
         InputError: The command line cannot be used, or an element or device goes with it.
@@ -168,10 +190,16 @@ def candidates_for(
                 "takes central differences with the case's step; give --simulator"
             )
         chosen = Elements.LINEAR if elements is None else elements
+        if is_condensed:
+            if device != CORE:
+                raise InputError("--device is of explicit steps; the condensed model has none")
+            return [condensed_candidate(element=element) for element in chosen.each]
         return [
             fastsim_candidate(element=element, device=device, precision=precision)
             for element in chosen.each
         ]
+    if is_condensed:
+        raise InputError("--with is of fastsim; another simulator is named by --simulator alone")
     if device != CORE:
         raise InputError("--device is of fastsim; another simulator has its own: leave it out")
     if elements is not None:

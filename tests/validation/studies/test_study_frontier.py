@@ -39,3 +39,13 @@ def test_the_problems_share_one_body_and_one_load() -> None:
     coarse, fine = frontier.make_problem(1), frontier.make_problem(3)
     assert abs(coarse.mesh.volume - fine.mesh.volume) < 1e-15
     assert fine.mesh.num_cells == 27 * coarse.mesh.num_cells
+
+
+def test_the_condensed_model_stands_apart_as_linear_strain() -> None:
+    problem = frontier.make_problem(1)
+    seconds, green = frontier.time_fastsim(problem)
+    rows = frontier.time_condensed(problem, green, frontier.Truth(problem, green))
+    anew, ready = rows
+    assert {row.law for row in rows} == {frontier.LINEAR}
+    assert anew.error == ready.error > 0.01
+    assert ready.seconds < seconds

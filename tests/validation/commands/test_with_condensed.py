@@ -1,0 +1,90 @@
+"""`--with condensed`: fastsim's condensed linear model, wherever candidates are named."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.validation.cli import main
+from palpate.validation.simulators.candidate import condensed_candidate
+
+
+def run(monkeypatch, *arguments):
+    monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    return caught.value.code
+
+
+def verdicts(path):
+    (case,) = json.loads(path.read_text("utf-8"))["cases"]
+    return {(c["metric"], c["strain"], c["against"]): c["verdict"] for c in case["checks"]}
+
+
+def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
+    monkeypatch, tmp_path
+):
+    path = tmp_path / "r.json"
+    for case in ("block", "press"):
+        assert run(monkeypatch, "gate", case, "--with", "condensed", "--json", path) == 0
+        found = verdicts(path)
+        assert found["displacement_l2", "linear", "same_mesh"] == "passed"
+        assert {v for (_, strain, _), v in found.items() if strain == "green"} == {"skipped"}
+
+
+@pytest.mark.parametrize("fault", ["softer", "dropped-load"])
+def test_a_spoiled_answer_turns_its_gate_red(monkeypatch, tmp_path, fault):
+    path = tmp_path / "r.json"
+    arguments = ("gate", "block", "--with", "condensed", "--fault", fault, "--json", path)
+    assert run(monkeypatch, *arguments) == 1
+    assert verdicts(path)["displacement_l2", "linear", "same_mesh"] == "failed"
+
+
+def test_solve_is_the_linear_solve_and_says_what_it_was_made_of():
+    problem = palpate.load_case("block").problem
+    linear = palpate.solve(problem, strain="linear", element="smoothed")
+    state = palpate.solve(problem, with_="condensed", strain="linear", element="smoothed")
+    assert state.label == "condensed (smoothed)"
+    assert np.abs(state.displacement - linear.displacement).max() <= (
+        1e-8 * linear.max_displacement
+    )
+    assert state.details["touched_points"] > 0
+    assert condensed_candidate().strains_of(palpate.Strain.GREEN) == (palpate.Strain.LINEAR,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("solve", "block", "-o", "never.vtu"), "Green strain does not allow"),
+        (("solve", "block-motion", "--strain", "linear", "-o", "never.vtu"), "no inertia"),
+        (("solve", "block", "--method", "relaxation", "-o", "never.vtu"), "is fastsim's"),
+        (("gate", "block", "--simulator", "mysim {case} {result}"), "--with is of fastsim"),
+        (("gate", "block", "--expected"), "no --device or --with"),
+        (("gate", "block-motion"), "no check for linear strain"),
+    ],
+)
+def test_what_it_cannot_be_asked_is_refused_with_the_reason(
+    monkeypatch, tmp_path, capsys, arguments, reason
+):
+    monkeypatch.chdir(tmp_path)
+    assert run(monkeypatch, *arguments, "--with", "condensed") == 2
+    assert reason in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "never.vtu").exists()
+
+
+def test_the_reference_is_no_candidate(monkeypatch, capsys):
+    assert run(monkeypatch, "gate", "block", "--with", "reference") == 2
+    assert "no candidate" in capsys.readouterr().err
+
+
+def test_a_sweep_has_it_beside_fastsim(monkeypatch, tmp_path):
+    folder = tmp_path / "out"
+    vary = ("--vary", "load[0].factor=0.5,1", "--with", "condensed")
+    assert run(monkeypatch, "sweep", "block", *vary, "-o", folder) == 0
+    rows = list(csv.DictReader((folder / "sweep.csv").open(encoding="utf-8")))
+    mine = [row for row in rows if row["simulator"] == "condensed"]
+    assert [row["strain"] for row in mine] == ["linear", "linear"]
