@@ -32,7 +32,7 @@ def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
     for case in ("block", "press"):
         assert run(monkeypatch, "gate", case, "--with", "condensed", "--json", path) == 0
         found = verdicts(path)
-        assert found["displacement_l2", "linear", "same_mesh"] == "passed"
+        assert {v for (_, strain, _), v in found.items() if strain == "linear"} == {"passed"}
         assert {v for (_, strain, _), v in found.items() if strain == "green"} == {"skipped"}
 
 
@@ -85,6 +85,6 @@ def test_a_sweep_has_it_beside_fastsim(monkeypatch, tmp_path):
     folder = tmp_path / "out"
     vary = ("--vary", "load[0].factor=0.5,1", "--with", "condensed")
     assert run(monkeypatch, "sweep", "block", *vary, "-o", folder) == 0
-    rows = list(csv.DictReader((folder / "sweep.csv").open(encoding="utf-8")))
+    rows = list(csv.DictReader((folder / "sweep.csv").read_text("utf-8").splitlines()))
     mine = [row for row in rows if row["simulator"] == "condensed"]
     assert [row["strain"] for row in mine] == ["linear", "linear"]
