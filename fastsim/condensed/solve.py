@@ -120,7 +120,7 @@ def require_posable(problem: Problem, strain: Strain) -> None:
     if strain is not Strain.LINEAR:
         raise NotCondensableError(
             "the condensed model adds displacements up, which Green strain does not allow; ask "
-            "for linear strain (strain = \"linear\", --strain linear)"
+            'for linear strain (strain = "linear", --strain linear)'
         )
     if problem.time is not None:
         raise NotCondensableError(
