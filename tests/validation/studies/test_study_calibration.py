@@ -15,12 +15,12 @@ from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies.calibration import LOG, Found, judge, present
 from palpate.validation.studies.calibration.bars import column_problem, motion_problem
 from palpate.validation.studies.calibration.drawn import TABLE, draw_problems
-from palpate.validation.studies.calibration.kept import file_of, load_rows, save_rows
 from palpate.validation.studies.calibration.layers import layer_problem
 from palpate.validation.studies.calibration.measured import (
     STORED,
     WAYS,
     Number,
+    file_of,
     hold,
     hold_all,
     summarise,
@@ -29,6 +29,7 @@ from palpate.validation.studies.calibration.plane import Plane, PlaneLoads
 from palpate.validation.studies.calibration.plane_grid import Section
 from palpate.validation.studies.calibration.smooth import smooth_problem
 from palpate.validation.studies.closed_forms import confined_modulus
+from palpate.validation.studies.kept import load_rows, save_rows
 
 # One of each family, of the open half, for every change; the nightly script runs all.
 QUICK = ("smooth-12", "layer-02", "column-05", "clamped-02", "slender-06", "motion-08")

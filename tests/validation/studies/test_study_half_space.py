@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference.availability import is_available
 from palpate.validation.report.study_page import study_page
-from palpate.validation.states import Verdict
+from palpate.validation.states import Verdict, in_silence
 from palpate.validation.studies import half_space
 from palpate.validation.studies.closed_forms import hertz_force, punch_force
-from palpate.validation.studies.half_space import Outcome
+from palpate.validation.studies.half_space import Outcome, blocks
 from palpate.validation.studies.half_space.blocks import (
     BAR,
     CONTACT_RADIUS,
@@ -30,6 +31,7 @@ from palpate.validation.studies.half_space.blocks import (
     pressed_depth,
     round_block,
     solve_block,
+    solve_half_space,
 )
 
 if is_available():
@@ -58,6 +60,27 @@ def block(tool: str, size: float, factor: float = 1.0) -> Block:
 
 def right(tool: str, factor: float = 1.0) -> HalfSpace:
     return extrapolate(tool, [block(tool, size, factor) for size in SIZES])
+
+
+def test_a_run_that_was_cut_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    solved: list[float] = []
+
+    def solve(tool: str, size: float, bar: float, progress: object) -> Block:
+        del bar, progress
+        if len(solved) == 2:
+            solved.clear()
+            raise KeyboardInterrupt
+        solved.append(size)
+        return block(tool, size)
+
+    monkeypatch.setattr(blocks, "solve_block", solve)
+    with pytest.raises(KeyboardInterrupt):
+        solve_half_space("punch", in_silence)
+    assert solve_half_space("punch", in_silence) == right("punch")
+    assert solved == [SIZES[2]]
 
 
 def test_closed_forms_are_the_published_ones() -> None:

@@ -27,13 +27,13 @@ from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.calibration.drawn import Drawn, draw_problems
-from palpate.validation.studies.calibration.kept import kept_folder
 from palpate.validation.studies.calibration.measured import (
     WAYS,
     Number,
     hold_all,
     summarise,
 )
+from palpate.validation.studies.kept import kept_folder
 from palpate.validation.studies.study import Study
 
 LEAST_COVERED, LARGEST_MISS, LARGEST_WIDTH = 0.95, 1.5, 5.0
@@ -55,7 +55,7 @@ def compute(progress: Progress) -> Found:
     """All problems, stored and live, two at once; what a run before found is kept."""
     problems, begun = draw_problems(), _processor_time()
     jobs = min(2, os.cpu_count() or 1)
-    numbers = hold_all(problems, progress, kept=kept_folder(), jobs=jobs)
+    numbers = hold_all(problems, progress, kept=kept_folder("calibration"), jobs=jobs)
     return Found(tuple(numbers), tuple(problems), _processor_time() - begun)
 
 

@@ -22,7 +22,7 @@ from palpate.validation.references.sets import TRUTH, ReferenceSet
 from palpate.validation.states import Progress, State
 from palpate.validation.studies.calibration.answers import Answer
 from palpate.validation.studies.calibration.drawn import Drawn
-from palpate.validation.studies.calibration.kept import file_of, load_rows, save_rows
+from palpate.validation.studies.kept import kept_file, load_rows, save_rows
 
 STORED, LIVE = "stored", "live"
 WAYS = (STORED, LIVE)
@@ -142,7 +142,7 @@ def hold_all(
         problems: Which.
         progress: Called with one line now and then.
         ways: STORED, LIVE or both.
-        kept: Folder of numbers that were found before, and where new ones go; see `kept`.
+        kept: Folder of numbers that were found before, and where new ones go; see `studies.kept`.
         jobs: How many are solved at once, each in a process of its own.
     """
 
@@ -164,6 +164,12 @@ def hold_all(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def file_of(folder: Path, drawn: Drawn, way: str) -> Path:
+    """Where the numbers of a problem, found in a way, are kept."""
+    solved = [drawn.name, drawn.maker, dict(drawn.given), way]
+    return kept_file(folder, f"{drawn.name}-{way}", solved, Path(__file__).parent)
 
 
 def _error(metric: str, problem: Problem, truth: State, answer: Answer) -> float:

@@ -1,7 +1,7 @@
 """Numbers that were found already, by what was run: a study that was cut goes on where it was.
 
-In $XDG_CACHE_HOME/palpate/calibration or ~/.cache/palpate/calibration, a file for each problem and
-way. Its name is a hash of the problem, the way, and every source that has a hand in the numbers:
+In $XDG_CACHE_HOME/palpate/STUDY or ~/.cache/palpate/STUDY, a file for each thing that was solved.
+Its name ends with a hash of what was solved and of every source that has a hand in the numbers:
 another reference, another key.
 """
 
@@ -18,23 +18,29 @@ from typing import Any
 from palpate import meshes, reference
 from palpate.meshes.atomic_write import write_text_atomically
 from palpate.validation import metrics, references
-from palpate.validation.studies.calibration.drawn import Drawn
 from palpate.validation.versions import version_of
 
 
-def kept_folder() -> Path:
-    """Where numbers are kept; made where it is not there."""
+def kept_folder(study: str) -> Path:
+    """Where numbers of a study are kept; made where it is not there."""
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    folder = Path(home) / "palpate" / "calibration"
+    folder = Path(home) / "palpate" / study
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
-def file_of(folder: Path, drawn: Drawn, way: str) -> Path:
-    """Where the numbers of a problem, found in a way, are kept."""
-    told = json.dumps([drawn.name, drawn.maker, dict(drawn.given), way], sort_keys=True)
-    key = hashlib.sha256(f"{told}\n{_sources_hash()}".encode()).hexdigest()[:16]
-    return folder / f"{drawn.name}-{way}-{key}.json"
+def kept_file(folder: Path, name: str, solved: Any, own: Path) -> Path:
+    """Where the numbers of one thing are kept.
+
+    Args:
+        folder: Of all of the study's.
+        name: What the file's name begins with.
+        solved: What tells it apart, as plain values.
+        own: Folder of the study's own sources.
+    """
+    told = json.dumps(solved, sort_keys=True)
+    key = hashlib.sha256(f"{told}\n{_sources_hash(own)}".encode()).hexdigest()[:16]
+    return folder / f"{name}-{key}.json"
 
 
 def load_rows(file: Path) -> list[list[Any]] | None:
@@ -52,12 +58,12 @@ def save_rows(file: Path, rows: Sequence[Sequence[Any]]) -> None:
 
 
 @cache
-def _sources_hash() -> str:
+def _sources_hash(own: Path) -> str:
     """Of every source that the numbers come from, and of the solver's version."""
     digest = hashlib.sha256(version_of("fenics-dolfinx").encode())
     rooms = [Path(folder) for room in (meshes, reference, references, metrics)
              for folder in room.__path__]  # fmt: skip
-    for room in (*rooms, Path(__file__).parent):
+    for room in (*rooms, own):
         for file in sorted(room.rglob("*")):
             if file.suffix in (".py", ".npz"):
                 digest.update(file.relative_to(room).as_posix().encode() + file.read_bytes())
