@@ -15,6 +15,8 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.adaptivity.goals import (
+    AREA_OF_ESTIMATE,
+    AREA_WIDER,
     LEAST_RATIO,
     NOISE,
     OF_PART,
@@ -124,6 +126,24 @@ def test_norms_need_no_guard_and_the_largest_displacement_has_the_worst_points()
     assert alone["max_displacement"] == pytest.approx(SAFETY * 0.04)
     with pytest.raises(ValueError, match="swing"):
         error_bars({"swing": kept[Quantity.VOLUME]})
+
+
+def test_an_area_is_no_better_known_than_its_edges_allow():
+    plain = SAFETY * 0.002
+
+    def bars(last):
+        told = [0.004, 0.002], [4.0 * last, 2.0 * last, last]
+        return error_bars({Quantity.VOLUME: told, Quantity.SURFACE_AREA: told})
+
+    for last, wanted in (
+        (0.1, AREA_WIDER * plain),
+        (0.01, AREA_OF_ESTIMATE * 0.01),
+        (0.004, plain),
+    ):
+        assert bars(last)[Quantity.VOLUME] == pytest.approx(plain)
+        assert bars(last)[Quantity.SURFACE_AREA] == pytest.approx(wanted)
+    lost = error_bars({"surface_area": ([0.1, 0.1], [0.4, 0.2, 0.1])})
+    assert lost["surface_area"] == math.inf
 
 
 def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():
