@@ -147,7 +147,7 @@ def test_a_sphere_feels_what_the_support_gives(box):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "error"),
-    [("csm1", 0.0207), ("csm2", 0.0218), ("cantilever", 0.0131), ("beam", 0.0034)],
+    [("csm1", 0.0207), ("csm2", 0.0218), ("cantilever", 0.0131)],
 )
 def test_error_against_the_truth_is_what_a_prototype_had(name, error):
     problem = load_case(name).problem
