@@ -378,9 +378,11 @@ def require_boundary(facets: Indices, mesh: TetMesh) -> None:
     """
 
     def in_order(rows: Indices) -> Indices:
-        # Corners ascending, then rows.
-        rows = np.sort(rows, axis=1)
-        ordered: Indices = rows[np.lexsort(rows.T[::-1])]
+        # Corners ascending, then rows; one number for two corners sorts faster than two.
+        ascending = np.sort(rows, axis=1)
+        a, b, c = ascending.astype(np.int64).T
+        order = np.lexsort([c, (a << 31) | b])
+        ordered: Indices = ascending[order]
         return ordered
 
     found = _core.find_boundary_facets(mesh.cells, mesh.num_points)

@@ -55,6 +55,8 @@ def find_shells(surface: TriSurface, uses: EdgeUses | None = None) -> list[Shell
     """
     part = facet_parts(surface.facets, uses)
     members = [np.flatnonzero(part == k) for k in range(int(part.max(initial=-1)) + 1)]
+    if len(members) == 1:
+        return [Shell(members[0], surface.volume, (), ShellKind.OUTSIDE)]
     parts = [TriSurface(surface.points, surface.facets[rows]) for rows in members]
     corners = [surface.points[p.facets].reshape(-1, 3) for p in parts]
     low = np.array([c.min(axis=0) for c in corners]).reshape(-1, 3)

@@ -6,21 +6,6 @@
 
 namespace fastsim {
 
-Triple sorted_triple(Index a, Index b, Index c) {
-    if (a > b)
-        std::swap(a, b);
-    if (b > c)
-        std::swap(b, c);
-    if (a > b)
-        std::swap(a, b);
-    return {a, b, c};
-}
-
-std::uint64_t edge_key(Index a, Index b) {
-    const auto low = static_cast<std::uint64_t>(std::min(a, b));
-    return (low << 32) | static_cast<std::uint64_t>(std::max(a, b));
-}
-
 std::size_t TripleHash::operator()(const Triple &t) const {
     std::uint64_t h = static_cast<std::uint64_t>(t[0]) * 0x9E3779B97F4A7C15ull;
     h = (h ^ (h >> 29)) + static_cast<std::uint64_t>(t[1]);
@@ -59,20 +44,6 @@ void TetComplex::set_cells(std::vector<Cell> cells, std::vector<Cell> neighbours
     for (std::size_t c = 0; c < _cells.size(); ++c)
         for (const Index v : _cells[c])
             _cell_of_point[at(v)] = static_cast<Index>(c);
-}
-
-Triple TetComplex::facet(Index c, int k) const {
-    const Cell &v = _cells[at(c)];
-    const auto &f = cell_facets[slot(k)];
-    return {v[slot(f[0])], v[slot(f[1])], v[slot(f[2])]};
-}
-
-int TetComplex::corner_of(Index c, Index point) const {
-    const Cell &v = _cells[at(c)];
-    for (int k = 0; k < 4; ++k)
-        if (v[slot(k)] == point)
-            return k;
-    return -1;
 }
 
 int TetComplex::orientation(const Cell &c) const {

@@ -4,6 +4,7 @@
 
 #include "predicates/predicates.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -23,9 +24,15 @@ constexpr std::array<std::array<int, 3>, 4> cell_facets{
     {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
 
 /// The same facet whatever its orientation.
-Triple sorted_triple(Index a, Index b, Index c);
+inline Triple sorted_triple(Index a, Index b, Index c) {
+    const Index low = std::min(a, b), high = std::max(a, b);
+    return {std::min(low, c), std::max(low, std::min(high, c)), std::max(high, c)};
+}
 /// The same edge whatever its direction.
-std::uint64_t edge_key(Index a, Index b);
+inline std::uint64_t edge_key(Index a, Index b) {
+    const auto low = static_cast<std::uint64_t>(std::min(a, b));
+    return (low << 32) | static_cast<std::uint64_t>(std::max(a, b));
+}
 
 struct TripleHash {
     std::size_t operator()(const Triple &t) const;
@@ -55,8 +62,19 @@ class TetComplex {
     /// Start: cells with their neighbours, by facet; none where there is none.
     void set_cells(std::vector<Cell> cells, std::vector<Cell> neighbours);
 
-    Triple facet(Index c, int k) const;
-    int corner_of(Index c, Index point) const; // -1 when it is not a corner
+    Triple facet(Index c, int k) const {
+        const Cell &v = _cells[at(c)];
+        const auto &f = cell_facets[slot(k)];
+        return {v[slot(f[0])], v[slot(f[1])], v[slot(f[2])]};
+    }
+    /// -1 when it is not a corner.
+    int corner_of(Index c, Index point) const {
+        const Cell &v = _cells[at(c)];
+        for (int k = 0; k < 4; ++k)
+            if (v[slot(k)] == point)
+                return k;
+        return -1;
+    }
     int orientation(const Cell &c) const;
 
     /// Replaces `dead` by `fresh`. Pre-condition: both have the same outer facets.

@@ -40,7 +40,9 @@ std::int32_t BoxTree::build(std::vector<std::int32_t> &order, std::size_t begin,
         }
     }
     const auto number = static_cast<std::int32_t>(_nodes.size());
-    _nodes.push_back({box, order[begin], -1});
+    const auto first = order.begin() + static_cast<std::ptrdiff_t>(begin);
+    const auto last = std::max_element(first, order.begin() + static_cast<std::ptrdiff_t>(end));
+    _nodes.push_back({box, *first, -1, *last});
     if (end - begin == 1)
         return number;
     std::size_t axis = 0;

@@ -23,10 +23,11 @@ inline bool boxes_overlap(const Box &a, const Box &b) {
 
 class BoxTree {
   public:
-    // Leaves (right < 0) hold the single facet `left`.
+    // Leaves (right < 0) hold the single facet `left`; `last` is the largest number of a facet
+    // below.
     struct Node {
         Box box;
-        std::int32_t left, right;
+        std::int32_t left, right, last;
     };
 
     BoxTree(std::span<const Point> points, std::span<const std::array<std::int32_t, 3>> facets);

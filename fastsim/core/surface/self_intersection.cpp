@@ -15,10 +15,19 @@ class PairTest {
   public:
     explicit PairTest(std::span<const Point> points) : _points(points) {}
 
+    // On which side of a facet's plane a point lies.
+    [[nodiscard]] int side(const Facet &f, Index p) const {
+        return orient3d(at(f[0]), at(f[1]), at(f[2]), at(p));
+    }
+
     // Segment (p, q) and closed facet (a, b, c), no corner in common.
     [[nodiscard]] bool segment_meets(Index p, Index q, const Facet &f) const {
+        return segment_meets(p, q, f, side(f, p), side(f, q));
+    }
+
+    // The same where the sides of its ends are known.
+    [[nodiscard]] bool segment_meets(Index p, Index q, const Facet &f, int of_p, int of_q) const {
         const Point &a = at(f[0]), &b = at(f[1]), &c = at(f[2]);
-        const int of_p = orient3d(a, b, c, at(p)), of_q = orient3d(a, b, c, at(q));
         if (of_p * of_q > 0) {
             return false;
         }
@@ -107,9 +116,15 @@ bool facets_intersect(std::span<const Point> points, const Facet &first, const F
     case 1:
         return test.segment_meets(f[1], f[2], g) || test.segment_meets(g[1], g[2], f);
     default:
+        std::array<int, 3> of_f{}, of_g{};
         for (std::size_t k = 0; k < 3; ++k) {
-            if (test.segment_meets(f[k], f[(k + 1) % 3], g) ||
-                test.segment_meets(g[k], g[(k + 1) % 3], f)) {
+            of_f[k] = test.side(g, f[k]);
+            of_g[k] = test.side(f, g[k]);
+        }
+        for (std::size_t k = 0; k < 3; ++k) {
+            const std::size_t next = (k + 1) % 3;
+            if (test.segment_meets(f[k], f[next], g, of_f[k], of_f[next]) ||
+                test.segment_meets(g[k], g[next], f, of_g[k], of_g[next])) {
                 return true;
             }
         }
@@ -133,7 +148,9 @@ std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point>
         while (!open.empty()) {
             const BoxTree::Node &node = nodes[static_cast<std::size_t>(open.back())];
             open.pop_back();
-            if (!boxes_overlap(node.box, tree.box_of(f))) {
+            // Each pair is looked at from its first facet.
+            if (static_cast<std::size_t>(node.last) <= f ||
+                !boxes_overlap(node.box, tree.box_of(f))) {
                 continue;
             }
             if (node.right >= 0) {
@@ -142,7 +159,7 @@ std::vector<std::array<Index, 2>> find_self_intersections(std::span<const Point>
                 continue;
             }
             const auto g = static_cast<std::size_t>(node.left);
-            if (g > f && facets_intersect(points, facets[f], facets[g])) {
+            if (facets_intersect(points, facets[f], facets[g])) {
                 pairs.push_back({static_cast<Index>(f), static_cast<Index>(g)});
             }
         }
