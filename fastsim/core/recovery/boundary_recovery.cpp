@@ -2,6 +2,7 @@
 
 #include "mesher/facet_table.hpp"
 #include "recovery/flip_recovery.hpp"
+#include "recovery/plane_recovery.hpp"
 #include "recovery/steiner_recovery.hpp"
 #include "slivers/flat_cells.hpp"
 
@@ -61,6 +62,7 @@ RecoveryReport recover_boundary(TetComplex &complex, std::span<const Triple> fac
     // The limit bounds the work: many times what any surface tried so far has needed.
     SteinerRecovery steiner(complex, protection, first_inner, 500 + 4 * facets.size(), watch);
 
+    recover_planes(complex, facets, protection, watch);
     const FacetTable table(facets);
     std::vector<char> is_there = find_all(complex, table, facets.size());
     std::vector<Edge> edges;

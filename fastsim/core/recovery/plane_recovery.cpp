@@ -1,0 +1,298 @@
+#include "recovery/plane_recovery.hpp"
+
+#include "predicates/vector_algebra.hpp"
+#include "recovery/flip_recovery.hpp"
+#include "recovery/plane_groups.hpp"
+#include "recovery/plane_triangulation.hpp"
+#include "recovery/steiner_insertion.hpp"
+
+#include <algorithm>
+
+namespace fastsim {
+
+namespace {
+
+using Edge = PlaneTriangulation::Edge;
+
+constexpr std::size_t most_flips = 100;
+constexpr std::size_t largest_ring = 24;
+constexpr double any_quality = 1e-9;
+// Points beside an edge: the best cells first, each at these many halvings of the distance.
+constexpr std::array<double, 4> qualities{1e-2, 1e-4, 1e-6, any_quality};
+constexpr int most_halvings = 24;
+
+class PlaneRecovery {
+  public:
+    PlaneRecovery(TetComplex &complex, Protection &protection, Watch &watch,
+                  std::span<const Point> surface, const PlaneGroup &plane)
+        : _complex(complex), _protection(protection), _watch(watch), _flips(complex, protection),
+          _facets(plane.facets), _normal(plane.normal),
+          _wanted(surface, plane.normal, plane.facets), _plane(_wanted) {}
+
+    /// Brings a triangulation of the facets' points in that is near to what is there.
+    bool begin() {
+        if (!_wanted.is_proper())
+            return false;
+        follow_complex();
+        return bring_in();
+    }
+
+    /// Turns it into the given one, as far as can be.
+    void finish() {
+        flip_directly();
+        for (const Edge &e : _wanted.inner_edges())
+            flip_towards(e);
+        release();
+    }
+
+  private:
+    const Point &place(Index i) const { return _complex.points[TetComplex::at(i)]; }
+
+    /// Chooses the triangulation that has the edges which are there, and is Delaunay elsewhere.
+    void follow_complex() {
+        std::vector<Edge> there;
+        std::unordered_set<std::uint64_t> fixed;
+        std::unordered_set<Index> on;
+        for (const Triple &f : _facets)
+            on.insert(f.begin(), f.end());
+        std::vector<Index> points(on.begin(), on.end()), cells;
+        std::sort(points.begin(), points.end());
+        for (const Index a : points) {
+            _complex.cells_around(a, cells);
+            for (const Index c : cells)
+                for (const Index b : _complex.cell(c))
+                    if (a < b && on.contains(b))
+                        there.push_back({a, b});
+        }
+        std::sort(there.begin(), there.end());
+        there.erase(std::unique(there.begin(), there.end()), there.end());
+        const auto is_free = [&](const Edge &e) { return !fixed.contains(edge_key(e[0], e[1])); };
+        for (const Edge &e : there) {
+            if (!_plane.has_edge(e[0], e[1])) {
+                const auto crossed = _plane.crossed(e[0], e[1]);
+                if (!crossed || !std::all_of(crossed->begin(), crossed->end(), is_free) ||
+                    !open_way(*crossed, e))
+                    continue;
+            }
+            fixed.insert(edge_key(e[0], e[1]));
+        }
+        std::vector<Edge> suspects = _plane.inner_edges();
+        for (std::size_t i = 0, most = 40 * suspects.size(); i < suspects.size() && i < most; ++i) {
+            const auto [a, b] = suspects[i];
+            const auto [left, right] = _plane.far_corners(a, b);
+            if (left == none || right == none || !is_free({a, b}) || !_plane.can_flip(a, b) ||
+                !_plane.is_better_flipped(a, b))
+                continue;
+            _plane.flip(a, b);
+            suspects.insert(suspects.end(), {{a, left}, {left, b}, {b, right}, {right, a}});
+        }
+    }
+
+    /// Flips what a segment crosses, in the plane alone.
+    bool open_way(std::vector<Edge> ahead, const Edge &e) {
+        const std::size_t most = 20 + 4 * ahead.size() * ahead.size();
+        for (std::size_t i = 0; i < ahead.size() && i < most; ++i) {
+            const auto [p, q] = ahead[i];
+            if (!_plane.can_flip(p, q)) {
+                ahead.push_back({p, q});
+                continue;
+            }
+            const auto [r, s] = _plane.far_corners(p, q);
+            _plane.flip(p, q);
+            if (!_plane.has_edge(e[0], e[1]) && crosses(e, r, s))
+                ahead.push_back({r, s});
+        }
+        return _plane.has_edge(e[0], e[1]);
+    }
+
+    bool crosses(const Edge &e, Index r, Index s) const {
+        const auto crossed = _plane.crossed(e[0], e[1]);
+        return crossed && std::any_of(crossed->begin(), crossed->end(), [&](const Edge &c) {
+                   return edge_key(c[0], c[1]) == edge_key(r, s);
+               });
+    }
+
+    /// Brings the chosen triangulation in, and protects it.
+    bool bring_in() {
+        const std::vector<Triple> chosen = _plane.triangles();
+        for (const Triple &t : chosen)
+            for (std::size_t k = 0; k < 3; ++k) {
+                _watch.look();
+                if (!_flips.recover_edge(t[k], t[(k + 1) % 3], most_flips))
+                    return give_up();
+                _protection.edges.insert(edge_key(t[k], t[(k + 1) % 3]));
+            }
+        for (const Triple &t : chosen) {
+            _watch.look();
+            if (!_flips.recover_facet(t, most_flips))
+                return give_up();
+            _protection.facets.insert(sorted_triple(t[0], t[1], t[2]));
+        }
+        return true;
+    }
+
+    bool give_up() {
+        release();
+        return false;
+    }
+
+    /// Lets go of what is not wanted for good.
+    void release() {
+        for (const Edge &e : _plane.inner_edges())
+            if (!_wanted.has_edge(e[0], e[1]))
+                _protection.edges.erase(edge_key(e[0], e[1]));
+        for (const Triple &t : _plane.triangles())
+            if (_wanted.far_corners(t[0], t[1])[0] != t[2])
+                _protection.facets.erase(sorted_triple(t[0], t[1], t[2]));
+    }
+
+    /// Flips that make a wanted edge each, as long as there are any.
+    void flip_directly() {
+        std::vector<Edge> edges = _plane.inner_edges();
+        for (std::size_t i = 0; i < edges.size(); ++i) {
+            const auto [p, q] = edges[i];
+            const auto [r, s] = _plane.far_corners(p, q);
+            if (r == none || s == none || _wanted.has_edge(p, q) || !_wanted.has_edge(r, s) ||
+                !_plane.can_flip(p, q) || !flip(p, q))
+                continue;
+            edges.insert(edges.end(), {{p, r}, {r, q}, {q, s}, {s, p}});
+        }
+    }
+
+    /// Sloan's way to one wanted edge.
+    void flip_towards(const Edge &e) {
+        if (_plane.has_edge(e[0], e[1]))
+            return;
+        const auto crossed = _plane.crossed(e[0], e[1]);
+        if (!crossed)
+            return;
+        std::vector<Edge> ahead = *crossed;
+        const std::size_t most = 20 + 4 * ahead.size() * ahead.size();
+        for (std::size_t i = 0; i < ahead.size() && i < most; ++i) {
+            const auto [p, q] = ahead[i];
+            if (!_plane.can_flip(p, q)) {
+                ahead.push_back({p, q});
+                continue;
+            }
+            const auto [r, s] = _plane.far_corners(p, q);
+            if (!flip(p, q))
+                return;
+            if (!_plane.has_edge(e[0], e[1]) && crosses(e, r, s))
+                ahead.push_back({r, s});
+        }
+    }
+
+    /// One flip in the plane, made in space.
+    bool flip(Index p, Index q) {
+        _watch.look();
+        const auto [r, s] = _plane.far_corners(p, q);
+        const bool is_done =
+            flip_in_space(p, q, r, s) || (clear_sides(p, q, r, s) && flip_in_space(p, q, r, s));
+        if (!is_done)
+            return false;
+        _protection.facets.erase(sorted_triple(p, q, r));
+        _protection.facets.erase(sorted_triple(p, q, s));
+        _protection.edges.insert(edge_key(r, s));
+        _protection.facets.insert(sorted_triple(p, r, s));
+        _protection.facets.insert(sorted_triple(q, r, s));
+        _plane.flip(p, q);
+        return true;
+    }
+
+    bool flip_in_space(Index p, Index q, Index r, Index s) {
+        const std::uint64_t edge = edge_key(p, q);
+        _protection.edges.erase(edge);
+        const bool is_done =
+            remove_edge(_complex, p, q, _protection, largest_ring, any_quality, r, s);
+        if (!is_done)
+            _protection.edges.insert(edge);
+        return is_done;
+    }
+
+    /// Leaves one point at the edge on either side of the plane.
+    bool clear_sides(Index p, Index q, Index r, Index s) {
+        for (int side = 0; side < 2; ++side) {
+            std::vector<Index> cells, ring;
+            bool is_closed = false;
+            _complex.edge_ring(p, q, cells, ring, is_closed);
+            if (!is_closed)
+                return false;
+            // Cell i holds ring[i] and ring[i + 1]: from r on, those of one side come first.
+            const auto start = std::find(ring.begin(), ring.end(), r) - ring.begin();
+            if (start == static_cast<std::ptrdiff_t>(ring.size()))
+                return false;
+            std::rotate(ring.begin(), ring.begin() + start, ring.end());
+            std::rotate(cells.begin(), cells.begin() + start, cells.end());
+            const auto middle = std::find(ring.begin(), ring.end(), s) - ring.begin();
+            if (middle == static_cast<std::ptrdiff_t>(ring.size()))
+                return false;
+            const std::vector<Index> one(cells.begin(), cells.begin() + middle);
+            const std::vector<Index> other(cells.begin() + middle, cells.end());
+            if (one.size() > 2 ? !insert_beside(p, q, r, s, one, ring[1])
+                               : other.size() > 2 && !insert_beside(p, q, r, s, other, ring.back()))
+                return false;
+        }
+        return true;
+    }
+
+    /// A point above where the diagonals cross, on the side of `beside`.
+    bool insert_beside(Index p, Index q, Index r, Index s, const std::vector<Index> &cells,
+                       Index beside) {
+        const Point pq = minus(place(q), place(p)), rs = minus(place(s), place(r));
+        const Point across = cross(pq, _normal);
+        const double t = -dot(across, minus(place(r), place(p))) / dot(across, rs);
+        const Point foot = along(place(r), rs, t);
+        const double sign = dot(_normal, minus(place(beside), foot)) > 0.0 ? 1.0 : -1.0;
+        const double reach = 0.5 * std::min(norm(pq), norm(rs));
+        const auto v = static_cast<Index>(_complex.points.size());
+        _complex.add_point({});
+        for (const double quality : qualities) {
+            double height = sign * reach / norm(_normal);
+            for (int k = 0; k < most_halvings; ++k, height *= 0.5) {
+                _complex.points.back() = along(foot, _normal, height);
+                if (insert_star(_complex, _protection, cells, v, quality))
+                    return true;
+            }
+        }
+        return false; // the point stays, in no cell
+    }
+
+    TetComplex &_complex;
+    Protection &_protection;
+    Watch &_watch;
+    FlipRecovery _flips;
+    std::span<const Triple> _facets;
+    Point _normal;
+    PlaneTriangulation _wanted, _plane;
+};
+
+} // namespace
+
+std::size_t recover_planes(TetComplex &complex, std::span<const Triple> facets,
+                           Protection &protection, Watch &watch) {
+    const std::vector<Point> surface = complex.points; // others come and go
+    const std::vector<PlaneGroup> planes = find_needle_planes(surface, facets);
+    if (planes.empty())
+        return 0;
+    for (const Triple &f : facets) {
+        for (std::size_t k = 0; k < 3; ++k)
+            if (complex.has_edge(f[k], f[(k + 1) % 3]))
+                protection.edges.insert(edge_key(f[k], f[(k + 1) % 3]));
+        if (complex.find_facet(f[0], f[1], f[2]).cell != none)
+            protection.facets.insert(sorted_triple(f[0], f[1], f[2]));
+    }
+    watch.begin("bringing needles of plane faces in", planes.size());
+    // All are begun before any is finished: what is well-shaped is in nobody's way.
+    std::vector<PlaneRecovery> begun;
+    begun.reserve(planes.size());
+    for (const PlaneGroup &plane : planes) {
+        begun.emplace_back(complex, protection, watch, surface, plane);
+        if (!begun.back().begin())
+            begun.pop_back();
+    }
+    for (PlaneRecovery &plane : begun)
+        plane.finish();
+    return planes.size();
+}
+
+} // namespace fastsim
