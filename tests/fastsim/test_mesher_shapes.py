@@ -18,6 +18,7 @@ from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.studies.organs.spoiling import polygon_plate
 
 Array = NDArray[np.float64]
 # Sums of as many roundings as there are cells: 1e-12 leaves room for 1e4.
@@ -391,3 +392,16 @@ def test_schoenhardts_prism_takes_one_inner_point(turn_deg: float) -> None:
     assert (mesh.num_points, mesh.num_cells, report.steiner_points) == (7, 8, 1)
     mesh, report = require_kept(prism(turn_deg, diagonals=1))
     assert (mesh.num_points, report.steiner_points) == (6, 0)
+
+
+@pytest.mark.parametrize("sides", [64, 128])
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_a_face_cut_from_one_corner(sides: int, is_turned: bool) -> None:
+    # Each needle of a face crosses many edges of a Delaunay mesh. Without flips in the plane the
+    # mesh had 6.7 and 9 cells for each facet, a point for two, and with 128 sides turned no volume.
+    points, facets = polygon_plate(sides).surface.points, polygon_plate(sides).surface.facets
+    if is_turned:
+        points = points @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    mesh, report = require_kept(outward(points, facets))
+    assert mesh.num_cells < 6 * len(facets)
+    assert report.steiner_points < len(facets) / 8

@@ -2,8 +2,9 @@
 // "Check boundary points and topology preservation" (section II, step 5): every edge and facet
 // of the given surface is brought into the tetrahedralisation, edges first.
 //
-//   1. by flips; what is there is protected from later flips;
-//   2. where flips are stuck, by points on the edge or facet, where cells cross it. Coordinates
+//   1. needles in one plane by flips in that plane (plane_recovery.hpp);
+//   2. the rest by flips; what is there is protected from later flips;
+//   3. where flips are stuck, by points on the edge or facet, where cells cross it. Coordinates
 //      are rounded, so such an edge or facet bends by roundings; what is inside is decided by
 //      the bent triangles, exactly. The points are moved off the surface after carving
 //      (steiner_removal.hpp; after George, Borouchaki and Saltel 2003, Si 2015).

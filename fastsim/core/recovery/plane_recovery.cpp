@@ -3,8 +3,10 @@
 #include "predicates/vector_algebra.hpp"
 #include "recovery/flip_recovery.hpp"
 #include "recovery/plane_groups.hpp"
+#include "recovery/plane_start.hpp"
 #include "recovery/plane_triangulation.hpp"
 #include "recovery/steiner_insertion.hpp"
+#include "slivers/flat_cells.hpp"
 
 #include <algorithm>
 
@@ -14,6 +16,8 @@ namespace {
 
 using Edge = PlaneTriangulation::Edge;
 
+// Fewer missing edges of a plane are left to flips that know nothing of it.
+constexpr std::ptrdiff_t fewest_missing = 8;
 constexpr std::size_t most_flips = 100;
 constexpr std::size_t largest_ring = 24;
 constexpr double any_quality = 1e-9;
@@ -29,11 +33,23 @@ class PlaneRecovery {
           _facets(plane.facets), _normal(plane.normal),
           _wanted(surface, plane.normal, plane.facets), _plane(_wanted) {}
 
+    /// Whether enough of it is missing to be worth the points that this may cost.
+    bool is_worth_it() const {
+        const std::vector<Edge> edges = _wanted.inner_edges();
+        return _wanted.is_proper() && std::count_if(edges.begin(), edges.end(), [&](const Edge &e) {
+                                          return !_complex.has_edge(e[0], e[1]);
+                                      }) >= fewest_missing;
+    }
+
     /// Brings a triangulation of the facets' points in that is near to what is there.
     bool begin() {
-        if (!_wanted.is_proper())
-            return false;
-        follow_complex();
+        // Given facets under it would be in the way, where points lie in the plane but for
+        // roundings.
+        for (const Edge &e : _wanted.inner_edges())
+            _protection.edges.erase(edge_key(e[0], e[1]));
+        for (const Triple &f : _facets)
+            _protection.facets.erase(sorted_triple(f[0], f[1], f[2]));
+        _plane = follow_complex(_complex, _wanted, _normal);
         return bring_in();
     }
 
@@ -41,76 +57,12 @@ class PlaneRecovery {
     void finish() {
         flip_directly();
         for (const Edge &e : _wanted.inner_edges())
-            flip_towards(e);
+            _plane.bring_in(e[0], e[1], [&](Index p, Index q) { return flip(p, q); });
         release();
     }
 
   private:
     const Point &place(Index i) const { return _complex.points[TetComplex::at(i)]; }
-
-    /// Chooses the triangulation that has the edges which are there, and is Delaunay elsewhere.
-    void follow_complex() {
-        std::vector<Edge> there;
-        std::unordered_set<std::uint64_t> fixed;
-        std::unordered_set<Index> on;
-        for (const Triple &f : _facets)
-            on.insert(f.begin(), f.end());
-        std::vector<Index> points(on.begin(), on.end()), cells;
-        std::sort(points.begin(), points.end());
-        for (const Index a : points) {
-            _complex.cells_around(a, cells);
-            for (const Index c : cells)
-                for (const Index b : _complex.cell(c))
-                    if (a < b && on.contains(b))
-                        there.push_back({a, b});
-        }
-        std::sort(there.begin(), there.end());
-        there.erase(std::unique(there.begin(), there.end()), there.end());
-        const auto is_free = [&](const Edge &e) { return !fixed.contains(edge_key(e[0], e[1])); };
-        for (const Edge &e : there) {
-            if (!_plane.has_edge(e[0], e[1])) {
-                const auto crossed = _plane.crossed(e[0], e[1]);
-                if (!crossed || !std::all_of(crossed->begin(), crossed->end(), is_free) ||
-                    !open_way(*crossed, e))
-                    continue;
-            }
-            fixed.insert(edge_key(e[0], e[1]));
-        }
-        std::vector<Edge> suspects = _plane.inner_edges();
-        for (std::size_t i = 0, most = 40 * suspects.size(); i < suspects.size() && i < most; ++i) {
-            const auto [a, b] = suspects[i];
-            const auto [left, right] = _plane.far_corners(a, b);
-            if (left == none || right == none || !is_free({a, b}) || !_plane.can_flip(a, b) ||
-                !_plane.is_better_flipped(a, b))
-                continue;
-            _plane.flip(a, b);
-            suspects.insert(suspects.end(), {{a, left}, {left, b}, {b, right}, {right, a}});
-        }
-    }
-
-    /// Flips what a segment crosses, in the plane alone.
-    bool open_way(std::vector<Edge> ahead, const Edge &e) {
-        const std::size_t most = 20 + 4 * ahead.size() * ahead.size();
-        for (std::size_t i = 0; i < ahead.size() && i < most; ++i) {
-            const auto [p, q] = ahead[i];
-            if (!_plane.can_flip(p, q)) {
-                ahead.push_back({p, q});
-                continue;
-            }
-            const auto [r, s] = _plane.far_corners(p, q);
-            _plane.flip(p, q);
-            if (!_plane.has_edge(e[0], e[1]) && crosses(e, r, s))
-                ahead.push_back({r, s});
-        }
-        return _plane.has_edge(e[0], e[1]);
-    }
-
-    bool crosses(const Edge &e, Index r, Index s) const {
-        const auto crossed = _plane.crossed(e[0], e[1]);
-        return crossed && std::any_of(crossed->begin(), crossed->end(), [&](const Edge &c) {
-                   return edge_key(c[0], c[1]) == edge_key(r, s);
-               });
-    }
 
     /// Brings the chosen triangulation in, and protects it.
     bool bring_in() {
@@ -156,29 +108,6 @@ class PlaneRecovery {
                 !_plane.can_flip(p, q) || !flip(p, q))
                 continue;
             edges.insert(edges.end(), {{p, r}, {r, q}, {q, s}, {s, p}});
-        }
-    }
-
-    /// Sloan's way to one wanted edge.
-    void flip_towards(const Edge &e) {
-        if (_plane.has_edge(e[0], e[1]))
-            return;
-        const auto crossed = _plane.crossed(e[0], e[1]);
-        if (!crossed)
-            return;
-        std::vector<Edge> ahead = *crossed;
-        const std::size_t most = 20 + 4 * ahead.size() * ahead.size();
-        for (std::size_t i = 0; i < ahead.size() && i < most; ++i) {
-            const auto [p, q] = ahead[i];
-            if (!_plane.can_flip(p, q)) {
-                ahead.push_back({p, q});
-                continue;
-            }
-            const auto [r, s] = _plane.far_corners(p, q);
-            if (!flip(p, q))
-                return;
-            if (!_plane.has_edge(e[0], e[1]) && crosses(e, r, s))
-                ahead.push_back({r, s});
         }
     }
 
@@ -228,11 +157,22 @@ class PlaneRecovery {
                 return false;
             const std::vector<Index> one(cells.begin(), cells.begin() + middle);
             const std::vector<Index> other(cells.begin() + middle, cells.end());
-            if (one.size() > 2 ? !insert_beside(p, q, r, s, one, ring[1])
-                               : other.size() > 2 && !insert_beside(p, q, r, s, other, ring.back()))
+            const auto is_clear = [&](const std::vector<Index> &half, Index beside) {
+                return half.size() < 2 || (half.size() == 2 && is_cell({r, s, beside, p}) &&
+                                           is_cell({r, s, beside, q}));
+            };
+            if (!is_clear(one, ring[1]) ? !insert_beside(p, q, r, s, one, ring[1])
+                                        : !is_clear(other, ring.back()) &&
+                                              !insert_beside(p, q, r, s, other, ring.back()))
                 return false;
         }
         return true;
+    }
+
+    /// Whether four points make a cell that is not flat, either way round.
+    bool is_cell(const Cell &c) const {
+        return std::max(cell_quality(_complex, c),
+                        cell_quality(_complex, {c[1], c[0], c[2], c[3]})) > any_quality;
     }
 
     /// A point above where the diagonals cross, on the side of `beside`.
@@ -268,12 +208,19 @@ class PlaneRecovery {
 
 } // namespace
 
-std::size_t recover_planes(TetComplex &complex, std::span<const Triple> facets,
-                           Protection &protection, Watch &watch) {
+void recover_planes(TetComplex &complex, std::span<const Triple> facets, Protection &protection,
+                    Watch &watch) {
     const std::vector<Point> surface = complex.points; // others come and go
     const std::vector<PlaneGroup> planes = find_needle_planes(surface, facets);
-    if (planes.empty())
-        return 0;
+    std::vector<PlaneRecovery> chosen;
+    chosen.reserve(planes.size());
+    for (const PlaneGroup &plane : planes) {
+        chosen.emplace_back(complex, protection, watch, surface, plane);
+        if (!chosen.back().is_worth_it())
+            chosen.pop_back();
+    }
+    if (chosen.empty())
+        return;
     for (const Triple &f : facets) {
         for (std::size_t k = 0; k < 3; ++k)
             if (complex.has_edge(f[k], f[(k + 1) % 3]))
@@ -281,18 +228,16 @@ std::size_t recover_planes(TetComplex &complex, std::span<const Triple> facets,
         if (complex.find_facet(f[0], f[1], f[2]).cell != none)
             protection.facets.insert(sorted_triple(f[0], f[1], f[2]));
     }
-    watch.begin("bringing needles of plane faces in", planes.size());
+    watch.begin("bringing needles of plane faces in", chosen.size());
     // All are begun before any is finished: what is well-shaped is in nobody's way.
-    std::vector<PlaneRecovery> begun;
-    begun.reserve(planes.size());
-    for (const PlaneGroup &plane : planes) {
-        begun.emplace_back(complex, protection, watch, surface, plane);
-        if (!begun.back().begin())
-            begun.pop_back();
-    }
-    for (PlaneRecovery &plane : begun)
-        plane.finish();
-    return planes.size();
+    std::vector<char> has_begun;
+    for (PlaneRecovery &plane : chosen)
+        has_begun.push_back(plane.begin());
+    // Points in a plane but for roundings leave flat cells under it, which hinder what comes.
+    remove_flat_cells(complex, protection, true);
+    for (std::size_t i = 0; i < chosen.size(); ++i)
+        if (has_begun[i])
+            chosen[i].finish();
 }
 
 } // namespace fastsim

@@ -15,8 +15,7 @@ namespace fastsim {
 
 /// Brings needles in one plane in as far as this can; what else of the surface is there, and
 /// protected, stays. `protection` holds what is there of these planes as well.
-/// Returns the number of planes that were worked on.
-std::size_t recover_planes(TetComplex &complex, std::span<const Triple> facets,
-                           Protection &protection, Watch &watch);
+void recover_planes(TetComplex &complex, std::span<const Triple> facets, Protection &protection,
+                    Watch &watch);
 
 } // namespace fastsim

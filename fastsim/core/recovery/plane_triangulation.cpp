@@ -106,6 +106,31 @@ void PlaneTriangulation::flip(Index a, Index b) {
     add(right, b, left);
 }
 
+bool PlaneTriangulation::bring_in(Index a, Index b,
+                                  const std::function<bool(Index, Index)> &flip_edge) {
+    if (has_edge(a, b))
+        return true;
+    const auto crossing = crossed(a, b);
+    if (!crossing)
+        return false;
+    std::vector<Edge> ahead = *crossing;
+    // Sloan's loop ends; roundings can be no reason why it should not.
+    const std::size_t most = 20 + 4 * ahead.size() * ahead.size();
+    for (std::size_t i = 0; i < ahead.size() && i < most; ++i) {
+        const auto [p, q] = ahead[i];
+        if (!can_flip(p, q)) {
+            ahead.push_back({p, q});
+            continue;
+        }
+        const auto [r, s] = far_corners(p, q);
+        if (!flip_edge(p, q))
+            return false;
+        if (turn(a, b, r) * turn(a, b, s) < 0)
+            ahead.push_back({r, s});
+    }
+    return has_edge(a, b);
+}
+
 std::optional<std::vector<PlaneTriangulation::Edge>> PlaneTriangulation::crossed(Index a,
                                                                                  Index b) const {
     const auto around = _ahead.find(a);

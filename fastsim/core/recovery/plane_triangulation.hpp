@@ -4,6 +4,7 @@
 
 #include "mesher/tet_complex.hpp"
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <unordered_map>
@@ -35,6 +36,9 @@ class PlaneTriangulation {
     /// Whether the flip of (a, b) would make its smaller angles larger.
     bool is_better_flipped(Index a, Index b) const;
     void flip(Index a, Index b);
+    /// Brings edge (a, b) in by flips of what it crosses; `flip_edge(p, q)` makes each flip here
+    /// and elsewhere, or refuses. Whether the edge is there.
+    bool bring_in(Index a, Index b, const std::function<bool(Index, Index)> &flip_edge);
     /// Edges that segment (a, b) passes through, from a; nothing when it meets a point or the rim.
     std::optional<std::vector<Edge>> crossed(Index a, Index b) const;
 
