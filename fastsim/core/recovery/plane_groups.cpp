@@ -23,17 +23,26 @@ std::vector<PlaneGroup> find_needle_planes(std::span<const Point> points,
         return cross(minus(place(f[1]), place(f[0])), minus(place(f[2]), place(f[0])));
     };
     std::vector<double> areas(facets.size()), lengths(facets.size(), 0.0);
-    std::unordered_map<std::uint64_t, std::array<Index, 2>> sides;
+    const auto is_needle = [&](std::size_t i) {
+        return areas[i] < needle * lengths[i] * lengths[i];
+    };
+    bool has_needles = false;
     for (std::size_t i = 0; i < facets.size(); ++i) {
         const Triple &f = facets[i];
         areas[i] = norm(normal_of(f));
+        for (std::size_t k = 0; k < 3; ++k)
+            lengths[i] = std::max(lengths[i], norm(minus(place(f[(k + 1) % 3]), place(f[k]))));
+        has_needles = has_needles || is_needle(i);
+    }
+    if (!has_needles)
+        return {};
+    std::unordered_map<std::uint64_t, std::array<Index, 2>> sides;
+    for (std::size_t i = 0; i < facets.size(); ++i)
         for (std::size_t k = 0; k < 3; ++k) {
-            const Index a = f[k], b = f[(k + 1) % 3];
-            lengths[i] = std::max(lengths[i], norm(minus(place(b), place(a))));
+            const Index a = facets[i][k], b = facets[i][(k + 1) % 3];
             sides.try_emplace(edge_key(a, b), std::array{none, none}).first->second[a < b ? 0 : 1] =
                 static_cast<Index>(i);
         }
-    }
     std::vector<Index> by_area(facets.size());
     std::iota(by_area.begin(), by_area.end(), 0);
     std::stable_sort(by_area.begin(), by_area.end(), [&](Index i, Index j) {
@@ -53,8 +62,7 @@ std::vector<PlaneGroup> find_needle_planes(std::span<const Point> points,
         std::vector<std::size_t> found{start};
         for (std::size_t i = 0; i < found.size(); ++i) {
             const Triple &f = facets[found[i]];
-            has_needle =
-                has_needle || areas[found[i]] < needle * lengths[found[i]] * lengths[found[i]];
+            has_needle = has_needle || is_needle(found[i]);
             group.facets.push_back(f);
             for (std::size_t k = 0; k < 3; ++k) {
                 const Index a = f[k], b = f[(k + 1) % 3];

@@ -210,8 +210,10 @@ class PlaneRecovery {
 
 void recover_planes(TetComplex &complex, std::span<const Triple> facets, Protection &protection,
                     Watch &watch) {
+    const std::vector<PlaneGroup> planes = find_needle_planes(complex.points, facets);
+    if (planes.empty())
+        return;
     const std::vector<Point> surface = complex.points; // others come and go
-    const std::vector<PlaneGroup> planes = find_needle_planes(surface, facets);
     std::vector<PlaneRecovery> chosen;
     chosen.reserve(planes.size());
     for (const PlaneGroup &plane : planes) {
