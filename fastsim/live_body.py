@@ -179,8 +179,7 @@ class LiveBody:
         given = problem.time.time_step if problem.time is not None else None
         step = given if time_step is None else time_step
         if step is None:
-            bare = dataclasses.replace(problem, time=None)
-            found = ExplicitBody(bare, strain=strain, element=element, time_step=None)
+            found = ExplicitBody(problem, strain=strain, element=element)
             step = _cut(SAFETY * found.critical_time_step)
         self._engine = ExplicitBody(
             problem,
@@ -254,7 +253,7 @@ class LiveBody:
             self._pull.send(number, goal, engine.time, end)
         self._goals = {}
         self._log.went(begin, begin + num_steps, sent, goals)
-        if self.tools and self._is_read:
+        if self.tools:
             engine.run.take_tool_records()  # impulses begin anew
         engine.step(num_steps)
         self._is_read, self._span = not self.tools, num_steps * self.time_step
