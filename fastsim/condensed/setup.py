@@ -247,6 +247,11 @@ def _require_condensable(problem: Problem) -> None:
             "solve by statics, or give its force"
         )
     require_supported(problem)
+    if problem.springs:
+        raise NotCondensableError(
+            "a spring over a patch makes the body stiffer; the condensed model takes forces that "
+            "do not depend on the displacement"
+        )
     for number, load in enumerate(problem.loads, start=1):
         if not isinstance(load, Traction | Pressure | PointForce | BodyForce):
             raise NotCondensableError(

@@ -8,6 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
+from palpate.fastsim.dynamic_relaxation import relax
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.fastsim.springs import PatchSprings
@@ -15,9 +16,11 @@ from palpate.fastsim.statics import solve_static as fast_static
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import Pressure, Support
 from palpate.meshes.bricks import brick_box, side
+from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.reference.availability import is_available
 
@@ -96,6 +99,21 @@ def test_beside_a_pressure_and_a_slanted_plane() -> None:
     )
     mine = fast_static(problem).displacement
     assert apart(mine, solve_static(problem).displacement) < 1e-8
+
+
+@pytest.mark.dolfinx
+def test_beside_a_tool() -> None:
+    """A ball presses where the spring pulls; dynamic relaxation says that it knows no springs."""
+    problem = pinched()
+    top = problem.mesh.points[:, 2].max()
+    ways = np.array([[0.4, 0.3, top + 0.31], [0.4, 0.3, top + 0.25]])
+    ball = RigidTool(SphereShape(0.3), ToolPath(np.array([0.0, 1.0]), ways))
+    pressed = dataclasses.replace(problem, tools=(ball,))
+    mine = fast_static(pressed).displacement
+    assert apart(mine, fast_static(problem).displacement) > 0.1
+    assert apart(mine, solve_static(pressed).displacement) < 1e-6
+    with pytest.raises(InputError, match="knows no springs"):
+        relax(problem)
 
 
 @pytest.mark.dolfinx

@@ -112,7 +112,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "other_law": _other_law(problem.material.law),
         "green": [s for s in result.states if not s.is_reference and s.strain is Strain.GREEN],
         "num_supports": len(problem.supports),
-        "loads": [type(load).__name__ for load in problem.loads],
+        "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "num_inclusions": len(problem.inclusions),
         "credibility": credibility(result),

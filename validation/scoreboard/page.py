@@ -182,7 +182,8 @@ def entry_row(entry: Entry, board: Board) -> dict[str, Any]:
 def about_case(problem: Problem, strain: Strain) -> str:
     """What is asked of a body, in a sentence."""
     material, mesh = problem.material, problem.mesh
-    kinds = ", ".join(dict.fromkeys(type(load).__name__ for load in problem.loads)) or "none"
+    kinds = ", ".join(dict.fromkeys(type(x).__name__ for x in (*problem.loads, *problem.springs)))
+    kinds = kinds or "none"
     motion = "" if problem.time is None else f", {problem.time.end_time:g} s of motion"
     return (
         f"{mesh.num_cells} tetrahedra, {mesh.num_points} points; E = "

@@ -17,6 +17,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape, ToolPath
 from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.spring import AnchorPath, Spring
 from palpate.meshes.tet_mesh import TetMesh
 
 SPAN = TimeSpan(0.01)
@@ -63,5 +64,9 @@ def test_what_only_the_core_does_is_refused(ragged_box: TetMesh) -> None:
         ExplicitBody(plain, body_contact=ContactLaw(ContactForm.PENALTY), device="warp:cpu")
     path = ToolPath(np.array([0.0]), np.array([[0.8, 0.5, 3.0]]))
     tool = RigidTool(SurfaceShape(shape_sphere(0.4, edge_length=0.3)), path)
+    spring = Spring.on(ragged_box, (0.8, 0.5, 1.2), 0.5, 100.0, AnchorPath([0.0], np.zeros((1, 3))))
+    pulled = Problem(ragged_box, SOFT, (), (), SPAN, springs=(spring,))
+    with pytest.raises(UnsupportedOnDeviceError, match="a spring over a patch"):
+        ExplicitBody(pulled, device="warp:cpu")
     with pytest.raises(UnsupportedOnDeviceError, match="surface"):
         ExplicitBody(Problem(ragged_box, SOFT, (), (), SPAN, (tool,)), device="warp:cpu")

@@ -44,7 +44,29 @@ def out_of_balance(u, t):
     a, b, c = np.moveaxis((X if is_linear else X + u)[rest["pressure_facets"]], 1, 0)
     p = rest["pressure"] * np.array([*factors, 0.0])[rest["pressure_load"]]
     np.add.at(total, rest["pressure_facets"], (-p[:, None] / 6 * np.cross(b - a, c - a))[:, None])
+    for spring in case["springs"]:
+        pull(spring, u, t, total)
     return total - internal(u, strain_of(u))
+
+
+def pull(spring, u, t, total):
+    """Add kappa (d - u) of a spring."""
+    facets, path = np.array(spring["facets"]), spring["path"]
+    corners = X[facets]
+    a, b, c = np.moveaxis(corners, 1, 0)
+    A = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    far = np.sum((corners - spring["center"]) ** 2, axis=2) / spring["radius"] ** 2
+    w = np.where(far < 1, (1 - far) ** 2, 0.0)
+    kappa = spring["stiffness"] * w / (A @ w.mean(axis=1))
+    d = np.array(path["displacements"][-1])
+    if t is not None:
+        kappa = kappa * factor(spring["amplitude"], t)
+        ways = np.array(path["displacements"]).T
+        d = np.array([factor({**path, "factors": way}, t) for way in ways])
+    same = {1: 1 / 10, 2: 1 / 30, 3: 1 / 60}
+    for i, j, k in np.ndindex(3, 3, 3):
+        share = A * same[len({i, j, k})] * kappa[:, k]
+        np.add.at(total, facets[:, i], share[:, None] * (d - u[facets[:, j]]))
 
 
 def strain_of(u):

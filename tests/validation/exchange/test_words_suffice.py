@@ -17,6 +17,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.spring import AnchorPath, Spring
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.conventions import describe_conventions
@@ -65,6 +66,25 @@ def test_it_steps_through_the_motion_of_the_block(tmp_path: Path, strain: Strain
     found = answer(tmp_path, problem, strain)
     largest = np.abs(expected.displacements).max()
     assert np.abs(found - expected.displacements).max() <= TOLERANCE * largest
+
+
+@pytest.mark.parametrize("strain", Strain)
+def test_it_knows_springs_over_patches(tmp_path: Path, problem: Problem, strain: Strain) -> None:
+    path = AnchorPath(np.array([0.0, 0.1]), np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.3]]), True)
+    gripped = TabularAmplitude((0.0, 0.05, 0.15), (0.2, 1.0, 0.0))
+    spring = Spring.on(problem.mesh, (1.5, 0.5, 1.0), 0.6, 300.0, path, gripped)
+    moving = dataclasses.replace(
+        problem,
+        material=Material(1000.0, 0.3, 2.0),
+        springs=(spring,),
+        time=TimeSpan(0.1, 2e-4, 3.0, 10),
+    )
+    expected = simulate(moving, strain=strain).displacements
+    without = simulate(dataclasses.replace(moving, springs=()), strain=strain).displacements
+    largest = np.abs(expected).max()
+    assert np.abs(expected - without).max() > 0.2 * largest
+    found = answer(tmp_path, moving, strain)
+    assert np.abs(found - expected).max() <= TOLERANCE * largest
 
 
 @pytest.mark.parametrize("strain", Strain)

@@ -31,7 +31,8 @@ class Body:
         loads = [load["amplitude"] for load in given["loads"]]
         if (
             given["strain"] != "green" or self.law not in LAWS or not given["time"] or any(loads)
-            or given["tools"] or len(arrays["pressure"]) or arrays["prescribed_displacement"].any()
+            or given["tools"] or given["springs"] or len(arrays["pressure"])
+            or arrays["prescribed_displacement"].any()
             or "sliding_normals" in arrays or given["time"].get("stiffness_damping")
         ):  # fmt: skip
             raise SystemExit(

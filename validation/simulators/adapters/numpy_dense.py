@@ -87,8 +87,8 @@ def main() -> None:
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
     with np.load(case / "rest.npz") as stored:
         rest = {name: stored[name] for name in stored.files}
-    if given["time"] or given["tools"] or len(rest["pressure"]):
-        refuse("time, tools and follower pressure are not known here")
+    if given["time"] or given["tools"] or given["springs"] or len(rest["pressure"]):
+        refuse("time, tools, springs and follower pressure are not known here")
     law = given["material"].get("law", "saint-venant-kirchhoff")
     if given["strain"] == "green" and law != "saint-venant-kirchhoff":
         refuse(f"law {law}: only saint-venant-kirchhoff is known here")
