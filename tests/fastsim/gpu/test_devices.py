@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,6 +63,9 @@ def test_what_only_the_core_does_is_refused(ragged_box: TetMesh) -> None:
     plain = Problem(ragged_box, SOFT, (), (), SPAN)
     with pytest.raises(UnsupportedOnDeviceError, match="itself"):
         ExplicitBody(plain, body_contact=ContactLaw(ContactForm.PENALTY), device="warp:cpu")
+    damped = Problem(ragged_box, SOFT, (), (), replace(SPAN, stiffness_damping=1e-3))
+    with pytest.raises(UnsupportedOnDeviceError, match="stiffness damping"):
+        ExplicitBody(damped, device="warp:cpu")
     path = ToolPath(np.array([0.0]), np.array([[0.8, 0.5, 3.0]]))
     tool = RigidTool(SurfaceShape(shape_sphere(0.4, edge_length=0.3)), path)
     spring = Spring.on(ragged_box, (0.8, 0.5, 1.2), 0.5, 100.0, AnchorPath([0.0], np.zeros((1, 3))))

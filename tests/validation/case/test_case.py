@@ -65,6 +65,7 @@ metric = "smallest"""
 MOVING = """
 [time]
 end_time = 0.5
+stiffness_damping = 0.01
 time_step = 1e-4
 mass_damping = 2.0
 num_outputs = 5
@@ -130,7 +131,7 @@ def moving_case(write_case: Write, *changes: tuple[str, str]) -> Path:
 
 def test_time_amplitudes_tools_and_inclusions(write_case: Write) -> None:
     problem = load_case(moving_case(write_case)).problem
-    assert problem.time == TimeSpan(0.5, 1e-4, 2.0, 5)
+    assert problem.time == TimeSpan(0.5, 1e-4, 2.0, 5, stiffness_damping=0.01)
     assert problem.loads[0].amplitude == TabularAmplitude((0.0, 1.0), (0.0, 2.0), is_smooth=True)
     (tool,) = problem.tools
     assert tool.shape == CapsuleShape(0.1, 0.25)
@@ -176,6 +177,7 @@ drive = { direction = [0.0, 0.0, -1.0], force = 3.0, mass = 0.02 }
         (("[[tool]]", TRUTH.format("volume")), ["trajectory_l2", "volume", "same_mesh"]),
         (("[[tool]]", TRUTH.format("published_oscillation")), ["needs at, component, quantity"]),
         (("end_time = 0.5", "end_time = 0.0"), ["end_time", "greater than 0"]),
+        (("stiffness_damping = 0", "stiffness_damping = -0"), ["stiffness_damping", "equal"]),
         (("max = [1000, 9", "max = [-1, 9"), ["inclusion 1", "selects no cell"]),
         (
             ("region = { box", "region = { group = 'a', box"),

@@ -42,10 +42,10 @@ class Flex:
                 mass="{job["lumped_mass"].sum():.17g}"
                 point="{text(points)}" element="{" ".join(map(str, cells.ravel()))}">
               <elasticity young="{job["youngs_modulus"][0]:.17g}"
-                poisson="{job["poissons_ratio"][0]:.17g}" damping="0"/>
+                poisson="{job["poissons_ratio"][0]:.17g}"
+                damping="{job.get("stiffness_damping", 0)}"/>
               <contact selfcollide="none" contype="0" conaffinity="0"/>
-              <pin id="{" ".join(map(str, np.flatnonzero(held)))}"/>
-            </flexcomp></worldbody></mujoco>"""
+              <pin id="{text(np.flatnonzero(held))}"/></flexcomp></worldbody></mujoco>"""
         )
         self.data = mujoco.MjData(self.model)
         self.free = ~held

@@ -30,7 +30,6 @@ class Motion(Flex):  # type: ignore[misc]
         beta, longest = job["stiffness_damping"], stable_step(job, mass)
         super().__init__(job, 0.5 * (np.hypot(longest, beta) - beta), np.zeros(3))
         self.model.dof_damping[:] = job["mass_damping"] * mass[0]
-        self.model.flex_damping[:] = job["stiffness_damping"]
         held = job["fixed"][self.free].ravel() == 1
         self.data.qfrc_applied[:] = np.where(held, 0.0, job["external_force"][self.free].ravel())
         if "initial_velocity" in job:
