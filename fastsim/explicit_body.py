@@ -22,7 +22,8 @@ from palpate.fastsim.errors import UnstableStepError
 from palpate.fastsim.explicit_diagnosis import diagnose
 from palpate.fastsim.explicit_loads import ExplicitLoads
 from palpate.fastsim.explicit_run import make_run
-from palpate.fastsim.explicit_springs import ExplicitSprings
+from palpate.fastsim.explicit_springs import ExplicitSprings, pulling_at_once
+from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.viscosity import damped_time_step, stiffened_time_step, viscous_force
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
@@ -137,6 +138,12 @@ class ExplicitBody:
         critical = np.inf
         if mass is None and problem.springs:
             critical = self.elastic.critical_time_step(springs=self._loads.springs.patches)
+            if chosen is not None and chosen > critical:
+                # All at once are too stiff: are those that ever pull together?
+                critical = min(
+                    self.elastic.critical_time_step(springs=PatchSprings(mesh.points, together))
+                    for together in pulling_at_once(problem.springs)
+                )
         elif mass is None:
             critical = self.elastic.critical_time_step()
         is_stiffened = chosen is not None and (bool(problem.tools) or body_contact is not None)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -104,6 +105,28 @@ class ExplicitSprings:
         fewer = ExplicitSprings(self._points, tuple(self.springs[k] for k in kept))
         fewer._ways = [self._ways[k] for k in kept]
         return fewer
+
+
+def pulling_at_once(springs: Sequence[Spring]) -> list[tuple[Spring, ...]]:
+    """Which springs pull together at some time, as stiff as they are then; none of it less.
+
+    Between the knots of linear amplitudes the largest frequency is at most that at one of them.
+    """
+    amplitudes = [s.amplitude or TabularAmplitude((0.0,), (1.0,)) for s in springs]
+    knots = sorted({time for amplitude in amplitudes for time in amplitude.times})
+    factors = np.unique([[amplitude(t) for amplitude in amplitudes] for t in knots], axis=0)
+    is_least = [
+        any((row <= other).all() and (row < other).any() for other in factors) for row in factors
+    ]
+    return [
+        tuple(
+            dataclasses.replace(spring, stiffness=factor * spring.stiffness, amplitude=None)
+            for spring, factor in zip(springs, row.tolist(), strict=True)
+            if factor > 0.0
+        )
+        for row, is_less in zip(factors, is_least, strict=True)
+        if not is_less
+    ]
 
 
 _Way = Callable[[float], float]

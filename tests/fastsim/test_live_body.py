@@ -9,7 +9,7 @@ import pytest
 
 from palpate.fastsim.contact.errors import ToolTooFastError
 from palpate.fastsim.dynamics import simulate
-from palpate.fastsim.errors import SpringTooStiffError
+from palpate.fastsim.errors import SpringTooStiffError, UnstableStepError
 from palpate.fastsim.live_body import LiveBody
 from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.statics import solve_static
@@ -180,3 +180,21 @@ def test_what_cannot_be_recorded_is_refused() -> None:
     driven.step(10)
     again = simulate(driven.recording())
     assert np.array_equal(again.displacements[-1], driven.displacement)
+
+
+def test_springs_that_follow_each_other_are_not_stiff_together() -> None:
+    """A recording of many holds, each as stiff as the step allows, can be repeated."""
+    body = LiveBody(block(tools=False))
+    with pytest.raises(SpringTooStiffError) as found:
+        body.hold(TOP, radius=0.012, stiffness=1e6)
+    for _ in range(4):
+        hand = body.hold(TOP, radius=0.012, stiffness=0.99 * found.value.largest_stiffness)
+        hand.move_to(np.add(hand.anchor, [0.0, 0.0, 1e-3]))
+        body.step(20)
+        hand.let_go()
+        body.step(5)
+    recording = body.recording()
+    assert np.array_equal(simulate(recording).displacements[-1], body.displacement)
+    held_on = tuple(dataclasses.replace(s, amplitude=None) for s in recording.springs)
+    with pytest.raises(UnstableStepError):
+        simulate(dataclasses.replace(recording, springs=held_on))
