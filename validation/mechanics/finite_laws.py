@@ -30,6 +30,8 @@ from palpate.validation.mechanics.matrix_powers import power, root
 OgdenTerms = Sequence[tuple[float, float]]
 
 _STEP = 1e-100
+# Of simulators for graphics and robots, which take Saint-Venant-Kirchhoff's parameters.
+_STABLE = (Law.NEO_HOOKEAN_STABLE, Law.NEO_HOOKEAN_STABLE_LOG, Law.NEO_HOOKEAN_ISOCHORIC)
 _ONE = np.eye(3)
 
 
@@ -176,8 +178,10 @@ def along(stress: Callable[[Array], Array], H: Array, dH: Array) -> Array:
 def laws_instead_of_law(strain: Strain, asked: Law) -> dict[str, LawOfCells]:
     """By name, the laws that may stand where this strain measure and law were asked for."""
     others = laws_instead_of(strain)
-    if strain is Strain.LINEAR or asked.is_linear_in_strain:
+    if strain is Strain.LINEAR:
         return others
+    if asked.is_linear_in_strain:
+        return others | {f"{law} law": partial(_without_c01, law) for law in _STABLE}
     # Slips in Saint-Venant-Kirchhoff's own formula are none of another law's.
     kept = (OTHER_STRAIN[strain], "neo-Hookean law, with J - 1")
     found = {name: others[name] for name in kept}

@@ -72,6 +72,7 @@ def solve_live(
     request: TruthRequest | None = None,
     has_stress: bool = True,
     strains: Collection[Strain] = tuple(Strain),
+    unknowns: float = UNKNOWNS,
 ) -> ReferenceSet:
     """Solve P1 on the case's mesh and the truth; of a motion what is `wanted`.
 
@@ -85,11 +86,12 @@ def solve_live(
         stored: Where it has a truth, that is taken with its bars.
         wanted: Of a motion, what checks ask for: "same_mesh", "truth".
         elements: On the same mesh.
-        request: Bars asked of the truth, and of which metrics; of all where None. The budget is
-            at most UNKNOWNS and SECONDS.
+        request: Bars asked of the truth, and of which metrics; of all where None. Its time is at
+            most SECONDS.
         has_stress: Whether P2 on the case's mesh is solved for its stresses, which graded meshes
             do not tell.
         strains: Of which.
+        unknowns: Of the largest mesh of a static truth.
     """
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
@@ -99,10 +101,10 @@ def solve_live(
         )
     asked = request or TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
     asked = dataclasses.replace(
-        asked, seconds=min(asked.seconds, SECONDS), unknowns=UNKNOWNS, parts={}
+        asked, seconds=min(asked.seconds, SECONDS), unknowns=unknowns, parts={}
     )
     run = _Run(problem, progress, asked)
-    is_graded = stored is None and 2.0 * unknowns_of(problem) <= UNKNOWNS
+    is_graded = stored is None and 2.0 * unknowns_of(problem) <= unknowns
     for strain in strains:
         if not run.has_equilibrium(strain):
             continue

@@ -1,14 +1,14 @@
 """How far an answer is from the truth of its own law, and what that is made of.
 
-The parts are of the displacement of the point that moves most in the truth, along the way it goes
-there, over that displacement; with their signs they add up to its error:
+The parts are of the displacement of the point that moves most in the truth (of those that are not
+held), along the way it goes there, over that displacement; with signs they add up to its error:
 
     law      the law that the answer follows in the place of the one that the simulator states
     mesh     the reference on the same mesh, linear or quadratic, less the truth
     solver   the answer less the equilibrium of its own law on its own mesh
     step     of motions, at the time when that is: the reference on the same mesh by the scheme and
              step that the simulator states, less that in the case's steps; where it states none,
-             what steps and solver add together
+             what steps and solver add together. Where the case has no steps, in mesh
 
 That the case's own law would have moved the body otherwise is no error here; it is told beside
 (`law_apart`).
@@ -121,7 +121,7 @@ def judge_run(
         apart = distance(state.displacements, same.displacements)
         score = dataclasses.replace(score, same_mesh=apart)
     if best is None:
-        return dataclasses.replace(score, why=f"no truth, only on its own mesh: {truth.why}")
+        return dataclasses.replace(score, why=f"no truth: {truth.why or 'none is stored'}")
     found = measure(metric, case.problem, state, best)
     bar = references.bars.get((metric, case.strain), np.inf) + found.uncertainty
     verdict = Verdict.SKIPPED if limit is None else decide(found.value, bar, limit)
@@ -153,7 +153,7 @@ def _causes(
     if same is None:
         return {}, ""
     try:
-        probe = farthest_probe(truth.displacement)
+        probe = farthest_probe(_where_free(problem, truth.displacement))
     except InputError:
         return {}, ""
     scale = float(truth.displacement[probe.point] @ probe.direction)
@@ -174,6 +174,16 @@ def _causes(
     }, follows
 
 
+def _where_free(problem: Problem, displacement: Points) -> Points:
+    """Nothing where a point is held altogether, which tells no error; all where that is all."""
+    free = np.ones(len(displacement), dtype=bool)
+    for support in problem.supports:
+        if support.normal is None and all(support.components):
+            free[support.points] = False
+    left = np.where(free[:, None], displacement, 0.0)
+    return left if left.any() else displacement
+
+
 def _causes_of_motion(
     problem: Problem, state: State, truth: State, same: State | None, own_steps: OwnSteps | None
 ) -> tuple[dict[str, float], str]:
@@ -182,17 +192,21 @@ def _causes_of_motion(
     place = np.unravel_index(int(lengths.argmax()), lengths.shape)
     direction = truth.displacements[place]
     scale = float(direction @ direction)
-    if same is None or not scale > 0.0:
+    if not scale > 0.0:
         return {}, ""
 
     def at(of: State) -> float:
         return float(of.displacements[place] @ direction) / scale
 
     stepped = own_steps.of(problem, state) if own_steps else None
+    if same is None:  # the case has no steps of its own: those of the simulator go with its mesh
+        if stepped is None:
+            return {}, ""
+        return {MESH: at(stepped) - at(truth), SOLVER: at(state) - at(stepped)}, ""
     in_steps = stepped or same
     found = own_steps.followed(problem, state, in_steps) if own_steps else None
     follows, own = found or ("", in_steps)
-    causes = {LAW: at(own) - at(in_steps)} if found else {}
+    causes = {} if found is None else {LAW: at(own) - at(in_steps)}
     causes[MESH] = at(same) - at(truth)
     is_known = state.steps is not None and are_the_cases(problem, state.steps)
     if stepped is None and not is_known:

@@ -61,17 +61,24 @@ class OwnSteps:
             problem: Under the law that is stated.
             answer: Of the simulator.
             stated: The reference of that law by the same steps.
+
+        Returns:
+            Its name and motion; "" and `stated` where no other law explains it better; None where
+            none could be tried.
         """
         span = problem.time
         apart = distance(answer.displacements, stated.displacements)
         steps = answer.steps
-        if span is None or apart <= _NOT_A_LAW or problem.tools:
+        if apart <= _NOT_A_LAW:
+            return "", stated
+        if span is None or problem.tools:
             return None
         if steps is None:
             if span.time_step is None:
                 return None
             steps = Steps(Integrator.CENTRAL_DIFFERENCES, span.time_step)
         nearest: tuple[float, str, State] | None = None
+        is_tried = False
         for law in Law:
             try:
                 other = with_law(problem, law)
@@ -82,10 +89,13 @@ class OwnSteps:
             found = self._solve(other, answer.strain, answer.element, steps, _WORK_OF_A_LAW)
             if found is None:
                 continue
+            is_tried = True
             left = distance(answer.displacements, found.displacements)
             if left <= _EXPLAINS * apart and (nearest is None or left < nearest[0]):
                 nearest = left, law.value, found
-        return None if nearest is None else nearest[1:]
+        if nearest is None:
+            return ("", stated) if is_tried else None
+        return nearest[1:]
 
     def _solve(
         self, problem: Problem, strain: Strain, element: Element, steps: Steps, most: float

@@ -50,7 +50,7 @@ def write_board(board: Board, folder: Path) -> Path:
     environment = page_environment()
     for word in (
         words.percent, words.seconds, words.memory, words.minutes, words.outcome, words.kind,
-        words.hint, words.said, words.need,
+        words.hint, words.said, words.need, words.bar, words.reason,
     ):  # fmt: skip
         environment.globals[word.__name__] = word
     environment.globals["version_of_entry"] = version_of_entry

@@ -29,8 +29,8 @@ from palpate.validation.scoreboard.kept import Kept, key_of
 from palpate.validation.states import Progress
 
 # After which no finer mesh of a truth is begun, and that the runs of a motion take together: a
-# board has many of them [s].
-_SECONDS, _SECONDS_OF_A_MOTION = 60.0, 240.0
+# board has many of them [s]; and unknowns of the largest mesh of statics.
+_SECONDS, _SECONDS_OF_A_MOTION, _UNKNOWNS = 120.0, 240.0, 2e5
 _TOLD_SECONDS, _WHY = "seconds", "why"
 
 
@@ -76,7 +76,7 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
             return Truth(case, why=str(error))
     problem, name = case.problem, f"truth-{case.name}"
     limit = _SECONDS if problem.time is None else _SECONDS_OF_A_MOTION
-    key = key_of(problem_key(problem), *made_by(), f"{limit:g}")
+    key = key_of(problem_key(problem), *made_by(), f"{limit:g} {_UNKNOWNS:g}")
     path = kept.path(name, key, ".npz")
     if (none := kept.read(name, key)) is not None:
         return Truth(case, why=str(none[0].get(_WHY)))
@@ -117,7 +117,9 @@ def _solve(case: Case, seconds: float, progress: Progress) -> ReferenceSet:
         return solve_motion_set(problem, progress, wanted=wanted, strains=strains, seconds=seconds)
     # The distance of displacement is all that is told of it.
     request = TruthRequest(seconds=seconds, metrics={case.strain: ("displacement_l2",)})
-    return solve_live(problem, progress, strains=strains, has_stress=False, request=request)
+    return solve_live(
+        problem, progress, strains=strains, has_stress=False, request=request, unknowns=_UNKNOWNS
+    )
 
 
 def _seconds_of(references: ReferenceSet) -> float:

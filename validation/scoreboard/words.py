@@ -59,12 +59,28 @@ def kind(score: Score) -> str:
     return score.verdict.value
 
 
+def bar(value: float | None) -> str:
+    """An error bar."""
+    return "no bar" if value is None or not math.isfinite(value) else f"± {percent(value)}"
+
+
+def reason(score: Score) -> str:
+    """Why there is no distance, in short: a program's own words where it gave some."""
+    why = score.why
+    if score.run.status is Status.NOT_POSED:
+        why = why.removeprefix("the case cannot be posed to it: ").strip('"')
+        return why.removesuffix(": not handed to this simulator here")
+    if " s, its last line: " in why:  # a log's line says nothing of why time ran out
+        return why.partition(", its last line: ")[0]
+    return why.removeprefix("it ended with 1, its last line: ").strip('"')
+
+
 def hint(score: Score) -> str:
     """What it says when it is pointed at."""
     if score.distance is None:
-        return score.why
+        return reason(score)
     need = "" if score.limit is None else f"; its user needs {percent(score.limit)}"
-    return f"± {percent(score.bar)}{need}"
+    return f"{bar(score.bar)}{need}"
 
 
 def need(scores: list[Score]) -> str:

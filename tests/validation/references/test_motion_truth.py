@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -296,3 +297,26 @@ def test_this_version_finds_the_stored_truth() -> None:
     found = motions.solve_implicit(case.problem, Strain.LINEAR, STEPS[-1], lambda _line: None)
     # Kept in seven digits.
     assert measure("trajectory_l2", case.problem, found, kept).value < 1e-7
+
+
+def test_a_truth_that_would_take_too_long_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = load_case("wave")
+    stored = find_references(case, live=False, progress=lambda _line: None)
+    calls: list[float] = []
+
+    def implicit(
+        _problem: Problem, strain: Strain, *_rest: object, time_limit: float, **_options: object
+    ) -> State:
+        calls.append(time_limit)
+        return dataclasses.replace(stored.states[QUADRATIC, strain], seconds=30.0)
+
+    monkeypatch.setattr(motions, "solve_implicit", implicit)
+    found = solve_motion_set(
+        case.problem, lambda _line: None, wanted={"truth"}, strains=(case.strain,), seconds=60.0
+    )
+    assert len(calls) == 1
+    assert calls[0] == pytest.approx(60.0, abs=5.0)
+    assert found.truth(case.strain) is None
+    assert re.search(
+        r"would take \d+ s or more, and may take 60 s", found.failure("truth", case.strain)
+    )

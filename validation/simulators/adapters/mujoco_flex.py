@@ -15,7 +15,7 @@ import numpy as np
 from mechanics import force_scale, relax, require_rest, stable_step
 
 LARGEST = 100_000  # cells; beyond, compiling the model does not end
-TOLERANCE, MOST_STEPS = 1e-7, 200_000
+TOLERANCE, ENOUGH, MOST_STEPS = 1e-7, 1e-6, 200_000
 RISE = 2000  # steps over which what holds the body is moved to its place
 
 
@@ -105,7 +105,7 @@ class Static(Flex):
                 lambda: self._step(next(shares, 1.0)), lambda: self.data.qvel, self._inertia,
                 self._scale, tolerance, most,
             )  # fmt: skip
-        require_rest(residual, TOLERANCE)
+        require_rest(residual, ENOUGH)
         self.answer = {"displacement": self.at_points(self.data.qpos, 0.0)}
         return {
             "method": f"time steps to rest by kinetic damping, {num_steps} steps",

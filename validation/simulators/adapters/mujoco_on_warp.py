@@ -20,7 +20,7 @@ class Steps(Flex):  # type: ignore[misc]
     version, precision = f"{mujoco.__version__} (Warp {wp.__version__})", "float32"
 
     def __init__(self, job: dict[str, Any]) -> None:
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_WARNING
         gravity = job["external_force"].sum(axis=0) / job["lumped_mass"].sum()
         super().__init__(job, float(job["time_step"]), gravity)
         # It never resets by itself, and refuses to be told so.

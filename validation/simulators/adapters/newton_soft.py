@@ -23,7 +23,7 @@ class SoftMesh:
     version, precision = f"{newton.__version__} (Warp {wp.__version__})", "float32"
 
     def __init__(self, job: dict[str, Any], time_step: float, gravity: Any) -> None:
-        wp.config.quiet = True
+        wp.config.log_level = wp.LOG_WARNING
         wp.init()
         k_mu, k_lambda = self.constants(*lame(job))
         builder = newton.ModelBuilder(gravity=tuple(map(float, gravity)))
