@@ -14,6 +14,7 @@ from palpate.fastsim.mesher import (
     Interior,
     Lattice,
     MeshingError,
+    MeshingReport,
     mesh_surface,
     require_boundary,
 )
@@ -95,6 +96,19 @@ def test_slivers_are_there_without_the_clean_up() -> None:
     mended = mesh_surface(surface)
     smallest = [np.degrees(dihedral_angles(m.points, m.cells).min()) for m in (raw, mended)]
     assert smallest[0] < 5.0 < smallest[1]
+
+
+def test_the_report_counts_the_slivers_that_are_left() -> None:
+    # A plate with facets of 4 degrees, whose cells can be no better, and a ball beside it.
+    ball = shape_sphere(1.0, edge_length=0.5)
+    beside = TriSurface(ball.points + np.array([3.0, 0.0, 0.0]), ball.facets)
+    surface = _joined(shape_box((1.0, 1.0, 0.04), edge_length=0.5), beside)
+    reports: list[MeshingReport] = []
+    mesh = mesh_surface(surface, report=reports.append)
+    smallest = np.degrees(dihedral_angles(mesh.points, mesh.cells)).min(axis=1)
+    count = int((smallest < 10.0).sum())
+    assert 0 < count < mesh.num_cells
+    assert reports[0].slivers_left == count
 
 
 def _joined(*parts: TriSurface) -> TriSurface:

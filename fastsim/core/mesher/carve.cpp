@@ -23,6 +23,10 @@ TetComplex carve(const TetComplex &complex, std::span<const Triple> facets) {
     std::vector<Index> number(complex.num_slots(), none);
     std::vector<Cell> kept, neighbours;
     std::vector<Index> region;
+    // What is not used of it costs nothing.
+    kept.reserve(complex.num_slots());
+    neighbours.reserve(complex.num_slots());
+    region.reserve(complex.num_slots());
     for (std::size_t slot = 0; slot < complex.num_slots(); ++slot) {
         if (number[slot] != none || !complex.is_alive(static_cast<Index>(slot)))
             continue;

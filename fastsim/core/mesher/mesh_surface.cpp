@@ -80,6 +80,8 @@ void bring_forward(TetComplex &complex, std::span<const Index> chosen, Index fir
 /// dropped.
 void collect(const TetComplex &inside, Index num_fixed, SurfaceMesh &result) {
     std::vector<Index> number(inside.points.size(), none);
+    result.points.reserve(inside.points.size());
+    result.cells.reserve(inside.num_slots());
     for (Index v = cube_corners; v < num_fixed; ++v) {
         number[TetComplex::at(v)] = v - cube_corners;
         result.points.push_back(inside.points[TetComplex::at(v)]);
