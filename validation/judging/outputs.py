@@ -16,7 +16,7 @@ from rich.text import Text
 from palpate.meshes.atomic_write import write_text_atomically
 from palpate.meshes.problem import Element
 from palpate.validation.diagnosis.explanation import Diagnosis
-from palpate.validation.judging.results import CaseResult, CheckResult
+from palpate.validation.judging.results import CaseResult, CheckResult, Scope
 from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
 from palpate.validation.states import Precision, Verdict
 from palpate.validation.versions import version_of
@@ -29,8 +29,8 @@ _COLOUR = {
 }
 # Of a case, in results.json.
 _OF_CASE = (
-    "name", "title", "verdict", "metrics", "unseen", "published", "notes", "candidate_says",
-    "provenance",
+    "name", "title", "verdict", "scope", "metrics", "unseen", "published", "notes",
+    "candidate_says", "provenance",
 )  # fmt: skip
 _GRAVEST_FIRST = (Verdict.FAILED, Verdict.INCONCLUSIVE, Verdict.SKIPPED, Verdict.PASSED)
 # Of a check, in JUnit.
@@ -104,6 +104,8 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
             errors=str(counts.count(Verdict.INCONCLUSIVE) + is_empty),
             skipped=str(counts.count(Verdict.SKIPPED)),
         )
+        about = ET.SubElement(suite, "properties")
+        ET.SubElement(about, "property", name="scope", value=result.scope)
         for check in result.checks:
             test = ET.SubElement(
                 suite,
@@ -138,7 +140,7 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
     rows.sort(key=lambda row: _GRAVEST_FIRST.index(row[1].verdict))
     lines = []
     for r in results:
-        lines.append(f"- **{for_markdown(r.name)}**: {r.verdict} ({for_markdown(r.title)})")
+        lines.append(f"- **{for_markdown(r.name)}**: {_outcome(r)} ({for_markdown(r.title)})")
         if len(r.candidates) > 1:
             lines += [f"  - {for_markdown(one.name)}: {one.verdict}" for one in r.candidates]
         lines += [f"  - diagnosis, {d.title}: {for_markdown(str(d))}" for d in r.diagnoses]
@@ -189,8 +191,20 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
             line = f"{result.name}, {judged.name}: {judged.verdict}"
             console.print(Text(for_terminal(line), style=_COLOUR[judged.verdict]))
         console.print(
-            Text(for_terminal(f"{result.name}: {result.verdict}"), style=_COLOUR[result.verdict])
+            Text(for_terminal(f"{result.name}: {_outcome(result)}"), style=_style(result))
         )
+
+
+def _outcome(result: CaseResult) -> str:
+    """The verdict, and beside a "passed" what it does not say."""
+    caution = result.scope.caution if result.verdict is Verdict.PASSED else ""
+    return f"{result.verdict}, {caution}" if caution else str(result.verdict)
+
+
+def _style(result: CaseResult) -> str:
+    """Green is kept for what was held against the truth."""
+    is_narrow = result.verdict is Verdict.PASSED and result.scope is not Scope.TRUTH
+    return "cyan" if is_narrow else _COLOUR[result.verdict]
 
 
 def check_name(check: CheckResult) -> str:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
+from palpate.validation.metrics import CATALOGUE
 from palpate.validation.references.bar_parts import BarParts
 from palpate.validation.states import Precision, State, Verdict
 
@@ -70,6 +72,29 @@ class CheckResult:
         if parts.geometry and not counts:
             told.append(f"beside it: geometry {parts.geometry:.2g}")
         return "; ".join(filter(None, told))
+
+
+class Scope(StrEnum):
+    """How far a result reaches; the furthest of its checks.
+
+    TRUTH: held against the converged reference, or a published number.
+    SAME_MESH: against the reference on the same mesh only: it may be as far from the continuum as
+        its mesh is coarse.
+    OWN: against no reference: by itself, or by another simulator.
+    """
+
+    TRUTH = "truth"
+    SAME_MESH = "same_mesh"
+    OWN = "own"
+
+    @property
+    def caution(self) -> str:
+        """What must be said beside "passed"; nothing of the truth."""
+        return {
+            Scope.TRUTH: "",
+            Scope.SAME_MESH: "verified on the same mesh only: not compared with the truth",
+            Scope.OWN: "compared with no reference",
+        }[self]
 
 
 @dataclass(frozen=True)
@@ -134,9 +159,24 @@ class CaseResult:
         """Who was judged, for people."""
         return " and ".join(judged.name for judged in self.candidates)
 
+    @property
+    def scope(self) -> Scope:
+        """What the candidate was held against; what was skipped does not count."""
+        reached = {_scope(check) for check in self.checks if check.verdict is not Verdict.SKIPPED}
+        return next((scope for scope in Scope if scope in reached), Scope.OWN)
+
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""
         for state in self.states:
             if state.label == label and state.strain is strain:
                 return state
         return None
+
+
+def _scope(check: CheckResult) -> Scope:
+    """How far a check reaches; one of the truth's own number says nothing of the candidate."""
+    metric = CATALOGUE.get(check.metric)
+    is_published = metric is not None and metric.is_published
+    if is_published:
+        return Scope.TRUTH if check.against == "candidate" else Scope.OWN
+    return Scope(check.against) if check.against in list(Scope) else Scope.OWN

@@ -33,6 +33,7 @@ from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import budget_svg, checks_svg
 from palpate.validation.report.table_one import state_table, state_table_csv
+from palpate.validation.report.trust import trust_of
 from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.states import Verdict, gravest
 
@@ -92,6 +93,7 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
     problem = result.problem
     budgets, no_budget = _budgets(result)
     return {
+        "trust": trust_of(result),
         "no_budget": no_budget,
         "motion_plot": _drawn(motion_svg, result),
         "budgets": budget_rows(budgets) if budgets else None,

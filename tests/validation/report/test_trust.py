@@ -1,0 +1,104 @@
+"""The first screen says who can be trusted, and what it was held against."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.outputs import junit_xml, results_json, summary_markdown
+from palpate.validation.judging.results import CaseResult, Scope
+from palpate.validation.report.trust import trust_of
+from palpate.validation.states import Verdict
+
+
+@pytest.fixture(scope="module")
+def kidney() -> CaseResult:
+    return judge_case(load_case("kidney"))
+
+
+@pytest.fixture(scope="module")
+def block() -> CaseResult:
+    return judge_case(load_case("block"))
+
+
+def of(result: CaseResult, *against: str) -> CaseResult:
+    """The same result as if only these checks had been asked for."""
+    checks = tuple(c for c in result.checks if c.against in against)
+    return dataclasses.replace(result, checks=checks)
+
+
+def test_what_it_was_held_against_is_in_every_output(kidney: CaseResult, block: CaseResult) -> None:
+    assert (kidney.scope, block.scope) == (Scope.TRUTH, Scope.SAME_MESH)
+    assert of(kidney, "candidate").scope is Scope.OWN
+    cases = json.loads(results_json([kidney, block], "0"))["cases"]
+    assert [case["scope"] for case in cases] == ["truth", "same_mesh"]
+    suites = ET.fromstring(junit_xml([kidney, block])).findall("testsuite")
+    told = [suite.find("properties/property[@name='scope']") for suite in suites]
+    assert [one is not None and one.get("value") for one in told] == ["truth", "same_mesh"]
+    assert "passed, verified on the same mesh only: not compared with the truth" in (
+        summary_markdown([block])
+    )
+
+
+def test_a_skipped_check_against_the_truth_makes_no_scope(kidney: CaseResult) -> None:
+    checks = tuple(
+        dataclasses.replace(c, verdict=Verdict.SKIPPED) if c.against == "truth" else c
+        for c in kidney.checks
+    )
+    assert dataclasses.replace(kidney, checks=checks).scope is Scope.SAME_MESH
+
+
+def test_a_pass_without_a_truth_is_not_green(block: CaseResult) -> None:
+    trust = trust_of(block)
+    assert (trust.word, trust.css) == ("passed", "narrow")
+    assert "same mesh only" in trust.answer
+    assert trust.scale == ()
+    assert trust.context == "not stated"
+
+
+def test_a_failure_against_the_truth_says_how_far_it_is_and_what_is_needed(
+    kidney: CaseResult,
+) -> None:
+    trust = trust_of(kidney)
+    worst = max(
+        (c for c in kidney.checks if c.against == "truth" and c.value is not None),
+        key=lambda c: (c.value or 0.0) / c.limit,
+    )
+    assert trust.css == "failed"
+    assert f"{100 * (worst.value or 0.0):.2g} %" in trust.answer
+    assert f"{100 * worst.limit:.2g} % is needed" in trust.answer
+    (group,) = trust.failures
+    assert group.startswith(f"{sum(c.verdict == 'failed' for c in kidney.checks)} of")
+    first = trust.scale[0]
+    assert first.css == "failed"
+    assert first.dot > first.needed  # beyond the line
+    assert all(row.dot <= row.needed for row in trust.scale if row.css == "passed")
+
+
+def test_an_error_on_the_same_mesh_outweighs_the_distance_from_the_truth(
+    kidney: CaseResult,
+) -> None:
+    checks = tuple(
+        dataclasses.replace(c, verdict=Verdict.FAILED) if c.against == "same_mesh" else c
+        for c in kidney.checks
+    )
+    wrong = dataclasses.replace(kidney, checks=checks)
+    assert "does not solve the case's equations" in trust_of(wrong).answer
+
+
+def test_a_wide_bar_and_a_fit_are_caveats(kidney: CaseResult) -> None:
+    assert "Fitted" in trust_of(kidney).caveat
+    unfitted = dataclasses.replace(kidney, evidence={"context_of_use": "planning"})
+    assert "verification" in trust_of(unfitted).caveat
+    assert trust_of(unfitted).context == "planning"
+    checks = tuple(
+        dataclasses.replace(c, reference_error=0.5 * c.limit) if c.against == "truth" else c
+        for c in kidney.checks
+    )
+    wide = dataclasses.replace(unfitted, checks=checks)
+    assert "50 % of the limit" in trust_of(wide).caveat
