@@ -162,7 +162,7 @@ def mesh(
     origin = units.in_case_units(built.origin)
     line = (
         f"{output}: {origin}, smallest dihedral angle {quality.smallest_dihedral_deg:.1f}"
-        f" degrees, volume {built.mesh.volume:.6g} m3"
+        f" degrees, volume {built.mesh.volume / scale**3:.6g} {unit}3"
     )
     print(for_terminal(line))
     critical = find_critical_cells(built.mesh, tissue)

@@ -50,6 +50,7 @@ def test_a_fin_is_no_hole_and_is_named_by_number_and_place(
     )
     mended = RUN.invoke(app, ["mesh", str(path), "-o", str(tmp_path / "m.vtu"), "--repair"])
     assert mended.exit_code == 0
+    assert f"volume {BALL.volume:.6g} mm3" in mended.output
 
 
 def test_holes_are_counted_by_loops_and_not_of_fins() -> None:
