@@ -182,6 +182,9 @@ class PlaneRecovery {
         const Point across = cross(pq, _normal);
         const double t = -dot(across, minus(place(r), place(p))) / dot(across, rs);
         const Point foot = along(place(r), rs, t);
+        // Products of very small lengths vanish.
+        if (!std::isfinite(dot(foot, foot)))
+            return false;
         const double sign = dot(_normal, minus(place(beside), foot)) > 0.0 ? 1.0 : -1.0;
         const double reach = 0.5 * std::min(norm(pq), norm(rs));
         const auto v = static_cast<Index>(_complex.points.size());
