@@ -9,6 +9,8 @@ from palpate.validation.scoreboard.judge import Score
 from palpate.validation.scoreboard.runs import Status
 from palpate.validation.states import Verdict
 
+# How adapters say that there is something in a case that they do not pass on.
+_NOT_HANDED = ": not handed to this simulator here"
 # Less than this is nothing to anybody.
 _LEAST = 1e-5
 
@@ -69,7 +71,11 @@ def reason(score: Score) -> str:
     why = score.why
     if score.run.status is Status.NOT_POSED:
         why = why.removeprefix("the case cannot be posed to it: ").strip('"')
-        return why.removesuffix(": not handed to this simulator here")
+        if not why.endswith(_NOT_HANDED):
+            return why
+        asked = why.removesuffix(_NOT_HANDED).split(", ")
+        wanted = ", ".join("motion" if word == "time" else word for word in asked)
+        return f"asks for {wanted}, which its adapter does not pass on"
     if " s, its last line: " in why:  # a log's line says nothing of why time ran out
         return why.partition(", its last line: ")[0]
     return why.removeprefix("it ended with 1, its last line: ").strip('"')
