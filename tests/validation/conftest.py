@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,3 +130,44 @@ def let_go(tmp_path: Path) -> Path:
     write_mesh(tmp_path / "bar.vtu", brick_box((3, 1, 1), (0.06, 0.02, 0.02)))
     (tmp_path / "bar.toml").write_text(LET_GO, "utf-8")
     return tmp_path / "bar.toml"
+
+
+def missing(what: str) -> None:
+    """Without a browser these tests are skipped, except where one is required."""
+    if os.environ.get("PALPATE_BROWSER_TESTS") == "required":
+        pytest.fail(f"{what} is not installed")
+    pytest.skip(f"{what} is not installed")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    try:
+        from selenium import webdriver
+    except ImportError:
+        missing("selenium")
+    from palpate.validation.report.pdf import find_browser
+
+    program, driver = find_browser(), shutil.which("chromedriver")
+    if program is None or driver is None:
+        missing("chromium or chromedriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-dev-shm-usage",
+        "--enable-unsafe-swiftshader",
+        "--window-size=1200,3000",
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # no network
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.ChromeService(executable_path=driver)
+    chrome = webdriver.Chrome(options=options, service=service)
+    yield chrome
+    chrome.quit()
+
+
+@pytest.fixture
+def require_browser_tests() -> Callable[[str], None]:
+    return missing

@@ -73,6 +73,10 @@ class Hand:
         """Go to a place, in the case's unit."""
         self._goals = [goal]
 
+    def stay(self) -> None:
+        """Stop where it is."""
+        self._goals = []
+
     def withdraw(self) -> None:
         """Go out along the way back out, then to the start."""
         out = float((self.start - self.place) @ self.outwards)

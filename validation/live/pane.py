@@ -126,6 +126,7 @@ class Pane:
         self.trouble = ""
         self.smallest_det_f = 1.0
         self._impulse, self._since = np.zeros(3), 0.0
+        self._force = np.zeros(3)
         self.seconds = self.cpu_seconds = 0.0
 
     def advance(self, place: Floats, num_steps: int) -> None:
@@ -151,9 +152,10 @@ class Pane:
 
     def mean_force(self) -> Floats:
         """Of the body on the hand since it was asked last [N], shape (3,)."""
-        force = self._impulse / self._since if self._since else np.zeros(3)
-        self._impulse, self._since = np.zeros(3), 0.0
-        return force
+        if self._since:
+            self._force = self._impulse / self._since
+            self._impulse, self._since = np.zeros(3), 0.0
+        return self._force
 
     def places(self) -> Points:
         """Of the surface's points [m], shape (n, 3)."""

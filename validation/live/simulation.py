@@ -18,6 +18,7 @@ from palpate.meshes.problem import Element
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
 from palpate.validation.live.hand import Hand
+from palpate.validation.live.judging import Judging, write_pose
 from palpate.validation.live.live_case import LiveCase, Touch, live_case
 from palpate.validation.live.pane import LEAST_DET_F, Pane, Surface, make_panes
 from palpate.validation.live.protocol import Box, pack_frame
@@ -33,6 +34,8 @@ _SPEED_SAFETY = 0.8
 # Behind by more than this, the bodies' time does not catch up [s].
 _LOST = 0.1
 _LONGEST_RECORDING = 30.0
+# Before a pose is judged its bodies come to rest: so many times 1 / damping, so long at most [s].
+_CALM, _LONGEST_REST = 40.0, 5.0
 # Energies and shades that cost more than a look at the surface, every so many frames.
 _SELDOM = 6
 
@@ -74,6 +77,7 @@ class Simulation(threading.Thread):
         self._is_seen = False
         self._ending = threading.Event()
         self._recorded: list[Floats] | None = None
+        self._judging: Judging | None = None
         self._frame = 0
         self._answered = (0, 0.0)
         self._unanswered: tuple[int, float] | None = None
@@ -102,6 +106,8 @@ class Simulation(threading.Thread):
         if self.is_alive():
             self.join()
         self._pool.shutdown()
+        if self._judging is not None:
+            self._judging.stop()
 
     def scene(self) -> Note:
         """What the page needs before the first frame; lengths in mm."""
@@ -155,6 +161,7 @@ class Simulation(threading.Thread):
         self._energies = [0.0] * len(self.panes)
         self._most = 0.0
         self._told: set[int] = set()
+        self._resting = 0
         self._due = time.perf_counter()
 
     def run(self) -> None:
@@ -164,6 +171,10 @@ class Simulation(threading.Thread):
             changed = self._take_orders(wait=self._is_still())
             if self._ending.is_set():
                 break
+            if self._resting == 1:
+                self._resting = 0
+                self._judge()
+                changed = True
             if self._is_still():
                 self._due = time.perf_counter()
                 if changed and self._is_seen:
@@ -213,6 +224,7 @@ class Simulation(threading.Thread):
         self._spent += share * (spent - self._spent)
         self._cpu += share * (max(pane.cpu_seconds for pane in self.panes) - self._cpu)
         self._ticks += 1
+        self._resting = max(1, self._resting - 1) if self._resting else 0
         now = time.perf_counter()
         self._pace = [*(p for p in self._pace if now - p[0] < 1.0), (now, clock.tick)]
         if self._unanswered is not None:
@@ -281,6 +293,8 @@ class Simulation(threading.Thread):
 
     def _obey(self, message: protocol.Message, received: float) -> None:
         match message:
+            case protocol.ToolTo() | protocol.Withdraw() if self._resting:
+                pass  # the hand is held still
             case protocol.ToolTo(number=number, to=to):
                 self.hand.send(np.array(to) / self._milli)
                 self._unanswered = (number, received)
@@ -301,8 +315,38 @@ class Simulation(threading.Thread):
                 self._recorded = [self.hand.place.copy()]
             case protocol.Record(on=False):
                 self._end_recording()
+            case protocol.JudgeThis():
+                self._begin_to_judge()
             case _:
                 pass
+
+    def _begin_to_judge(self) -> None:
+        if self._judging is not None and self._judging.is_alive():
+            self._say("the pose before is still being judged")
+            return
+        self._recorded, self._is_paused = None, False
+        self.hand.stay()
+        damping = self.live.data["time"]["mass_damping"]
+        longest = min(_LONGEST_REST, _CALM / max(damping, 1e-9))
+        self._resting = max(1, round(longest / self.live.clock.tick))
+        self._say("judging: held still until the bodies rest")
+
+    def _judge(self) -> None:
+        """Once the bodies rest."""
+        self._is_paused = True
+        forces = [pane.mean_force() for pane in self.panes]
+        try:
+            name = free_name(self._folder, f"held-{self._case.name}")
+            case, answers = write_pose(
+                self.live, self.hand.place, self.panes, forces, self._folder, name
+            )
+        except (InputError, OSError) as error:
+            self._is_paused = False
+            self._send({"kind": "judged", "text": str(error), "verdicts": [], "errors": []})
+            return
+        self._say(f"judging {case}")
+        self._judging = Judging(case, answers, self.surface.used, self._send)
+        self._judging.start()
 
     def _with_loads(self, on: bool) -> None:
         before = self._touch

@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 import io
 import os
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,40 +20,6 @@ from palpate.validation.report.pdf import find_browser, print_pdf
 from palpate.validation.simulators.candidate import fastsim_candidate
 
 pytestmark = pytest.mark.browser
-
-
-def missing(what: str) -> None:
-    """Without a browser these tests are skipped, except where one is required."""
-    if os.environ.get("PALPATE_BROWSER_TESTS") == "required":
-        pytest.fail(f"{what} is not installed")
-    pytest.skip(f"{what} is not installed")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    try:
-        from selenium import webdriver
-    except ImportError:
-        missing("selenium")
-    program, driver = find_browser(), shutil.which("chromedriver")
-    if program is None or driver is None:
-        missing("chromium or chromedriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = program
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-dev-shm-usage",
-        "--enable-unsafe-swiftshader",
-        "--window-size=1200,3000",
-        "--host-resolver-rules=MAP * ~NOTFOUND",  # no network
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    service = webdriver.ChromeService(executable_path=driver)
-    chrome = webdriver.Chrome(options=options, service=service)
-    yield chrome
-    chrome.quit()
 
 
 @pytest.fixture(scope="module")
@@ -232,10 +196,10 @@ def test_several_cases_are_linked_from_an_index(
 
 
 def test_the_report_prints_as_pdf(
-    kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    require_browser_tests: Any, kidney: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if find_browser() is None:
-        missing("chromium")
+        require_browser_tests("chromium")
     page = html.write_report([kidney], tmp_path)
     made = print_pdf(page)
     assert made == tmp_path / "report.pdf"

@@ -72,6 +72,7 @@ class Touch extends Stage {
       for (let k = 0; k < motion.length; ++k) motion[k] = origin[k % 3] + step * numbers[k] - this.points[k];
       shown.motion = motion;
     }
+    this.errors = head.paused ? this.errors : null;
     for (const shown of this.shown) {
       const bytes = new Uint8Array(buffer, begin, this.count);
       begin += bytes.byteLength;
@@ -83,7 +84,14 @@ class Touch extends Stage {
     return head;
   }
 
-  stateOf(shown) { return { motion: shown.motion, shade: shown.shade, share: 1, lineShare: 1 }; }
+  // Errors that were judged, until the bodies go on.
+  judged(note) {
+    this.errors = note.errors.length ? note : null;
+    if (this.errors) note.errors.forEach((text, k) => { this.shown[k].error = unpack(text, Float32Array).map((x) => x / (note.largest || 1)); });
+    this.draw();
+  }
+
+  stateOf(shown) { return { motion: shown.motion, shade: this.errors ? shown.error : shown.shade, share: 1, lineShare: 1 }; }
 
   // The tool, in every view.
   drawBeside() {
@@ -242,7 +250,18 @@ class Page {
       $("about").textContent = `${note.cells} cells, step ${digits(1e3 * note.time_step)} ms, damping ${digits(note.damping)} /s.`;
       $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to a third of its volume the tool is held back. ${note.notes.join(" ")}`;
       if ($("loads")) $("loads").checked = note.has_loads;
-    } else if (note.kind === "note" || note.kind === "refused") this.say(note.text, note.verdict);
+    } else if (note.kind === "judged") {
+      this.stage.judged(note);
+      $("judge").disabled = false;
+      $("progress").textContent = "";
+      this.say(note.errors.length ? `colour: distance from the reference; the case: ${note.text}` : note.text);
+      if (note.errors.length) this.stage.views.forEach((view, k) => {
+        view.querySelector(".name").textContent = `${this.stage.shown[k].name}: ${note.verdicts[k]}`;
+        view.querySelector(".most").textContent = `error ${digits(note.largest)} mm`;
+      });
+      document.body.dataset.judged = note.verdicts.join(" ") || "none";
+    } else if (note.kind === "progress") $("progress").textContent = note.text;
+    else if (note.kind === "note" || note.kind === "refused") this.say(note.text, note.verdict);
   }
 
   say(text, verdict) {
@@ -269,9 +288,9 @@ class Page {
     this.chart.add(head.time, sizes);
     if (head.frame % 6 === 0) this.numbers(head, sizes);
     const troubled = head.panes.some((pane) => pane.trouble);
-    $("warning").hidden = !head.held_back;
-    if (head.held_back) $("warning").textContent = "the tissue takes no more here: the tool is held back";
-    stage.views.forEach((view, k) => {
+    $("warning").hidden = !head.held_back && !head.paused;
+    $("warning").textContent = head.paused ? "paused" : "the tissue takes no more here: the tool is held back";
+    if (!stage.errors) stage.views.forEach((view, k) => {
       view.querySelector(".name").textContent = `${stage.shown[k].name}${head.panes[k].trouble ? ": stopped; reset to go on" : ""}`;
       view.querySelector(".name").classList.toggle("trouble", Boolean(head.panes[k].trouble));
       view.querySelector(".most").textContent = `${digits(head.most * FACTORS[head.colour])} ${UNITS[head.colour]}`;
@@ -311,7 +330,7 @@ class Page {
       if (on) stage.goal = [...stage.start];
       send({ kind: "record", on });
     };
-    $("judge").onclick = () => send({ kind: "judge" });
+    $("judge").onclick = () => { $("judge").disabled = true; delete document.body.dataset.judged; send({ kind: "judge" }); };
     document.addEventListener("keydown", (e) => {
       if (e.target instanceof HTMLSelectElement || e.target instanceof HTMLInputElement) return;
       const act = { 1: () => stage.setMode("push"), 2: () => stage.setMode("turn"), r: () => this.reset(), Escape: () => stage.letGo() }[e.key]

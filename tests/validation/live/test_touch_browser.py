@@ -1,0 +1,156 @@
+"""The live page in a browser without network, driven by a synthetic hand."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.validation.live.live_case import Touch
+from palpate.validation.live.server import PageServer
+
+pytestmark = pytest.mark.browser
+
+Serving = Callable[..., AbstractContextManager[PageServer]]
+# A verdict without FEniCSx: three lines of progress, then an error for each pane.
+STUB = """
+import json, sys
+import numpy as np
+case, pose, answer = sys.argv[1:]
+given = np.load(pose)
+print("solving", flush=True)
+length = np.linalg.norm(given["displacement"], axis=2)
+told = [{"name": str(n), "verdict": v, "checks": ["displacement_l2 " + v]}
+        for n, v in zip(given["names"], ["failed", "passed"])]
+np.savez(open(answer, "wb"), errors=length, told=np.array(json.dumps(told)))
+"""
+
+
+def wait(browser: Any, script: str, seconds: float = 30.0) -> Any:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    return WebDriverWait(browser, seconds, 0.05).until(
+        lambda b: b.execute_script(f"return {script}")
+    )
+
+
+def forces(browser: Any) -> np.ndarray:
+    """On the hand in the last frame that was drawn [N], a row for each pane."""
+    return np.array(json.loads(browser.execute_script("return document.body.dataset.forces")))
+
+
+def serious(browser: Any) -> list[str]:
+    return [e["message"] for e in browser.get_log("browser") if "GL Driver" not in e["message"]]
+
+
+def picture(browser: Any) -> np.ndarray:
+    from matplotlib import image
+
+    png = browser.find_element("css selector", ".stage canvas").screenshot_as_png
+    return np.asarray(image.imread(io.BytesIO(png)))[:, :, :3].mean(axis=2)
+
+
+@pytest.fixture
+def page(browser: Any, serving: Serving) -> Iterator[PageServer]:
+    browser.get_log("browser")
+    with serving("block", Touch(mass_damping=100.0)) as server:
+        browser.set_window_size(900, 420)
+        browser.get(server.address)
+        wait(browser, "Number(document.body.dataset.time) > 0")
+        yield server
+        browser.get("about:blank")
+
+
+def dragged(browser: Any, right: int, down: int) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    canvas = browser.find_element("css selector", ".stage canvas")
+    hand = ActionChains(browser, duration=50).move_to_element(canvas).click_and_hold()
+    hand.move_by_offset(right, down).release().perform()
+
+
+def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    whole = picture(browser)
+    halves = [whole] if whole.shape[1] < 600 else np.array_split(whole, 2, axis=1)
+    assert all(0.05 < (half < 0.95).mean() < 0.9 for half in halves)
+    assert (forces(browser) == 0.0).all()
+    # The tool waits at the end that is free, right of the body: to the left is into it.
+    dragged(browser, -120, 0)
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
+    assert np.abs(picture(browser) - whole).mean() > 1e-3
+    held = page.simulation.hand.place.copy()
+    browser.find_element("css selector", ".stage canvas").send_keys(Keys.ARROW_RIGHT * 3)
+    browser.find_element("id", "withdraw").click()
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) === 0)")
+    assert page.simulation.hand.place[0] > held[0]
+    assert serious(browser) == []
+
+
+def test_pause_record_reset_and_a_second_window(
+    browser: Any, page: PageServer, tmp_path: Path
+) -> None:
+    press = lambda name: browser.find_element("id", name).click()  # noqa: E731
+    press("record")
+    wait(browser, "document.getElementById('record').textContent === 'end the recording'")
+    dragged(browser, -60, 10)
+    wait(browser, "Number(document.body.dataset.time) > 0.4")
+    press("record")
+    wait(browser, "document.getElementById('notes').textContent.includes('palpate gate')")
+    assert [path.name for path in tmp_path.glob("*.toml")] == ["touched-block-1.toml"]
+    press("pause")
+    wait(browser, "document.getElementById('pause').getAttribute('aria-pressed') === 'true'")
+    at = browser.execute_script("return document.body.dataset.time")
+    browser.execute_script(
+        "const s = document.getElementById('colour'); s.value = 'stress';"
+        "s.dispatchEvent(new Event('change'))"
+    )
+    wait(browser, "document.querySelector('.most').textContent.endsWith('kPa')")
+    assert browser.execute_script("return document.body.dataset.time") == at
+    press("reset")
+    wait(browser, "Number(document.body.dataset.time) === 0")
+    browser.switch_to.new_window("tab")
+    browser.get(page.address)
+    wait(browser, "document.body.dataset.status.startsWith('refused')")
+    browser.close()
+    browser.switch_to.window(browser.window_handles[0])
+    press("pause")
+    wait(browser, "Number(document.body.dataset.time) > 0.02")
+    assert serious(browser) == []
+
+
+def test_what_is_judged_shows_verdicts_and_errors(
+    browser: Any, page: PageServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len(page.simulation.panes) == 2
+    (tmp_path / "stub_of_verdict.py").write_text(STUB)
+    monkeypatch.setattr("palpate.validation.live.judging.VERDICT", "stub_of_verdict")
+    monkeypatch.setattr("palpate.reference.availability.is_available", lambda: True)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{':'.join(sys.path)}")
+    browser.find_element("id", "judge").click()
+    wait(browser, "document.body.dataset.judged")
+    assert "nothing acts" in browser.find_element("id", "notes").text
+    dragged(browser, -150, 0)
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
+    browser.find_element("id", "judge").click()
+    wait(browser, "document.body.dataset.judged === 'failed passed'")
+    names = browser.execute_script(
+        "return [...document.querySelectorAll('.view .name')].map((n) => n.textContent)"
+    )
+    assert names == ["linear strain: failed", "Green strain: passed"]
+    assert browser.find_element("css selector", ".most").text.startswith("error")
+    assert (tmp_path / "held-block-1.toml").exists()
+    # The page's width at a phone's.
+    browser.set_window_size(500, 900)
+    assert browser.execute_script(
+        "return document.documentElement.scrollWidth <= window.innerWidth"
+    )
+    assert serious(browser) == []
