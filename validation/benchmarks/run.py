@@ -77,6 +77,8 @@ class Benchmark:
 
 # Names on the command line, and of modules with a `BENCHMARK`.
 NAMES = ("steps", "static", "truth", "delaunay", "mesh", "collision")
+# The live page's server under a client: ours alone.
+TOUCH = "touch"
 
 
 def run_benchmark(
@@ -102,8 +104,10 @@ def run_benchmark(
     Raises:
         InputError: No such benchmark, or it does not have such a size or runs on no device.
     """
+    if name == TOUCH:
+        return _touched(sizes, device, progress or in_silence)
     if name not in NAMES:
-        raise InputError(f"no benchmark {name!r}; there are {', '.join(NAMES)}")
+        raise InputError(f"no benchmark {name!r}; there are {', '.join((*NAMES, TOUCH))}")
     module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
     benchmark: Benchmark = module.BENCHMARK
     device = check_device(device)
@@ -124,6 +128,21 @@ def run_benchmark(
         "left_out": {tool: how for tool, how in rivals.items() if tool not in timed},
         "summary": summarise(benchmark, rows),
         "table": list(benchmark.table),
+    }
+
+
+def _touched(sizes: Sequence[int] | None, device: str, progress: Progress) -> dict[str, Any]:
+    from palpate.validation.benchmarks import touch
+
+    if check_device(device) != CORE:
+        raise InputError("benchmark touch runs on no device; --device goes with steps")
+    return {
+        "bench": TOUCH,
+        "machine": describe_machine(),
+        "rows": touch.rows(sizes, progress),
+        "left_out": {},
+        "summary": [],
+        "table": list(touch.TABLE),
     }
 
 

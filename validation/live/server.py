@@ -107,6 +107,11 @@ class PageServer:
             self._loop = None
             self.simulation.end()
 
+    @property
+    def page_size(self) -> int:
+        """Of the page [bytes]."""
+        return len(self._page)
+
     def stop(self) -> None:
         """End `serve`, from another thread."""
         self._is_stopping = True
