@@ -57,6 +57,7 @@ def write_pose(
     place: Floats,
     panes: Sequence[Pane],
     forces: Sequence[Floats],
+    grip: dict[str, Any] | None,
     folder: Path,
     name: str,
 ) -> tuple[Path, Path]:
@@ -66,7 +67,8 @@ def write_pose(
         live: What is touched.
         place: Of the tool, in the case's unit, shape (3,).
         panes: As they stand.
-        forces: On the hand [N], shape (3,) for each pane.
+        forces: On the tool [N], shape (3,) for each pane.
+        grip: Table of a spring that holds the surface.
         folder: Made where it is not there.
         name: Of the case.
 
@@ -87,8 +89,14 @@ def write_pose(
     data["title"] = f"{live.case.title}: held in a hand"
     data.pop("load", None)
     given = parse_toml(live.case.text).get("load")
-    if live.problem.loads and given:
+    if live.has_loads and given:
         data["load"] = given
+    data.pop("spring", None)
+    springs = parse_toml(live.case.text).get("spring", []) if live.has_loads else []
+    if grip is not None:
+        springs = [*springs, grip]
+    if springs:
+        data["spring"] = springs
     data["check"] = list(_CHECKS)
     if any(np.any(force) for force in forces):
         # From outside straight to where it is: without friction the way does not matter.
@@ -160,6 +168,8 @@ class Judging(threading.Thread):
                     self._say({"kind": "progress", "text": line.strip()})
             code = process.wait()
             reading.join()
+            process.stdout.close()
+            errors.close()
         if self._is_over:
             return
         if code != 0:

@@ -71,6 +71,7 @@ class LiveCase:
         clock: Steps and ticks.
         start: Of the tool, in the case's unit, shape (3,).
         outwards: Unit vector away from the body there, shape (3,).
+        has_loads: Whether the case's own loads and springs act.
         notes: What was chosen for the case, a sentence each.
     """
 
@@ -80,6 +81,7 @@ class LiveCase:
     clock: Clock
     start: Floats
     outwards: Floats
+    has_loads: bool
     notes: tuple[str, ...]
 
     @property
@@ -165,6 +167,7 @@ def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCa
         data.pop(key, None)
     if not touch.has_loads:
         data.pop("load", None)
+        data.pop("spring", None)
     elif span is None:
         ramp = {"times": [0.0, _RAMP], "factors": [0.0, 1.0], "smooth": True}
         data["load"] = [{"amplitude": ramp, **load} for load in data.get("load", [])]
@@ -210,7 +213,7 @@ def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCa
     thin, gap = half_thickness(problem.tools[0].shape), _largest_gap(case.mesh.mesh)
     if thin < gap:
         raise ToolTooSmallError(0, thin, gap)
-    return LiveCase(case, data, problem, clock, start, outwards, tuple(notes))
+    return LiveCase(case, data, problem, clock, start, outwards, touch.has_loads, tuple(notes))
 
 
 def problem_of(case: Case, data: dict[str, Any]) -> Problem:

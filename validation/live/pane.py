@@ -13,6 +13,7 @@ from palpate.fastsim.explicit_body import ExplicitBody
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Element, Inclusion, Problem, Strain
 from palpate.meshes.rigid_tool import ToolError
+from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
@@ -109,6 +110,7 @@ class Pane:
         self.body = ExplicitBody(problem, strain=strain, element=element)
         self._surface, self._skin = surface, surface.body(strain)
         self._rest = problem.mesh.points
+        self._first = self.body.springs
         self._volume = surface.volume(self._rest[surface.used])
         self.reset()
 
@@ -120,6 +122,8 @@ class Pane:
 
     def reset(self) -> None:
         """To rest, at time 0, the tool at its start."""
+        self._is_held = False
+        self.body.change_springs(self._first.anew())
         start = self.body.problem.initial_velocity
         velocity = None if start is None else start.at(self._rest)
         self.body.set_state(np.zeros_like(self._rest), velocity)
@@ -129,13 +133,28 @@ class Pane:
         self._force = np.zeros(3)
         self.seconds = self.cpu_seconds = 0.0
 
-    def advance(self, place: Floats, num_steps: int) -> None:
-        """One tick: the tool goes to a place [m]."""
+    def hold(self, spring: Spring) -> None:
+        """Let a spring pull besides the problem's own."""
+        self.body.change_springs(self.body.springs.with_spring(spring))
+        self._is_held = True
+
+    def let_go(self) -> None:
+        """Let it pull no more."""
+        if self._is_held:
+            self.body.change_springs(self.body.springs.without_spring(len(self.body.springs) - 1))
+            self._is_held = False
+
+    def advance(self, place: Floats, anchor: Floats | None, num_steps: int) -> None:
+        """One tick: the tool goes to a place [m], the anchor of what is held to its own."""
         if self.trouble:
             return
         begin, cpu = time.perf_counter(), time.thread_time()
         try:
             self.body.move_tool(0, place)
+            if self._is_held and anchor is not None:
+                now = self.body.time
+                end = (self.body.steps + num_steps) * self.body.time_step
+                self.body.springs.send(len(self.body.springs) - 1, anchor, now, end)
             self.body.step(num_steps)
             self._note(num_steps)
         except (FastsimError, ToolError) as error:
@@ -150,8 +169,16 @@ class Pane:
         if self.strain is Strain.GREEN:
             self.smallest_det_f = self.body.elastic.smallest_det_f(self.body.displacement)[0]
 
+    def pull(self) -> Floats:
+        """Of the body on the hand that holds it by a spring, now [N], shape (3,)."""
+        if not self._is_held:
+            return np.zeros(3)
+        pulled = self.body.springs.resultants(self.body.displacement, self.body.time)
+        back: Floats = -pulled[-1]
+        return back
+
     def mean_force(self) -> Floats:
-        """Of the body on the hand since it was asked last [N], shape (3,)."""
+        """Of the body on the tool since it was asked last [N], shape (3,)."""
         if self._since:
             self._force = self._impulse / self._since
             self._impulse, self._since = np.zeros(3), 0.0

@@ -46,6 +46,28 @@ class ToolTo(_Message):
     to: Place
 
 
+class Grab(_Message):
+    """Hold the surface about one of its points, by a spring over a patch of a radius [mm]."""
+
+    kind: Literal["grab"]
+    point: Count
+    radius: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0, le=1e6)]
+
+
+class Pull(_Message):
+    """Send what is held by so much from where it was grabbed [mm]."""
+
+    kind: Literal["pull"]
+    number: Count
+    by: Place
+
+
+class LetGo(_Message):
+    """Hold the surface no more."""
+
+    kind: Literal["let_go"]
+
+
 class Withdraw(_Message):
     """Take the tool out of the body and back to where it started; let go of the surface."""
 
@@ -99,7 +121,20 @@ class Shown(_Message):
     frame: Count
 
 
-Message = ToolTo | Withdraw | Pause | Reset | ColourBy | CaseLoads | Record | JudgeThis | Shown
+Message = (
+    ToolTo
+    | Grab
+    | Pull
+    | LetGo
+    | Withdraw
+    | Pause
+    | Reset
+    | ColourBy
+    | CaseLoads
+    | Record
+    | JudgeThis
+    | Shown
+)
 _MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
 
 

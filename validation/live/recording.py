@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.errors import InputError
 from palpate.validation.case import Case
 from palpate.validation.case.annotated import case_text
+from palpate.validation.live.grip import Grip
 from palpate.validation.live.live_case import LiveCase
 
 # States kept of a recorded motion, about so many a second.
@@ -42,12 +44,15 @@ def ticks_of_output(tick: float, num_ticks: int) -> int:
     return max(1, min(num_ticks, round(1.0 / (_OUTPUTS * tick))))
 
 
-def write_recording(live: LiveCase, places: list[Floats], folder: Path, name: str) -> Path:
+def write_recording(
+    live: LiveCase, places: list[Floats], grips: Sequence[Grip], folder: Path, name: str
+) -> Path:
     """Write a recorded motion as a case, which repeats it step by step.
 
     Args:
         live: What was touched.
         places: Of the tool in the case's unit at the end of each tick, from the start.
+        grips: Holds of the surface since then.
         folder: Made where it is not there.
         name: Of the case.
 
@@ -65,6 +70,10 @@ def write_recording(live: LiveCase, places: list[Floats], folder: Path, name: st
     places = [*places, *[places[-1]] * (-num_ticks % each)]
     data = live.with_path(places)
     data["time"]["num_outputs"] = (len(places) - 1) // each
+    clock = live.clock
+    springs = [grip.recorded(clock.time_step, clock.steps) for grip in grips if grip.places]
+    if springs:
+        data["spring"] = [*data.get("spring", []), *springs]
     data["title"] = f"{live.case.title}: touched"
     data["check"] = _CHECKS
     return write_case(live.case, data, folder, name)

@@ -92,7 +92,7 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._held: ServerConnection | None = None
         self._notes: deque[str] = deque()
-        self._slot: bytes | None = None
+        self._slot: tuple[int, bytes] | None = None
         self._sent = self._shown = 0
 
     def serve(self, ready: Callable[[str], None]) -> None:
@@ -183,7 +183,8 @@ class PageServer:
             return
         self._held = connection
         self._notes.clear()
-        self._slot, self._sent, self._shown = None, 0, 0
+        self._slot = None
+        self._shown = self._sent
         self._notes.append(json.dumps(self.simulation.scene(), allow_nan=False))
         self._news.set()
         sending = asyncio.create_task(self._send(connection))
@@ -225,24 +226,23 @@ class PageServer:
                 while self._notes:
                     await connection.send(self._notes.popleft())
                 if self._slot is not None and self._sent - self._shown < _ON_THE_WAY:
-                    frame, self._slot = self._slot, None
-                    self._sent += 1
+                    (self._sent, frame), self._slot = self._slot, None
                     await connection.send(frame)
 
     def _wants_frame(self) -> bool:
         return self._held is not None and self._slot is None
 
-    def _take(self, news: bytes | dict[str, Any]) -> None:
+    def _take(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
         """From the simulation's thread: a frame or a note for the page."""
         loop = self._loop
         if loop is not None:
             with contextlib.suppress(RuntimeError):  # closed meanwhile
                 loop.call_soon_threadsafe(self._put, news)
 
-    def _put(self, news: bytes | dict[str, Any]) -> None:
+    def _put(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
         if self._held is None:
             return
-        if isinstance(news, bytes):
+        if isinstance(news, tuple):
             self._slot = news
             self._news.set()
         else:

@@ -14,19 +14,22 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
+from palpate.validation.live.frames import Look, Pace
+from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
 from palpate.validation.live.hand import Hand
 from palpate.validation.live.judging import Judging, write_pose
 from palpate.validation.live.live_case import LiveCase, Touch, live_case
 from palpate.validation.live.pane import LEAST_DET_F, Pane, Surface, make_panes
-from palpate.validation.live.protocol import Box, pack_frame
 from palpate.validation.live.recording import free_name, write_recording
 
 FRAME = 1.0 / 60.0
 # Of all frames together [bytes/s].
 MOST_RATE = 2.8e6
+# Radius of a patch that is held, of the longest side, unless the page says another.
+_PATCH = 0.15
 # The tool crosses the body in a second at least, however fast the pointer.
 _SIDES_PER_SECOND = 1.0
 # Of the speed that vertices can follow.
@@ -36,8 +39,6 @@ _LOST = 0.1
 _LONGEST_RECORDING = 30.0
 # Before a pose is judged its bodies come to rest: so many times 1 / damping, so long at most [s].
 _CALM, _LONGEST_REST = 40.0, 5.0
-# Energies and shades that cost more than a look at the surface, every so many frames.
-_SELDOM = 6
 
 # Places are told so exactly [m].
 NANOMETRE = 1e-9
@@ -54,7 +55,7 @@ class Simulation(threading.Thread):
         elements: Of the panes.
         folder: For recordings.
         wants_frame: Whether the page has room for one more.
-        send: Takes a frame (bytes) or a note (a dictionary) for the page; returns at once.
+        send: Takes a frame with its number, or a note, for the page; returns at once.
     """
 
     def __init__(
@@ -65,26 +66,24 @@ class Simulation(threading.Thread):
         *,
         folder: Path,
         wants_frame: Callable[[], bool],
-        send: Callable[[bytes | Note], None],
+        send: Callable[[tuple[int, bytes] | Note], None],
     ) -> None:
         super().__init__(name="simulation", daemon=True)
         self._case, self._touch, self._elements = case, touch, elements
         self._folder, self._wants_frame, self._send = folder, wants_frame, send
         self._orders: queue.SimpleQueue[tuple[protocol.Message | None, float]]
         self._orders = queue.SimpleQueue()
-        self._colour = "displacement"
-        self._is_paused = False
-        self._is_seen = False
+        self._is_paused = self._is_seen = False
         self._ending = threading.Event()
         self._recorded: list[Floats] | None = None
         self._judging: Judging | None = None
-        self._frame = 0
+        self.recorded_grips: list[Grip] = []
         self._answered = (0, 0.0)
         self._unanswered: tuple[int, float] | None = None
+        mesh = case.mesh.mesh
+        self._look = Look(mesh.points[np.unique(mesh.boundary_facets)] * 1e3)
         self._build()
         self._pool = ThreadPoolExecutor(max(1, len(self.panes) - 1), thread_name_prefix="pane")
-
-    # ---------------------------------------------------------------- from other threads
 
     def order(self, message: protocol.Message, received: float) -> None:
         """Take a message of the page, received at a time of `time.perf_counter`."""
@@ -114,9 +113,9 @@ class Simulation(threading.Thread):
         live, milli = self.live, self._milli
         return {
             "kind": "scene",
-            "box": self._box.described(),
+            "box": self._look.box.described(),
             "tool": {**live.data["tool"][0], "start": (live.start * milli).tolist()},
-            "unit": milli,
+            "patch": self._patch * 1e3,
             "panes": [pane.name for pane in self.panes],
             "speed": self._largest_speed * 1e3,
             "time_step": live.clock.time_step,
@@ -129,18 +128,15 @@ class Simulation(threading.Thread):
             "notes": list(live.notes),
         }
 
-    # ---------------------------------------------------------------- the bodies
-
     def _build(self) -> None:
         self.live: LiveCase = live_case(self._case, self._touch, self._elements)
         problem = self.live.problem
         self.surface = Surface(problem)
         self.panes: list[Pane] = make_panes(problem, self.surface, self._elements)
-        rest = problem.mesh.points[self.surface.used] * 1e3
         self._milli = self.live.unit * 1e3
-        self._box = Box(rest)
         side = float(np.ptp(problem.mesh.points, axis=0).max())
         allowed = _SPEED_SAFETY * min(pane.largest_speed for pane in self.panes)
+        self._patch = _PATCH * side
         self._largest_speed = min(allowed, _SIDES_PER_SECOND * side)
         self._reset()
 
@@ -156,10 +152,10 @@ class Simulation(threading.Thread):
         for pane in self.panes:
             pane.reset()
         self._ticks = 0
-        self._spent, self._cpu = tick, 0.0
-        self._pace: list[tuple[float, float]] = []
-        self._energies = [0.0] * len(self.panes)
-        self._most = 0.0
+        self._grip: Grip | None = None
+        self._grips: list[Grip] = []
+        self._pace = Pace(tick)
+        self._look.begin()
         self._told: set[int] = set()
         self._resting = 0
         self._due = time.perf_counter()
@@ -210,8 +206,11 @@ class Simulation(threading.Thread):
         place = self.hand.next_place(is_too_much=is_too_much)
         metres = np.array(self._case.spec.units.place((place[0], place[1], place[2])))
         begin = time.perf_counter()
-        others = [self._pool.submit(pane.advance, metres, clock.steps) for pane in self.panes[1:]]
-        self.panes[0].advance(metres, clock.steps)
+        anchor = self._next_anchor(is_too_much)
+        others = [
+            self._pool.submit(pane.advance, metres, anchor, clock.steps) for pane in self.panes[1:]
+        ]
+        self.panes[0].advance(metres, anchor, clock.steps)
         for other in others:
             other.result()
         for number, pane in enumerate(self.panes):
@@ -219,14 +218,9 @@ class Simulation(threading.Thread):
                 self._told.add(number)
                 self._say(f"{pane.name}: {pane.trouble}")
         spent = time.perf_counter() - begin
-        # Over about half a second.
-        share = min(1.0, clock.tick / 0.5)
-        self._spent += share * (spent - self._spent)
-        self._cpu += share * (max(pane.cpu_seconds for pane in self.panes) - self._cpu)
+        self._pace.note(spent, max(pane.cpu_seconds for pane in self.panes))
         self._ticks += 1
         self._resting = max(1, self._resting - 1) if self._resting else 0
-        now = time.perf_counter()
-        self._pace = [*(p for p in self._pace if now - p[0] < 1.0), (now, clock.tick)]
         if self._unanswered is not None:
             self._answered, self._unanswered = self._unanswered, None
         if self._recorded is not None:
@@ -234,71 +228,56 @@ class Simulation(threading.Thread):
             if len(self._recorded) * clock.tick > _LONGEST_RECORDING:
                 self._end_recording()
 
-    # ---------------------------------------------------------------- what the page is sent
+    def _next_anchor(self, is_too_much: bool) -> Floats | None:
+        """Where what is held is pulled to [m]."""
+        if self._grip is None:
+            return None
+        place = self._grip.hand.next_place(is_too_much=is_too_much)
+        self._grip.places.append(place.copy())
+        return np.array(self._case.spec.units.place((place[0], place[1], place[2])))
 
     def _show(self) -> int:
         """Send a frame; returns its size [bytes]."""
-        self._frame += 1
-        seldom = self._frame % _SELDOM == 1
-        shades = [pane.shades(self._colour) for pane in self.panes]
-        # One scale for all, which falls slowly so that the eye can follow.
-        self._most = max(*(float(of.max()) for of in shades), 0.98 * self._most, 1e-12)
-        packed, told = [], []
-        for number, pane in enumerate(self.panes):
-            places = pane.places()
-            if seldom:
-                self._energies[number] = pane.strain_energy()
-            bytes_ = np.clip(shades[number] * (255.0 / self._most), 0.0, 255.0)
-            packed.append((self._box.packed(places * 1e3), bytes_.astype(np.uint8)))
-            told.append(
-                {
-                    "force": [_finite(f) for f in pane.mean_force()],
-                    "volume": _finite(pane.volume_change(places)),
-                    "energy": _finite(self._energies[number]),
-                    "det_f": _finite(pane.smallest_det_f),
-                    "trouble": bool(pane.trouble),
-                }
-            )
         now = time.perf_counter()
         number, received = self._answered
-        tick = self.live.clock.tick
+        grip = self._grip
         head = {
-            "frame": self._frame,
-            "time": self._ticks * tick,
-            "panes": told,
+            "time": self._ticks * self.live.clock.tick,
             "tool": (self.hand.place * self._milli).tolist(),
-            "held_back": self.hand.is_held_back,
+            "grip": None if grip is None else (grip.hand.place * self._milli).tolist(),
+            "held_back": self.hand.is_held_back or (grip is not None and grip.hand.is_held_back),
             "paused": self._is_paused,
             "recording": self._recorded is not None,
-            "colour": self._colour,
-            "most": self._most,
-            "factor": tick / max(self._spent, 1e-9),
-            "cpu_factor": tick / max(self._cpu, 1e-9),
-            "pace": sum(t for _, t in self._pace) / max(min(1.0, self._age(now)), tick),
             "answered": number,
             "latency": now - received if received else None,
+            **self._pace.described(),
         }
         self._answered = (number, 0.0)
-        frame = pack_frame(head, packed)
-        self._send(frame)
+        frame = self._look.frame(self.panes, head)
+        self._send((self._look.count, frame))
         return len(frame)
-
-    def _age(self, now: float) -> float:
-        return now - self._pace[0][0] + self.live.clock.tick if self._pace else 1.0
 
     def _say(self, text: str, **more: Any) -> None:
         self._send({"kind": "note", "text": text, **more})
 
-    # ---------------------------------------------------------------- orders
-
     def _obey(self, message: protocol.Message, received: float) -> None:
         match message:
-            case protocol.ToolTo() | protocol.Withdraw() if self._resting:
+            case protocol.ToolTo() | protocol.Withdraw() | protocol.Grab() | protocol.Pull() if (
+                self._resting
+            ):
                 pass  # the hand is held still
             case protocol.ToolTo(number=number, to=to):
                 self.hand.send(np.array(to) / self._milli)
                 self._unanswered = (number, received)
+            case protocol.Grab(point=point, radius=radius):
+                self._grab(point, radius)
+            case protocol.Pull(number=number, by=by) if self._grip is not None:
+                self._grip.hand.send(self._grip.first + np.array(by) / self._milli)
+                self._unanswered = (number, received)
+            case protocol.LetGo():
+                self._let_go()
             case protocol.Withdraw():
+                self._let_go()
                 self.hand.withdraw()
             case protocol.Pause(on=on):
                 self._is_paused = on
@@ -306,7 +285,7 @@ class Simulation(threading.Thread):
                 self._recorded = None
                 self._reset()
             case protocol.ColourBy(by=by):
-                self._colour, self._most = by, 0.0
+                self._look.colour_by(by)
             case protocol.CaseLoads(on=on):
                 self._recorded = None
                 self._with_loads(on)
@@ -320,12 +299,50 @@ class Simulation(threading.Thread):
             case _:
                 pass
 
+    def _grab(self, point: int, radius: float) -> None:
+        self._let_go()
+        if self._recorded is not None and len(self._grips) >= MOST_GRIPS:
+            self._say(f"a recording takes {MOST_GRIPS} grips; end it first")
+            return
+        used = self.surface.used
+        green = next(pane for pane in self.panes if pane.strain is Strain.GREEN)
+        try:
+            grip = take_hold(
+                self.live,
+                green,
+                int(used[min(point, len(used) - 1)]),
+                radius * 1e-3,
+                largest_way=self.hand.largest_way,
+                digits=self.hand.digits,
+            )
+        except InputError as error:
+            self._say(str(error))
+            return
+        for pane in self.panes:
+            pane.hold(grip.spring)
+        self._grip = grip
+        self._grips.append(grip)
+        told = grip.spring
+        self._say(
+            f"held: a spring of {told.stiffness:.3g} N/m over a patch of {1e3 * told.radius:.3g} mm"
+        )
+
+    def _let_go(self) -> None:
+        if self._grip is None:
+            return
+        self._grip.end = self._ticks * self.live.clock.steps
+        for pane in self.panes:
+            pane.let_go()
+        self._grip = None
+
     def _begin_to_judge(self) -> None:
         if self._judging is not None and self._judging.is_alive():
             self._say("the pose before is still being judged")
             return
         self._recorded, self._is_paused = None, False
         self.hand.stay()
+        if self._grip is not None:
+            self._grip.hand.stay()
         damping = self.live.data["time"]["mass_damping"]
         longest = min(_LONGEST_REST, _CALM / max(damping, 1e-9))
         self._resting = max(1, round(longest / self.live.clock.tick))
@@ -338,7 +355,13 @@ class Simulation(threading.Thread):
         try:
             name = free_name(self._folder, f"held-{self._case.name}")
             case, answers = write_pose(
-                self.live, self.hand.place, self.panes, forces, self._folder, name
+                self.live,
+                self.hand.place,
+                self.panes,
+                forces,
+                None if self._grip is None else self._grip.held(),
+                self._folder,
+                name,
             )
         except (InputError, OSError) as error:
             self._is_paused = False
@@ -360,18 +383,14 @@ class Simulation(threading.Thread):
 
     def _end_recording(self) -> None:
         places, self._recorded = self._recorded, None
+        self.recorded_grips = [grip for grip in self._grips if grip.places]
         if places is None:
             return
         try:
             name = free_name(self._folder, f"touched-{self._case.name}")
-            path = write_recording(self.live, places, self._folder, name)
+            path = write_recording(self.live, places, self._grips, self._folder, name)
         except (InputError, OSError) as error:
             self._say(f"not recorded: {error}")
             return
         seconds = (len(places) - 1) * self.live.clock.tick
         self._say(f"{seconds:.3g} s recorded: palpate gate {path} --live", recorded=str(path))
-
-
-def _finite(value: float) -> float:
-    """A number that JSON has."""
-    return float(value) if np.isfinite(value) else 0.0

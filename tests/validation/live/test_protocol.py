@@ -15,6 +15,9 @@ from palpate.validation.live.protocol import Box, MessageError, read_message
 
 PROPER: list[dict[str, Any]] = [
     {"kind": "tool", "number": 3, "to": [1.5, -2, 0.0]},
+    {"kind": "grab", "point": 12, "radius": 8.5},
+    {"kind": "pull", "number": 4, "by": [0.0, -1.25, 3]},
+    {"kind": "let_go"},
     {"kind": "withdraw"},
     {"kind": "pause", "on": True},
     {"kind": "reset"},
@@ -34,7 +37,8 @@ WRONG: list[Any] = [
     {"kind": "tool", "number": 1, "to": [0, 0, float("nan")]},
     {"kind": "tool", "number": 1, "to": [0, 0, float("inf")]},
     {"kind": "tool", "number": 1, "to": [0, 0, 0], "more": 1},
-    {"kind": "pause", "on": 1}, {"kind": "colour", "by": "smell"}, {"kind": "shown", "frame": 2.5},
+    {"kind": "grab", "point": 12, "radius": 0.0}, {"kind": "pause", "on": 1},
+    {"kind": "colour", "by": "smell"}, {"kind": "shown", "frame": 2.5},
 ]  # fmt: skip
 
 

@@ -76,6 +76,25 @@ def dragged(browser: Any, right: int, down: int) -> None:
     hand.move_by_offset(right, down).release().perform()
 
 
+def dragged_from_a_view(browser: Any, right: int) -> None:
+    """From the middle of the first view, whose words lie below it."""
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    canvas = browser.find_element("css selector", ".stage canvas")
+    first, places = (
+        browser.execute_script(f"return {script}")
+        for script in (
+            "(({ w, h, dense }) => [w / dense, h / dense])(window.palpate.stage.layout)",
+            "[arguments[0].clientWidth, arguments[0].clientHeight]".replace(
+                "arguments[0]", "window.palpate.stage.canvas"
+            ),
+        )
+    )
+    x, y = first[0] / 2 - places[0] / 2 - 20, (first[1] - 46) / 2 - places[1] / 2
+    hand = ActionChains(browser, duration=50).move_to_element_with_offset(canvas, x, y)
+    hand.click_and_hold().move_by_offset(right, 0).release().perform()
+
+
 def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -> None:
     from selenium.webdriver.common.keys import Keys
 
@@ -92,6 +111,13 @@ def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -
     browser.find_element("id", "withdraw").click()
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) === 0)")
     assert page.simulation.hand.place[0] > held[0]
+    # Taken hold of in the middle and drawn to the right, the bodies pull back to the left.
+    browser.execute_script("document.getElementById('keep').checked = true")
+    browser.find_element("id", "mode-drag").click()
+    dragged_from_a_view(browser, 40)
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] < -0.001)")
+    browser.find_element("id", "keep").click()
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) === 0)")
     assert serious(browser) == []
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.fastsim.dynamics import simulate
+from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.live.client import Client, connected
@@ -52,6 +53,44 @@ def test_the_force_on_the_hand_is_that_of_statics(serving: Serving) -> None:
         moved = places[1] - live.problem.mesh.points[server.simulation.surface.used] * 1e3
         assert moved[:, 0].min() == pytest.approx(-2.0, abs=0.05)
         assert heads[-1]["panes"][1]["volume"] < 0.0
+
+
+def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving: Serving) -> None:
+    with (
+        serving("block", Touch(mass_damping=100.0)) as server,
+        connected(server.address) as client,
+    ):
+        client.until_time(0.05)
+        simulation = server.simulation
+        rest = simulation.live.problem.mesh.points[simulation.surface.used]
+        point = int(np.argmin(np.linalg.norm(rest - [0.04, 0.0125, 0.02], axis=1)))
+        client.say("grab", point=point, radius=14.0)
+        client.say("pull", number=1, by=[2.0, 0.5, 3.0])
+        client.until_time(1.2)
+        heads = [head for head in (client.hear() for _ in range(10)) if "panes" in head]
+        grip = simulation._grip
+        assert grip is not None
+        assert heads[-1]["grip"] == pytest.approx([2.0, 0.5, 3.0])
+        live = simulation.live
+        still = {**live.data, "spring": [grip.held()]}
+        still.pop("tool")
+        statics = dataclasses.replace(problem_of(live.case, still), time=None)
+        for number, strain in enumerate((Strain.LINEAR, Strain.GREEN)):
+            state = solve(statics, strain=strain)
+            (spring,) = statics.springs
+            patch = PatchSprings(statics.mesh.points, (spring,))
+            anchors, ones = spring.path.end[None], np.ones(1)
+            expected = -patch.resultants(state.displacement, anchors, ones)[0]
+            force = np.mean([head["panes"][number]["force"] for head in heads], axis=0)
+            # The body pulls back.
+            assert expected[2] < -0.005
+            assert np.linalg.norm(force - expected) < 0.02 * np.linalg.norm(expected)
+        client.say("let_go")
+        assert client.until(lambda heard: heard.get("grip", 0) is None)["panes"][0]["force"] == [
+            0.0,
+            0.0,
+            0.0,
+        ]
 
 
 def test_pause_stops_the_bodies_and_reset_brings_them_back(serving: Serving) -> None:
@@ -105,6 +144,11 @@ def test_what_was_recorded_repeats_the_motion_bit_for_bit(serving: Serving, tmp_
         for number, goal in enumerate([[x - 6, y + 1, z], [x - 3.7, y - 2, z + 1.7]]):
             client.say("tool", number=number + 1, to=goal)
             client.until_time(0.3 * (number + 1))
+        client.say("grab", point=3, radius=14.0)
+        client.say("pull", number=3, by=[1.0, -2.0, 1.5])
+        client.until_time(0.75)
+        client.say("let_go")
+        client.until_time(0.85)
         client.say("record", on=False)
         path = Path(client.until(lambda heard: "recorded" in heard)["recorded"])
         simulation = server.simulation
@@ -123,7 +167,8 @@ def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
     case = load_case(path)
     span = case.problem.time
     assert span is not None
-    tool = case.spec.tool[0]
+    tool, (grip,) = case.spec.tool[0], simulation.recorded_grips
+    clock = simulation.live.clock
     for pane in simulation.panes:
         whole = simulate(case.problem, strain=pane.strain, element=pane.element)
         pane.reset()
@@ -131,7 +176,15 @@ def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
         assert whole.num_steps == each * (len(tool.pose) - 1)
         forces = []
         for number, pose in enumerate(tool.pose[1:]):
-            pane.advance(np.array(case.spec.units.place(pose.position)), each)
+            step, anchor = number * each, None
+            if step == grip.begin:
+                pane.hold(grip.spring)
+            if grip.end is not None and step == grip.end:
+                pane.let_go()
+            if grip.begin <= step < (grip.end or 10**9):
+                x, y, z = grip.places[(step - grip.begin) // clock.steps]
+                anchor = np.array(case.spec.units.place((x, y, z)))
+            pane.advance(np.array(case.spec.units.place(pose.position)), anchor, each)
             if (number + 1) * each % (whole.num_steps // span.num_outputs) == 0:
                 forces.append(pane.mean_force())
         assert not pane.trouble

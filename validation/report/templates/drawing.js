@@ -210,10 +210,11 @@ class Stage {
     const pixels = 0.46 * this.scale * Math.min(w / this.half[0], (h - words) / this.half[1]);
     gl.uniformMatrix3fv(this.uniform.turn, false, this.turn());
     gl.uniform2f(this.uniform.zoom, 2 * pixels / w, 2 * pixels / h);
-    gl.uniform2f(this.uniform.centre, this.middle[0] + this.offset[0], this.middle[1] + this.offset[1] - 0.5 * words / pixels);
+    const centre = [this.middle[0] + this.offset[0], this.middle[1] + this.offset[1] - 0.5 * words / pixels];
+    gl.uniform2f(this.uniform.centre, ...centre);
     gl.uniform1f(this.uniform.depth, 0.2 / this.radius);
     // Where things are on the screen, for whoever points at them.
-    this.layout = { columns, rows, w, h, pixels, dense };
+    this.layout = { columns, rows, w, h, pixels, dense, centre };
     this.shown.forEach((shown, k) => {
       gl.viewport((k % columns) * w, (rows - 1 - Math.floor(k / columns)) * h, w, h);
       const { motion, shade, share, lineShare } = this.stateOf(shown);

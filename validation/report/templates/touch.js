@@ -2,6 +2,7 @@
 
 const HAND_COLOURS = ["#3b6ba0", "#b5332e", "#2f8f4e"];
 const STEEL = [0.45, 0.5, 0.56, 1];
+const RED = [0.8, 0.25, 0.2, 1];
 const UNITS = { displacement: "mm", strain: "", stress: "kPa" };
 const FACTORS = { displacement: 1e3, strain: 1, stress: 1e-3 };
 
@@ -13,10 +14,10 @@ class Touch extends Stage {
     super(root, { points: unpack(scene.points, Float32Array), facets: unpack(scene.facets, Uint32Array),
       radius: scene.radius, axis: scene.axis });
     this.send = send;
-    this.tool = { points: unpack(scene.tool.points, Float32Array), facets: unpack(scene.tool.facets, Uint32Array) };
-    this.tool.indices = this.elements(this.tool.facets);
-    this.tool.still = new Float32Array(this.tool.points.length);
-    this.tool.plain = new Float32Array(this.tool.points.length / 3);
+    this.tool = this.solid(unpack(scene.tool.points, Float32Array), unpack(scene.tool.facets, Uint32Array));
+    const s = 0.035 * scene.radius;
+    this.anchor = this.solid(Float32Array.from([s, 0, 0, -s, 0, 0, 0, s, 0, 0, -s, 0, 0, 0, s, 0, 0, -s]),
+      Uint32Array.from([0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5]));
     this.colours = scene.colours;
     this.yaw += 0.3;
     this.pitch = Math.min(this.pitch + 0.15, Math.PI / 2 - 0.5);
@@ -24,6 +25,10 @@ class Touch extends Stage {
     this.number = 0;
     this.asked = new Map();
     this.listen();
+  }
+
+  solid(points, facets) {
+    return { points, facets, indices: this.elements(facets), still: new Float32Array(points.length), plain: new Float32Array(points.length / 3) };
   }
 
   // What the server says of the case, before the first frame.
@@ -93,18 +98,24 @@ class Touch extends Stage {
 
   stateOf(shown) { return { motion: shown.motion, shade: this.errors ? shown.error : shown.shade, share: 1, lineShare: 1 }; }
 
-  // The tool, in every view.
+  // The tool, and where the anchor of a grip is, in every view.
   drawBeside() {
     if (!this.toolAt) return;
-    const gl = this.gl, { points, facets, indices, still, plain } = this.tool;
-    this.fill("rest", points.map((x, k) => x + this.toolAt[k % 3]));
+    this.drawSolid(this.tool, this.toolAt, STEEL);
+    const held = this.head.grip && this.grip ? 3 * this.grip.point : -1;
+    if (held >= 0) this.drawSolid(this.anchor, [0, 1, 2].map((i) => this.points[held + i] + this.head.grip[i]), RED);
+    this.fill("rest", this.points);
+  }
+
+  drawSolid({ points, facets, indices, still, plain }, at, colour) {
+    const gl = this.gl;
+    this.fill("rest", points.map((x, k) => x + at[k % 3]));
     this.fill("motion", still);
     this.fill("value", plain);
     gl.uniform1i(this.uniform.mode, 0);
-    gl.uniform4f(this.uniform.plain, ...STEEL);
+    gl.uniform4f(this.uniform.plain, ...colour);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
     gl.drawElements(gl.TRIANGLES, facets.length, gl.UNSIGNED_INT, 0);
-    this.fill("rest", this.points);
   }
 
   paint() {
@@ -126,7 +137,9 @@ class Touch extends Stage {
 
   moveHand(right, up, towards) {
     const [r, u, e] = this.axes();
-    this.goal = add(add(add(this.goal, r, right), u, up), e, towards);
+    const moved = (from) => add(add(add(from, r, right), u, up), e, towards);
+    if (this.grip) this.grip.by = moved(this.grip.by);
+    else this.goal = moved(this.goal);
     this.sendHand();
   }
 
@@ -136,12 +149,54 @@ class Touch extends Stage {
     requestAnimationFrame(() => {
       this.waitingHand = false;
       this.number += 1;
+      const exact = (place) => place.map((x) => Math.round(x * 1e6) / 1e6);
       this.asked.set(this.number, performance.now());
-      this.send({ kind: "tool", number: this.number, to: this.goal.map((x) => Math.round(x * 1e6) / 1e6) });
+      this.send(this.grip ? { kind: "pull", number: this.number, by: exact(this.grip.by) }
+        : { kind: "tool", number: this.number, to: exact(this.goal) });
     });
   }
 
+  // The point of the surface under the pointer that is nearest to the eye, or nothing.
+  pick(clientX, clientY) {
+    const { columns, w, h, pixels, dense, centre } = this.layout, box = this.canvas.getBoundingClientRect();
+    const px = (clientX - box.left) * dense, py = (clientY - box.top) * dense;
+    const column = Math.floor(px / w), row = Math.floor(py / h), shown = this.shown[row * columns + column];
+    if (!shown) return null;
+    const x = centre[0] + (px - (column + 0.5) * w) / pixels, y = centre[1] - (py - (row + 0.5) * h) / pixels;
+    const [r, u, e] = this.axes(), seen = new Float32Array(3 * this.count);
+    for (let k = 0; k < seen.length; k += 3) {
+      const at = [0, 1, 2].map((i) => this.points[k + i] + shown.motion[k + i]);
+      [r, u, e].forEach((axis, i) => { seen[k + i] = at[0] * axis[0] + at[1] * axis[1] + at[2] * axis[2]; });
+    }
+    let best = null, nearest = -Infinity;
+    for (let f = 0; f < this.facets.length; f += 3) {
+      const [a, b, c] = [0, 1, 2].map((k) => 3 * this.facets[f + k]);
+      const side = (p, q) => (seen[q] - seen[p]) * (y - seen[p + 1]) - (seen[q + 1] - seen[p + 1]) * (x - seen[p]);
+      const [s, t, v] = [side(a, b), side(b, c), side(c, a)];
+      if ((s < 0 || t < 0 || v < 0) && (s > 0 || t > 0 || v > 0)) continue;
+      const depth = (seen[a + 2] + seen[b + 2] + seen[c + 2]) / 3;
+      if (depth <= nearest) continue;
+      nearest = depth;
+      best = [a, b, c].reduce((p, q) => (Math.hypot(seen[q] - x, seen[q + 1] - y) < Math.hypot(seen[p] - x, seen[p + 1] - y) ? q : p)) / 3;
+    }
+    return best;
+  }
+
+  grab(clientX, clientY) {
+    const point = this.pick(clientX, clientY);
+    if (point === null) return;
+    this.grip = { point, by: [0, 0, 0] };
+    this.send({ kind: "grab", point, radius: Number($("patch").value) });
+  }
+
+  release() {
+    if (!this.grip) return;
+    this.grip = null;
+    this.send({ kind: "let_go" });
+  }
+
   letGo() {
+    this.grip = null;
     this.goal = [...this.start ?? this.goal];
     this.send({ kind: "withdraw" });
   }
@@ -149,7 +204,7 @@ class Touch extends Stage {
   setMode(mode) {
     this.mode = mode;
     this.canvas.classList.toggle("turning", mode === "turn");
-    for (const name of ["push", "turn"]) $(`mode-${name}`).setAttribute("aria-pressed", String(name === mode));
+    for (const name of ["push", "drag", "turn"]) $(`mode-${name}`).setAttribute("aria-pressed", String(name === mode));
   }
 
   listen() {
@@ -159,13 +214,18 @@ class Touch extends Stage {
     canvas.addEventListener("pointerdown", (e) => {
       last = [e.clientX, e.clientY];
       turns = this.mode === "turn" || e.button === 2;
+      if (this.mode === "drag" && !turns) this.grab(e.clientX, e.clientY);
       canvas.setPointerCapture(e.pointerId);
     });
-    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => { last = null; });
+    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, () => {
+      last = null;
+      if (!$("keep").checked) this.release();
+    });
     canvas.addEventListener("pointermove", (e) => {
       if (!last) return;
       const dx = e.clientX - last[0], dy = e.clientY - last[1];
       last = [e.clientX, e.clientY];
+      if (this.mode === "drag" && !turns && !this.grip) return;
       if (turns) { if (e.shiftKey) this.move(dx, dy); else this.rotate(dx * 0.01, dy * 0.01); return; }
       const unit = this.layout.dense / this.layout.pixels;
       this.moveHand(dx * unit, -dy * unit, 0);
@@ -245,6 +305,8 @@ class Page {
   told(note) {
     if (note.kind === "scene") {
       this.stage.start = note.tool.start;
+      this.stage.grip = null;
+      if (!$("patch").value) $("patch").value = note.patch.toPrecision(2);
       this.stage.begin(note);
       this.status("");
       $("about").textContent = `${note.cells} cells, step ${digits(1e3 * note.time_step)} ms, damping ${digits(note.damping)} /s.`;
@@ -317,6 +379,8 @@ class Page {
   listen() {
     const stage = this.stage, send = this.send;
     $("mode-push").onclick = () => stage.setMode("push");
+    $("mode-drag").onclick = () => stage.setMode("drag");
+    $("keep").onchange = () => { if (!$("keep").checked) stage.release(); };
     $("mode-turn").onclick = () => stage.setMode("turn");
     this.whileHeld($("deeper"), () => stage.moveHand(0, 0, -0.25 * stage.step));
     this.whileHeld($("nearer"), () => stage.moveHand(0, 0, 0.25 * stage.step));
@@ -327,19 +391,21 @@ class Page {
     if ($("loads")) $("loads").onchange = () => send({ kind: "loads", on: $("loads").checked });
     $("record").onclick = () => {
       const on = $("record").getAttribute("aria-pressed") !== "true";
-      if (on) stage.goal = [...stage.start];
+      if (on) { stage.goal = [...stage.start]; stage.grip = null; }
       send({ kind: "record", on });
     };
     $("judge").onclick = () => { $("judge").disabled = true; delete document.body.dataset.judged; send({ kind: "judge" }); };
     document.addEventListener("keydown", (e) => {
       if (e.target instanceof HTMLSelectElement || e.target instanceof HTMLInputElement) return;
-      const act = { 1: () => stage.setMode("push"), 2: () => stage.setMode("turn"), r: () => this.reset(), Escape: () => stage.letGo() }[e.key]
+      const act = { 1: () => stage.setMode("push"), 2: () => stage.setMode("drag"), 3: () => stage.setMode("turn"),
+        h: () => { $("keep").checked = !$("keep").checked; $("keep").onchange(); }, r: () => this.reset(), Escape: () => stage.letGo() }[e.key]
         ?? (e.key === " " && !(e.target instanceof HTMLButtonElement) ? () => $("pause").click() : null);
       if (act && !e.ctrlKey && !e.metaKey) { e.preventDefault(); act(); }
     });
   }
 
   reset() {
+    this.stage.grip = null;
     this.stage.goal = [...this.stage.start];
     this.send({ kind: "reset" });
   }
