@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import builtins
+import os
 import random
 import re
 import string
+import subprocess
+import sys
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
@@ -135,3 +139,44 @@ def test_it_ends_when_the_page_has_gone_if_asked_for_once(
             client.until_time(0.05)
         server.simulation.join(10)
         assert not server.simulation.is_alive()
+
+
+def test_the_command_ends_with_its_page(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "palpate.validation.cli", "touch", "block", "--once"]
+    with subprocess.Popen(
+        [*command, "--no-browser", "-o", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().split()[-1]
+        with connected(address) as client:
+            client.until_time(0.02)
+            client.socket.socket.close()  # as a page that was killed
+        assert process.wait(30) == 0
+
+
+def test_a_verdict_that_is_being_found_ends_with_the_server(
+    serving: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sleeper = "import os, sys, time; print(os.getpid(), flush=True); time.sleep(600)"
+    (tmp_path / "sleeping_verdict.py").write_text(sleeper)
+    monkeypatch.setattr("palpate.validation.live.judging.VERDICT", "sleeping_verdict")
+    monkeypatch.setattr("palpate.reference.availability.is_available", lambda: True)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.pathsep.join(sys.path)}")
+    touch = Touch(mass_damping=100.0)
+    with serving("block", touch) as server, connected(server.address) as client:
+        x, y, z = client.scene["tool"]["start"]
+        client.say("tool", number=1, to=[x - 6.0, y, z])
+        client.until_time(0.3)
+        client.say("judge")
+        number = int(client.until(lambda heard: heard.get("kind") == "progress")["text"])
+        os.kill(number, 0)
+    for _ in range(100):
+        try:
+            os.kill(number, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    raise AssertionError("it was left behind")
