@@ -14,6 +14,8 @@ from palpate.validation.live.protocol import Box, pack_frame
 
 # Energies cost more than a look at the surface: every so many frames.
 _SELDOM = 6
+# The scale of colours ends at this part of the body's size, of 1, of Young's modulus or beyond.
+_LEAST = 1e-3
 # The pace is told over so long [s].
 _WHILE = 1.0
 
@@ -53,15 +55,23 @@ class Look:
 
     Args:
         rest: Points of the surface at rest [mm], shape (n, 3).
+        youngs_modulus: [Pa].
 
     Attributes:
         colour: What the surface is coloured by.
         count: Of frames so far.
     """
 
-    def __init__(self, rest: Points, colour: str = "displacement") -> None:
+    def __init__(self, rest: Points, youngs_modulus: float) -> None:
         self.box = Box(rest)
-        self.colour = colour
+        self.colour = "displacement"
+        # A body at rest has one colour, not the colours of rounding.
+        size = 1e-3 * float(np.ptp(rest, axis=0).max())
+        self._least = {
+            "displacement": _LEAST * size,
+            "strain": _LEAST,
+            "stress": _LEAST * youngs_modulus,
+        }
         self.count = 0
         self.begin()
 
@@ -79,7 +89,9 @@ class Look:
         self.count += 1
         shades = [pane.shades(self.colour) for pane in panes]
         # One scale for all, which falls slowly so that the eye can follow.
-        self._most = max(*(float(of.max()) for of in shades), 0.98 * self._most, 1e-12)
+        self._most = max(
+            *(float(of.max()) for of in shades), 0.98 * self._most, self._least[self.colour]
+        )
         packed, told = [], []
         for pane, shade in zip(panes, shades, strict=True):
             places = pane.places()

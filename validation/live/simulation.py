@@ -81,7 +81,8 @@ class Simulation(threading.Thread):
         self._answered = (0, 0.0)
         self._unanswered: tuple[int, float] | None = None
         mesh = case.mesh.mesh
-        self._look = Look(mesh.points[np.unique(mesh.boundary_facets)] * 1e3)
+        rest = mesh.points[np.unique(mesh.boundary_facets)] * 1e3
+        self._look = Look(rest, case.problem.material.youngs_modulus)
         self._build()
         self._pool = ThreadPoolExecutor(max(1, len(self.panes) - 1), thread_name_prefix="pane")
 

@@ -84,6 +84,8 @@ class Touch extends Stage {
       shown.shade = Float32Array.from(bytes, (x) => x / 255);
     }
     this.toolAt = head.tool;
+    // Of several frames before a picture each may have an answer.
+    if (head.latency !== null) this.answer = { number: head.answered, latency: head.latency };
     this.head = head;
     this.draw();
     return head;
@@ -340,11 +342,12 @@ class Page {
     this.send({ kind: "shown", frame: head.frame });
     this.frames.push(now);
     while (this.frames[0] < now - 1000) this.frames.shift();
-    if (head.latency !== null) {
-      this.serverLatency = head.latency;
-      const asked = stage.asked.get(head.answered);
+    if (stage.answer) {
+      const { number: answered, latency } = stage.answer, asked = stage.asked.get(answered);
+      this.serverLatency = latency;
       if (asked) this.latency = now - asked;
-      for (const number of stage.asked.keys()) if (number <= head.answered) stage.asked.delete(number);
+      for (const number of stage.asked.keys()) if (number <= answered) stage.asked.delete(number);
+      stage.answer = null;
     }
     const sizes = head.panes.map((pane) => Math.hypot(...pane.force));
     this.chart.add(head.time, sizes);
@@ -372,7 +375,8 @@ class Page {
       rows[3].cells[k + 1].textContent = stageIsLinear(this.stage.shown[k].name) ? "–" : `${(100 * pane.det_f).toFixed(0)} %`;
     });
     this.chart.paint();
-    $("pace").textContent = `time ${head.time.toFixed(2)} s; ${head.factor.toFixed(2)} times real time possible, ${head.pace.toFixed(2)} held; `
+    $("pace").classList.toggle("slow", head.pace < 0.9);
+    $("pace").textContent = `${head.pace < 0.9 && !head.paused ? "Slower than real time here. " : ""}time ${head.time.toFixed(2)} s; ${head.factor.toFixed(2)} times real time possible, ${head.pace.toFixed(2)} held; `
       + `${this.frames.length} frames/s; hand to picture ${this.latency === undefined ? "–" : `${this.latency.toFixed(0)} ms (server ${(1e3 * this.serverLatency).toFixed(0)} ms)`}`;
   }
 
