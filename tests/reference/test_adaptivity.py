@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 
 import numpy as np
@@ -15,9 +14,6 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
 from palpate.reference.adaptivity.goals import (
-    AREA_OF_ESTIMATE,
-    AREA_WIDER,
-    LEAST_RATIO,
     NOISE,
     OF_PART,
     SAFETY,
@@ -25,8 +21,6 @@ from palpate.reference.adaptivity.goals import (
     Goal,
     Quantity,
     difference,
-    error_bar,
-    error_bars,
 )
 from palpate.reference.adaptivity.parts import Part
 from palpate.reference.availability import is_available
@@ -74,84 +68,6 @@ def goals(bar):
 
 def apart_in(quantity, mesh, fine, coarse):
     return difference(Goal(quantity, 1.0), mesh, fine, coarse)
-
-
-def test_the_bar_of_a_geometric_sequence_covers_what_is_left():
-    for rate in (0.1, 0.3, 0.5, 0.7, 0.85):
-        values = [1.0 - rate**k for k in range(6)]
-        apart = [b - a for a, b in itertools.pairwise(values)]
-        bar = error_bar(apart, [rate**k for k in range(6)])
-        assert bar >= SAFETY * (1.0 - values[-1]) * (1.0 - 1e-12)
-        # Faster than of a smooth displacement is not believed.
-        believed = max(rate, LEAST_RATIO)
-        slowest = SAFETY * apart[-1] * believed / (1.0 - believed) * believed / rate
-        assert bar <= slowest * (1.0 + 1e-12)
-
-
-def test_the_slower_of_differences_and_estimates_is_believed():
-    halves, quarters = [0.08, 0.04, 0.02, 0.01], [0.16, 0.04, 0.01, 0.0025]
-    # 0.02 / 0.04 of either: what is left is as much as the last difference.
-    assert error_bar(halves[:3], quarters) == pytest.approx(SAFETY * 0.02)
-    assert error_bar(quarters[:3], halves) == pytest.approx(SAFETY * max(0.01, 0.5 * 0.04))
-    # A quarter of both: a third of it.
-    assert error_bar(quarters[:3], quarters) == pytest.approx(SAFETY * 0.01 / 3.0)
-
-
-def test_a_difference_that_is_small_by_chance_makes_no_small_bar():
-    estimates = [0.08, 0.04, 0.02, 0.01]
-    assert error_bar([0.04, 0.02, 1e-7], estimates) >= SAFETY * 0.01
-    # The one before by chance: the rate is that over two meshes.
-    assert error_bar([0.04, 1e-7, 0.01], estimates) == pytest.approx(SAFETY * 0.01)
-
-
-def test_norms_need_no_guard_and_the_largest_displacement_has_the_worst_points():
-    estimates = [0.08, 0.04, 0.02, 0.01]
-    kept = {
-        Quantity.DISPLACEMENT_L2: ([0.08, 0.04, 0.008], estimates),
-        "stress_l2@waist": ([0.08, 0.04, 0.004], estimates),
-        Quantity.VOLUME: ([0.08, 0.04, 1e-7], estimates),
-        Quantity.DISPLACEMENT_MAX: ([0.08, 0.04, 0.002], estimates),
-        Quantity.MAX_DISPLACEMENT: ([0.16, 0.08, 0.03], estimates),
-    }
-    bars = error_bars(kept)
-    assert bars[Quantity.DISPLACEMENT_L2] == pytest.approx(SAFETY * 0.008)
-    assert bars["stress_l2@waist"] == pytest.approx(SAFETY * 0.004)
-    # Estimates fell to a half.
-    assert bars[Quantity.VOLUME] == pytest.approx(SAFETY * 0.02)
-    # The worst point may lie where nothing was cut.
-    assert bars[Quantity.DISPLACEMENT_MAX] == pytest.approx(SAFETY * 0.02)
-    # No farther off than the worst point, where that is told.
-    assert bars[Quantity.MAX_DISPLACEMENT] == pytest.approx(SAFETY * 0.02)
-    alone = error_bars({"max_displacement": kept[Quantity.MAX_DISPLACEMENT]})
-    assert alone["max_displacement"] == pytest.approx(SAFETY * 0.04)
-    with pytest.raises(ValueError, match="swing"):
-        error_bars({"swing": kept[Quantity.VOLUME]})
-
-
-def test_an_area_is_no_better_known_than_its_edges_allow():
-    plain = SAFETY * 0.002
-
-    def bars(last):
-        told = [0.004, 0.002], [4.0 * last, 2.0 * last, last]
-        return error_bars({Quantity.VOLUME: told, Quantity.SURFACE_AREA: told})
-
-    for last, wanted in (
-        (0.1, AREA_WIDER * plain),
-        (0.01, AREA_OF_ESTIMATE * 0.01),
-        (0.004, plain),
-    ):
-        assert bars(last)[Quantity.VOLUME] == pytest.approx(plain)
-        assert bars(last)[Quantity.SURFACE_AREA] == pytest.approx(wanted)
-    lost = error_bars({"surface_area": ([0.1, 0.1], [0.4, 0.2, 0.1])})
-    assert lost["surface_area"] == math.inf
-
-
-def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():
-    assert error_bar([0.01], [0.02, 0.01]) == math.inf
-    assert error_bar([0.01, 0.0099], [0.04, 0.02, 0.01]) == math.inf
-    assert error_bar([0.01, 0.005], [0.01, 0.01, 0.0099]) == math.inf
-    assert error_bar([0.01, math.inf], [0.04, 0.02, 0.01]) == math.inf
-    assert error_bar([1e-12, 1e-12], [1e-12] * 3) == SAFETY * NOISE
 
 
 @pytest.mark.dolfinx
