@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.commands.words import ElementOfResult, OneCase, progress_lines
+from palpate.validation.metrics.linear_validity import describe_rotation
 from palpate.validation.quoting import for_json, for_terminal
+from palpate.validation.solving import Simulator
 from palpate.validation.states import ExitCode
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
+    from palpate.validation.simulators.candidate import Candidate
 
 _INVERTED = "a cell is inverted"
 # What has to be a number, and how it is called.
@@ -38,7 +41,13 @@ _STABLE = {True: "yes", False: "no", None: "not asked"}
 
 def audit(
     case: OneCase,
-    result: Annotated[Path, typer.Argument(help="displacement as .vtu, .npz or .csv")],
+    result: Annotated[
+        Path | None, typer.Argument(help="displacement as .vtu, .npz or .csv")
+    ] = None,
+    with_: Annotated[
+        Simulator | None,
+        typer.Option("--with", help="condensed: instead, what it answers by linear strain"),
+    ] = None,
     strain: Annotated[Strain | None, typer.Option(help="default: the case's")] = None,
     degree: Annotated[
         int,
@@ -65,7 +74,6 @@ def audit(
     from palpate.validation.auditing import audit_result
     from palpate.validation.case import load_case
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators.candidate import result_candidate
 
     if limit is not None and not 0.0 < limit < 1.0:
         raise InputError(
@@ -74,10 +82,12 @@ def audit(
         )
     if cells is not None and cells.suffix.lower() not in MESH_SUFFIXES:
         raise InputError(f"--cells {cells}: unknown kind; name a file with {MESH_SUFFIXES[-1]}")
+    judged = _audited(result, with_, element)
     loaded = load_case(case)
-    require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
+    require_outputs(
+        {"--json": json, "--cells": cells}, inputs=input_files([loaded], *filter(None, [result]))
+    )
     used, progress = strain or loaded.strain, progress_lines()
-    judged = result_candidate(result, element)
     audited = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
     found, state = audited.audit, audited.state
     wrong = failures(found, limit)
@@ -86,6 +96,8 @@ def audit(
         wrong = [_INVERTED]
     for line in (*describe(found), *state.remarks):
         print(for_terminal(line))
+    if with_ is not None:
+        print(f"  {describe_rotation(loaded.problem.mesh, state.displacement)}")
     if json is not None:
         write_text_atomically(json, json_format.dumps(as_numbers(found, wrong), indent=2) + "\n")
     if cells is not None:
@@ -99,6 +111,21 @@ def audit(
         print(for_terminal(f"failed: {reason}"))
     if wrong:
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _audited(
+    result: Path | None, simulator: Simulator | None, element: Element | None
+) -> Candidate:
+    """A file, or the condensed model's answer by linear strain, whatever it is held against."""
+    from palpate.validation.simulators.candidate import linear_candidate, result_candidate
+
+    if (result is None) == (simulator is None):
+        raise InputError("name a result, or say --with condensed")
+    if result is not None:
+        return result_candidate(result, element)
+    if simulator is not Simulator.CONDENSED:
+        raise InputError(f"--with {simulator}: solve with it, and audit what it has written")
+    return linear_candidate(element or Element.LINEAR)
 
 
 def failures(audit: Audit, limit: float | None = None) -> list[str]:

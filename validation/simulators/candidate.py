@@ -158,6 +158,15 @@ def condensed_candidate(*, element: Element = Element.LINEAR) -> Candidate:
     return Candidate(condensed_name(element), solve, element=element, only_strain=Strain.LINEAR)
 
 
+def linear_candidate(element: Element) -> Candidate:
+    """The condensed linear model's answer, also where it is held against Green strain."""
+
+    def solve(problem: Problem, _strain: Strain, progress: Progress) -> State:
+        return run_condensed(problem, Strain.LINEAR, progress, element=element)
+
+    return Candidate(condensed_name(element), solve, element=element)
+
+
 def candidates_for(
     command: str | None,
     time_limit: float,
