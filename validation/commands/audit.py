@@ -13,7 +13,6 @@ import typer
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.commands.words import ElementOfResult, OneCase, progress_lines
-from palpate.validation.metrics.linear_validity import describe_rotation
 from palpate.validation.quoting import for_json, for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.states import ExitCode
@@ -73,6 +72,7 @@ def audit(
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.validation.auditing import audit_result
     from palpate.validation.case import load_case
+    from palpate.validation.metrics.linear_validity import describe_rotation
     from palpate.validation.output_files import input_files, require_outputs
 
     if limit is not None and not 0.0 < limit < 1.0:
@@ -84,9 +84,7 @@ def audit(
         raise InputError(f"--cells {cells}: unknown kind; name a file with {MESH_SUFFIXES[-1]}")
     judged = _audited(result, with_, element)
     loaded = load_case(case)
-    require_outputs(
-        {"--json": json, "--cells": cells}, inputs=input_files([loaded], *filter(None, [result]))
-    )
+    require_outputs({"--json": json, "--cells": cells}, inputs=input_files([loaded], result))
     used, progress = strain or loaded.strain, progress_lines()
     audited = audit_result(loaded, judged, strain=used, degree=degree, progress=progress)
     found, state = audited.audit, audited.state

@@ -57,10 +57,8 @@ def describe_rotation(mesh: TetMesh, displacement: Points) -> str:
     share = f"{1.0 - _LEFT_OUT:.0%} of the volume turned by at most {degrees:.2f} degrees"
     if not left:
         return f"{share}: within the {min(BORDERS):.0%} border of bent bars"
-    return (
-        f"{share}: beyond the {max(left):.0%} border of bent bars ({BORDERS[max(left)]:g} degrees); "
-        "see palpate study validity"
-    )
+    border = f"{max(left):.0%} border of bent bars ({BORDERS[max(left)]:g} degrees)"
+    return f"{share}: beyond the {border}; see palpate study validity"
 
 
 def _edges(points: Points, mesh: TetMesh) -> Floats:

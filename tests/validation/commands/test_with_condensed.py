@@ -88,3 +88,16 @@ def test_a_sweep_has_it_beside_fastsim(monkeypatch, tmp_path):
     rows = list(csv.DictReader((folder / "sweep.csv").read_text("utf-8").splitlines()))
     mine = [row for row in rows if row["simulator"] == "condensed"]
     assert [row["strain"] for row in mine] == ["linear", "linear"]
+
+
+def test_the_audit_tells_its_error_against_green_strain_and_its_rotation(monkeypatch, capsys):
+    arguments = ("audit", "block", "--with", "condensed", "--degree", "1")
+    assert run(monkeypatch, *arguments, "--limit", "0.1") == 1
+    green = capsys.readouterr().out
+    assert "green strain" in green
+    assert "beyond the 10% border of bent bars" in green
+    # By the model's own strain it is an equilibrium.
+    linear = (*arguments, "--strain", "linear", "--limit", "1e-8")
+    assert run(monkeypatch, *linear) == 0
+    for wrong in ((), ("mine.npz", "--with", "condensed"), ("--with", "reference")):
+        assert run(monkeypatch, "audit", "block", *wrong) == 2
