@@ -27,7 +27,8 @@ from palpate.validation.scoreboard.entries import Entry, chosen_entries, read_en
 from palpate.validation.scoreboard.judge import LAW, MESH, SOLVER, Score
 from palpate.validation.scoreboard.kept import Kept
 from palpate.validation.scoreboard.page import write_board
-from palpate.validation.scoreboard.runs import Status
+from palpate.validation.scoreboard.runs import Run, Status
+from palpate.validation.scoreboard.words import reason
 from palpate.validation.simulators import adapters
 from palpate.validation.simulators.interpreters import versions_with
 from palpate.validation.states import Verdict, in_silence
@@ -234,8 +235,31 @@ def test_the_command_leaves_pages_that_lead_to_one_another_and_data(tmp_path, mo
     assert scores["mine", "stretch"]["distance"] < 1e-6
     assert scores["mine", "block"]["status"] == "not posed"
     assert "follower pressure" in scores["mine", "block"]["why"]
+    assert "not posed: time, tools" in (out / "case-block.html").read_text("utf-8")
     assert len((out / "scores.csv").read_text("utf-8").splitlines()) == 1 + len(scores)
     assert len((out / "summary.md").read_text("utf-8").splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("status", "why", "short"),
+    [
+        (
+            Status.NOT_POSED,
+            'the case cannot be posed to it: "time, tools: not handed to this simulator here"',
+            "asks for motion, tools, which its adapter does not pass on",
+        ),
+        (
+            Status.NOT_POSED,
+            'the case cannot be posed to it: "it has no blocks"',
+            "it has no blocks",
+        ),
+        (Status.FAILED, 'no answer within 90 s, its last line: "loaded"', "no answer within 90 s"),
+        (Status.FAILED, 'it ended with 1, its last line: "not at rest"', "not at rest"),
+    ],
+)
+def test_why_there_is_no_distance_is_said_in_short(status, why, short) -> None:
+    run = Run("who", "what", status, why)
+    assert reason(Score(run, Law.NEO_HOOKEAN, why=why)) == short
 
 
 def test_every_entry_says_how_it_is_set_up_and_by_whose_advice() -> None:
