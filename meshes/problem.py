@@ -187,11 +187,11 @@ class TimeSpan:
         end_time: [s], > 0.
         time_step: [s], > 0; None lets the simulator choose a stable one.
         mass_damping: lambda in D = lambda M (eq. 11) [1/s], >= 0.
+        num_outputs: Number of stored states after the initial one, evenly spaced, >= 1.
         stiffness_damping: beta of a viscous stress S_v = beta C : dE/dt besides the law's [s], >= 0
             (Kelvin and Voigt's solid), C Hooke's at rest, E the strain measure. For small strains
             D = beta K, Rayleigh's: a mode omega has the damping ratio beta omega / 2. No turn is
             damped, however large, and no law of the material enters.
-        num_outputs: Number of stored states after the initial one, evenly spaced, >= 1.
 
     >>> import palpate
     >>> palpate.TimeSpan(end_time=0.5, mass_damping=4.0).num_outputs

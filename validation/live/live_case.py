@@ -196,6 +196,8 @@ def live_case(case: Case, touch: Touch, elements: tuple[Element, ...]) -> LiveCa
             f"The case says no damping: {damping:g} /s here, half of critical for a shear wave "
             "across the body."
         )
+    if span is not None and span.stiffness_damping:
+        notes.append("The case's stiffness damping is left out here.")
     data["tool"] = [tool]
     data["time"] = {"end_time": 1.0, "mass_damping": damping}
     trial = problem_of(case, data)
