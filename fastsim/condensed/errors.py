@@ -33,13 +33,13 @@ class UnsettledContactError(FastsimError):
 
     Attributes:
         iterations: Newton iterations of the step.
-        error: Largest change of a contact force over the largest force in the last of them [-].
+        error: Gap or displacement by which the last of them was wrong [m].
     """
 
     def __init__(self, iterations: int, error: float) -> None:
         self.iterations = iterations
         self.error = error
         super().__init__(
-            f"contact did not settle in {iterations} iterations (last change {error:.2g}); move "
-            "the tools less far in a step"
+            f"contact did not settle in {iterations} iterations (wrong by {error:.2g} m); move the "
+            "tools less far in a step"
         )
