@@ -44,6 +44,15 @@ def _plain_text(*event: Any) -> None:
     lines[:] = [re.sub(r"^( *)([+|])", r"\1\\\2", line.replace("|", "\\|")) for line in lines]
 
 
+def _levels(*event: Any) -> None:
+    """The theme's headings in the list of pages have no level, which screen readers want."""
+    context = event[3]
+    tree = context.get("furo_navigation_tree", "")
+    named = tree.replace('role="heading"', 'role="heading" aria-level="2"')
+    context["furo_navigation_tree"] = named
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", _plain_text)
+    app.connect("html-page-context", _levels, priority=900)  # after the theme

@@ -51,8 +51,10 @@ def main() -> None:
         "third_party": third_party(),
     }.items():
         (made / f"{name}.md").write_text(text, encoding="utf-8")
-    for demo in EXAMPLES.glob("*.py"):
+    demos = sorted(EXAMPLES.glob("*.py"))
+    for demo in demos:
         shutil.copy(demo, made / demo.name)
+    (made / "demos.md").write_text(worked_examples(demos), encoding="utf-8")
     shutil.copy(ROOT / "CHANGELOG.md", made / "changelog.md")
     shutil.copy(ROOT / "validation" / "report" / "kidney.png", made / "kidney.png")
 
@@ -65,6 +67,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
+
+
+def worked_examples(demos: Iterable[Path]) -> str:
+    """The list of the examples, which are executed."""
+    names = "\n".join(demo.stem for demo in demos)
+    return f"# Worked examples\n\nExecuted when this was made.\n\n```{{toctree}}\n{names}\n```\n"
 
 
 # ------------------------------------------------------------------ cases
