@@ -23,7 +23,8 @@ GRAVE = ("serious", "critical")
 # A phone, a desk.
 WIDTHS = (390, 1400)
 DOCS = (
-    "index", "start", "made/cases", "made/cases/kidney", "made/keys", "made/judge_my_simulator", "api",
+    "index", "start", "made/cases", "made/cases/kidney", "made/keys", "made/judge_my_simulator",
+    "api",
 )  # fmt: skip
 
 
