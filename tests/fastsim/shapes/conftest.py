@@ -1,6 +1,6 @@
-"""Any valid surface is meshed: rough, thin, coarse, twisted and holed shapes, at any scale.
+"""Surfaces for the tests of the mesher: rough, thin, coarse, twisted and holed, drawn at random.
 
-Shapes are drawn at random from families; the few draws that are no valid surface are skipped.
+A family makes a shape of a random generator; the few draws that are no valid surface are skipped.
 """
 
 from __future__ import annotations
@@ -12,17 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.fastsim import _core
-from palpate.fastsim.mesher import MeshingReport, mesh_surface
 from palpate.meshes.errors import SurfaceError
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
-from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.studies.organs.spoiling import polygon_plate
 
 Array = NDArray[np.float64]
-# Sums of as many roundings as there are cells: 1e-12 leaves room for 1e4.
-VOLUME_TOLERANCE = 1e-12
 Maker = Callable[[np.random.Generator], TriSurface]
 
 
@@ -309,99 +304,17 @@ def draw(family: str, seed: int) -> TriSurface | None:
     return surface
 
 
-def require_kept(surface: TriSurface) -> tuple[TetMesh, MeshingReport]:
-    """Meshes a surface; its points, facets and volume are those of the mesh."""
-    reports: list[MeshingReport] = []
-    mesh = mesh_surface(surface, report=reports.append)
-    (report,) = reports
-    assert report.boundary_steiner_points == 0
-    np.testing.assert_array_equal(mesh.points[: len(surface.points)], surface.points)
-    turned = [
-        {tuple(np.roll(row, -int(np.argmin(row))).tolist()) for row in facets}
-        for facets in (mesh.boundary_facets, surface.facets)
-    ]
-    assert turned[0] == turned[1]
-    assert abs(mesh.volume / surface.volume - 1.0) < VOLUME_TOLERANCE
-    for cell in mesh.cells:
-        assert _core.orient3d(*(mesh.points[k].tolist() for k in cell)) == 1
-    return mesh, report
+@pytest.fixture(name="outward")
+def outward_fixture() -> Callable[[Array, NDArray[np.integer]], TriSurface]:
+    return outward
 
 
-def moved(family: str, seed: int, change: Callable[[Array], Array]) -> None:
-    """Meshes shape number `seed` of a family after a change of its points, if that is valid."""
-    surface = draw(family, seed)
-    assert surface is not None
-    surface = TriSurface(change(surface.points), surface.facets)
-    # Roundings of the change are part of the given points, and may fold coplanar facets.
-    if len(_core.find_self_intersections(surface.points, surface.facets, 1)) == 0:
-        require_kept(surface)
+@pytest.fixture(name="draw")
+def draw_fixture() -> Callable[[str, int], TriSurface | None]:
+    return draw
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_any_shape_is_meshed(family: str) -> None:
-    draws = 1 if family == "notched_box" else 6
-    surfaces = [s for s in (draw(family, seed) for seed in range(draws)) if s is not None]
-    assert surfaces
-    for surface in surfaces:
-        require_kept(surface)
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-@pytest.mark.parametrize("family", ["torus", "knot", "extruded", "holed_plate"])
-def test_any_scale(family: str, scale: float) -> None:
-    moved(family, 4, lambda points: scale * points)
-
-
-@pytest.mark.parametrize("family", ["torus", "flat_ball", "flipped_ball", "nested"])
-def test_far_from_the_origin(family: str) -> None:
-    moved(family, 4, lambda points: points + 1e3 * np.ptp(points))
-
-
-@pytest.mark.parametrize("family", ["polycube", "holed_plate", "flipped_ball", "extruded"])
-@pytest.mark.parametrize("thickness", [1.0, 0.01])
-def test_turned_and_thin(family: str, thickness: float) -> None:
-    # Facets that were in one plane are so up to roundings only.
-    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    for seed in (0, 1, 3, 4):
-        if draw(family, seed) is not None:
-            moved(family, seed, lambda points: (points * [1.0, 1.0, thickness]) @ turn)
-
-
-def prism(turn_deg: float, diagonals: int) -> TriSurface:
-    """A triangular prism whose top is turned; one choice of diagonals folds its sides in."""
-    angle = 2 * np.pi * np.arange(3) / 3
-    rings = [
-        np.column_stack([np.cos(t), np.sin(t), np.full(3, z)])
-        for t, z in ((angle, 0.0), (angle + np.radians(turn_deg), 1.0))
-    ]
-    facets = [(0, 2, 1), (3, 4, 5)]
-    for i in range(3):
-        j = (i + 1) % 3
-        if diagonals:
-            facets += [(i, j, 3 + i), (j, 3 + j, 3 + i)]
-        else:
-            facets += [(i, j, 3 + j), (i, 3 + j, 3 + i)]
-    return outward(np.vstack(rings), np.array(facets))
-
-
-@pytest.mark.parametrize("turn_deg", [10.0, 30.0, 55.0])
-def test_schoenhardts_prism_takes_one_inner_point(turn_deg: float) -> None:
-    # Schoenhardt 1928: no tetrahedra on its six points alone. One point that sees all eight
-    # facets makes eight; the other diagonals bulge and need none.
-    mesh, report = require_kept(prism(turn_deg, diagonals=0))
-    assert (mesh.num_points, mesh.num_cells, report.steiner_points) == (7, 8, 1)
-    mesh, report = require_kept(prism(turn_deg, diagonals=1))
-    assert (mesh.num_points, report.steiner_points) == (6, 0)
-
-
-@pytest.mark.parametrize("sides", [64, 128])
-@pytest.mark.parametrize("is_turned", [False, True])
-def test_a_face_cut_from_one_corner(sides: int, is_turned: bool) -> None:
-    # Each needle of a face crosses many edges of a Delaunay mesh. Without flips in the plane the
-    # mesh had 6.7 and 9 cells for each facet, a point for two, and with 128 sides turned no volume.
-    points, facets = polygon_plate(sides).surface.points, polygon_plate(sides).surface.facets
-    if is_turned:
-        points = points @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    mesh, report = require_kept(outward(points, facets))
-    assert mesh.num_cells < 6 * len(facets)
-    assert report.steiner_points < len(facets) / 8
+@pytest.fixture(params=FAMILIES)
+def family(request: pytest.FixtureRequest) -> str:
+    """The name of each family in turn; a test may name its own."""
+    return str(request.param)
