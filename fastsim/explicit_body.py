@@ -11,23 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.fastsim import _core
 from palpate.fastsim.amplitudes import Amplitudes
 from palpate.fastsim.body import Body
-from palpate.fastsim.contact.body_contact import BodyContact
 from palpate.fastsim.contact.contact_law import ContactLaw
-from palpate.fastsim.contact.explicit_tools import (
-    TOOL_RECORD,
-    TOOL_STEP,
-    ExplicitTools,
-)
+from palpate.fastsim.contact.explicit_tools import TOOL_RECORD, ExplicitTools
+from palpate.fastsim.equation_of_motion import EquationOfMotion
 from palpate.fastsim.errors import UnstableStepError
-from palpate.fastsim.explicit_diagnosis import diagnose
 from palpate.fastsim.explicit_loads import ExplicitLoads
 from palpate.fastsim.explicit_run import make_run
-from palpate.fastsim.explicit_springs import ExplicitSprings, pulling_at_once
-from palpate.fastsim.springs import PatchSprings
-from palpate.fastsim.viscosity import damped_time_step, stiffened_time_step, viscous_force
+from palpate.fastsim.explicit_springs import ExplicitSprings
+from palpate.fastsim.explicit_state import ExplicitState
+from palpate.fastsim.explicit_time_step import bound_step, critical_with_springs, divided
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Element, Problem, Strain
 
 # Part of the critical step used when none is chosen: Green strain stiffens under stretch.
 SAFETY = 0.8
@@ -134,64 +129,43 @@ class ExplicitBody:
         self._loads = ExplicitLoads(problem, strain, amplitude, support_amplitude)
         chosen = span.time_step if time_step is None and span is not None else time_step
         is_timed = span is not None and mass is None
-        self._stiffness_damping = span.stiffness_damping if span and is_timed else 0.0
+        stiffness_damping = span.stiffness_damping if span and is_timed else 0.0
         critical = np.inf
-        if mass is None and problem.springs:
-            critical = self.elastic.critical_time_step(springs=self._loads.springs.patches)
-            if chosen is not None and chosen > critical:
-                # All at once are too stiff: are those that ever pull together?
-                critical = min(
-                    self.elastic.critical_time_step(springs=PatchSprings(mesh.points, together))
-                    for together in pulling_at_once(problem.springs)
-                )
-        elif mass is None:
-            critical = self.elastic.critical_time_step()
-        is_stiffened = chosen is not None and (bool(problem.tools) or body_contact is not None)
-        if chosen is not None and is_stiffened:
-            critical = stiffened_time_step(critical, self._stiffness_damping, chosen)
-        self.critical_time_step = critical
-        self.tools, self._body_contact = tools, None
-        if problem.tools and tools is None:
-            self.tools = ExplicitTools(
-                problem,
-                contact,
-                self._mass,
-                critical_time_step=self.critical_time_step,
-                time_step=chosen,
-            )
-            self.critical_time_step = self.tools.critical_time_step
-        if body_contact is not None:
-            self._body_contact = BodyContact(
-                problem,
-                body_contact,
-                self._mass,
-                critical_time_step=self.critical_time_step,
-                time_step=chosen,
-            )
-            self.critical_time_step = self._body_contact.critical_time_step
-        if not is_stiffened:
-            self.critical_time_step = damped_time_step(
-                self.critical_time_step, self._stiffness_damping
-            )
+        if mass is None:
+            critical = critical_with_springs(self.elastic, self._loads.springs, chosen)
+        bound = bound_step(
+            problem,
+            self._mass,
+            critical,
+            time_step=chosen,
+            stiffness_damping=stiffness_damping,
+            contact=contact,
+            body_contact=body_contact,
+            tools=tools,
+        )
+        self.tools, self._body_contact = bound.tools, bound.body_contact
+        self.critical_time_step = bound.critical_time_step
         if chosen is not None and chosen > self.critical_time_step:
             raise UnstableStepError(chosen, self.critical_time_step)
         wanted = SAFETY * self.critical_time_step if chosen is None else chosen
         self.time_step, self.steps_per_output = wanted, 1
         if span is not None and time_step is None:
-            self.time_step, self.steps_per_output = _divided(span, wanted)
-        self._scheme = _core.CentralDifference(
-            self.time_step, span.mass_damping if span and is_timed else 0.0
+            self.time_step, self.steps_per_output = divided(span, wanted)
+        mass_damping = span.mass_damping if span and is_timed else 0.0
+        scheme = _core.CentralDifference(self.time_step, mass_damping)
+        self._equation = EquationOfMotion(
+            self.elastic, self._mass, self._loads, scheme, stiffness_damping
         )
         self.run = make_run(
             problem,
             self.elastic,
             self._mass,
             self._loads.is_free,
-            scheme=self._scheme,
+            scheme=scheme,
             displacement_limit=_BOUND_IN_SIZES * float(np.ptp(mesh.points, axis=0).max()),
             is_single=precision is Precision.SINGLE,
             tracks_energy=tracks_energy,
-            stiffness_damping=self._stiffness_damping,
+            stiffness_damping=stiffness_damping,
             num_threads=num_threads,
             device=device,
             is_repeatable=is_repeatable,
@@ -201,16 +175,18 @@ class ExplicitBody:
             self.tools.attach(self.run, self.time_step, is_timed=mass is None)
         if self._body_contact is not None:
             self._body_contact.attach(self.run)
-        self._displacement = np.zeros_like(mesh.points)
-        self._increment = np.zeros_like(mesh.points)
-        self._read_only = self._displacement.view()
-        self._read_only.flags.writeable = False
+        self._state = ExplicitState(self.elastic, self._mass, self.run, self.time_step)
         self._goals: dict[int, tuple[list[float], list[float] | None]] = {}
-        self._tool_steps: NDArray[np.void] = np.zeros(0, dtype=TOOL_STEP)
         self._pace = 1e-4
         if velocity is None and problem.initial_velocity is not None:
             velocity = problem.initial_velocity.at(mesh.points)
-        self.set_state(self._displacement if displacement is None else displacement, velocity)
+        at_rest = np.zeros_like(mesh.points)
+        self.set_state(at_rest if displacement is None else displacement, velocity)
+
+    @property
+    def steps(self) -> int:
+        """Good ones done since the start."""
+        return self._state.steps
 
     @property
     def instruction_set(self) -> str:
@@ -228,11 +204,11 @@ class ExplicitBody:
 
         Read-only, and always the same array: what it holds after a step is read anew into it.
         """
-        self._read_state()
-        return self._read_only
+        self._state.read()
+        return self._state.read_only
 
     def set_state(self, displacement: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Start from a state, at time 0: a(-dt) = a - dt v + dt^2 / 2 a'' (eq. 13).
+        """Start from a state, at time 0 (eq. 13).
 
         Args:
             displacement: [m], shape (num_points, 3). Held components are where their supports
@@ -243,24 +219,15 @@ class ExplicitBody:
             InputError: Wrong shape, or a value that is not finite.
             ToolInsideError: A tool is in the body.
         """
-        self.steps = 0
         given = self.elastic.checked(displacement)
-        self._displacement[:] = self._loads.placed(given, 0.0)
+        placed = self._loads.placed(given, 0.0)
         speed = np.zeros_like(given)
         if velocity is not None:
             speed = self._loads.keep_free(self.elastic.checked(velocity))
         if self.tools is not None:
-            self.tools.start(self._displacement)
-        dt, mass = self.time_step, self._mass[:, None]
-        force = self._loads.at(0.0, self._displacement)
-        force -= self.elastic.internal_force(self._displacement)
-        force -= self._viscous_force(dt * speed)
-        acceleration = force / mass - self._scheme.mass_damping * speed
-        self._increment[:] = self._loads.keep_free(dt * speed - 0.5 * dt**2 * acceleration)
-        energy = self.elastic.strain_energy(self._displacement)
-        energy += 0.5 * float(np.sum(mass * speed**2))
-        self.run.set_state(self._displacement, self._increment, energy)
-        self._is_read, self._is_looked_at = True, False
+            self.tools.start(placed)
+        increment, energy = self._equation.start(placed, speed)
+        self._state.start(placed, increment, energy)
 
     def step(self, num_steps: int = 1) -> None:
         """Do steps of eq. 12.
@@ -287,13 +254,8 @@ class ExplicitBody:
         Raises:
             BlowUpError: The last step inverted a cell.
         """
-        if self._is_looked_at:
-            return
-        factors, tools = self.rows(1)
-        outcome = self.run.look(factors, tools)
-        self._is_looked_at = True
-        self._settle(*outcome)
-        self._tool_steps = tools[0].view(TOOL_STEP)
+        if not self._state.is_looked_at:
+            self._state.look(*self.rows(1))
 
     def apply_force(self, force: ArrayLike, *, points: ArrayLike | None = None) -> None:
         """Push with forces of the caller's own, besides the problem's loads, from now on.
@@ -308,7 +270,7 @@ class ExplicitBody:
             InputError: Wrong shape, no such point, or a value that is not finite.
         """
         self._loads.apply(self.run, force, points)
-        self._is_looked_at = False
+        self._state.disturb()
 
     def move_tool(
         self, number: int, position: ArrayLike, rotation: ArrayLike | None = None
@@ -339,7 +301,7 @@ class ExplicitBody:
         goals, self._goals = self._goals, {}
         end = (self.steps + num_steps) * self.time_step
         self.tools.send(goals, self.time, end)
-        self._is_looked_at = False
+        self._state.disturb()
 
     @property
     def mass(self) -> Floats:
@@ -354,12 +316,12 @@ class ExplicitBody:
     def change_springs(self, springs: ExplicitSprings) -> None:
         """Have others pull from now on; whether they are too stiff is the caller's care."""
         self._loads.change_springs(self.run, springs)
-        self._is_looked_at = False
+        self._state.disturb()
 
     def tool_steps(self) -> NDArray[np.void]:
         """Where the tools' paths are now, shape (num_tools,) of `TOOL_STEP`."""
         self.look()
-        return self._tool_steps
+        return self._state.tool_steps
 
     def take_tool_records(self) -> NDArray[np.void]:
         """What acts on the tools, shape (num_tools,) of `TOOL_RECORD`; impulses begin anew."""
@@ -378,16 +340,12 @@ class ExplicitBody:
 
     def velocity(self) -> Points:
         """Central velocity at the present state [m/s]: the mean of the two increments."""
-        force, now = self.force(), self.time
-        ahead = self._scheme.next_increments(self._increment, self._mass, force)
-        ahead = self._loads.moved(ahead, now, now + self.time_step)
-        speed: Points = (self._increment + ahead) / (2.0 * self.time_step)
-        return speed
+        force = self.force()
+        return self._equation.velocity(self._state.read()[1], force, self.time)
 
     def load(self) -> Points:
         """All loads F(t) at the present state, pressure and tools included [N], (num_points, 3)."""
-        self._read_state()
-        load: Points = self._loads.at(self.time, self._displacement)
+        load: Points = self._loads.at(self.time, self._state.read()[0])
         if self.tools is not None or self._body_contact is not None:
             self.look()
             touching = np.empty_like(load)
@@ -400,28 +358,21 @@ class ExplicitBody:
 
         That of stiffness damping is in R(a).
         """
-        force: Points = self.load() - self.elastic.internal_force(self._displacement)
-        return force - self._viscous_force(self._increment)
-
-    def _viscous_force(self, increment: Points) -> Points | float:
-        if not self._stiffness_damping:
-            return 0.0
-        factor = self._stiffness_damping / self.time_step
-        return viscous_force(self.elastic, self._displacement, increment, factor)
+        load = self.load()
+        return self._equation.force(load, *self._state.read())
 
     def set_mass_damping(self, mass_damping: float) -> None:
         """Change D = mass_damping M from here on [1/s]."""
-        self._scheme = _core.CentralDifference(self.time_step, mass_damping)
+        self._equation.scheme = _core.CentralDifference(self.time_step, mass_damping)
         self.run.set_mass_damping(mass_damping)
-        self._is_looked_at = False
+        self._state.disturb()
 
     def moved(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
         """Take note of `steps_done` that `run` has made; raises as `step` does.
 
         `reason` and `point` say what ended them, as the core's run does, and where.
         """
-        self._is_read = self._is_looked_at = False
-        self._settle(steps_done, reason, point)
+        self._state.moved(steps_done, reason, point)
 
     def rows(self, num_steps: int) -> tuple[Points, Points]:
         """Factors of the histories and steps of the tools, before each step and after the last."""
@@ -430,31 +381,3 @@ class ExplicitBody:
         if self.tools is None:
             return factors, np.empty((num_steps + 1, 0))
         return factors, self.tools.rows(times)
-
-    def _read_state(self) -> None:
-        if not self._is_read:
-            self.run.get_state(self._displacement, self._increment)
-            self._is_read = True
-
-    def _settle(self, steps_done: int, reason: _core.StopReason, point: int) -> None:
-        """Count the steps of a call of the core; say what ended it, if anything did."""
-        self.steps += steps_done
-        if reason is not _core.StopReason.none:
-            self._is_read = False
-            self._read_state()
-            raise diagnose(
-                self.elastic,
-                reason,
-                point,
-                displacement=self._displacement.copy(),
-                increment=self._increment,
-                mass=self._mass,
-                steps=self.steps,
-                time_step=self.time_step,
-            )
-
-
-def _divided(span: TimeSpan, wanted: float) -> tuple[float, int]:
-    """The step that is at most the wanted one and divides the outputs, and how many make one."""
-    count = max(1, int(np.ceil(span.end_time / span.num_outputs / wanted * (1 - 1e-12))))
-    return span.end_time / (span.num_outputs * count), count

@@ -1,21 +1,16 @@
 #include "explicit/explicit_run.hpp"
 
+#include "explicit/cell_forces.hpp"
 #include "explicit/springs.hpp"
 
 #include "threads/thread_team.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <utility>
 
 namespace fastsim {
 
 namespace {
-
-template <typename T> bool same_bytes(std::span<const T> a, const std::vector<T> &b) {
-    return a.size() == b.size() &&
-           (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);
-}
 
 template <typename Real> class Run final : public ExplicitRun {
   public:
@@ -23,27 +18,17 @@ template <typename Real> class Run final : public ExplicitRun {
         std::span<const std::uint8_t> is_free, const ExplicitSettings &settings)
         : _settings(settings), _kernel(choose_kernel<Real>(settings.at_most)),
           _records(lumped_mass.size(), body.elastic.cells),
-          _internal(InternalForce<Real>::make(body, body.elastic.strain, _records, _kernel,
-                                              settings.num_threads)),
-          _portions(_internal->portions), _team(_portions.size()), _at_forces(_team.size()),
-          _at_end(_team.size()), _parts(_team.size()), _supports(_team.size()),
+          _cells(body, _records, _kernel, settings.num_threads,
+                 {settings.stiffness_damping, settings.scheme.time_step, settings.tracks_energy}),
+          _portions(_cells.portions()), _team(_portions.size()), _at_forces(_team.size()),
+          _at_end(_team.size()), _touches(_team.size()), _supports(_team.size()),
           _slides(_team.size()), _tools(_team.size()) {
         const std::size_t num_points = _records.size();
         for (auto *array : {&_motion.displacement, &_motion.increment, &_motion.external,
                             &_motion.force, &_motion.mobility})
             array->assign(_records.padded_size(), Real(0));
-        for (std::size_t t = 1; t < _parts.size(); ++t)
-            _parts[t].force.assign(_records.padded_size(), Real(0));
-        _damps_strain = settings.stiffness_damping > 0.0;
-        _damping_over_step =
-            static_cast<Real>(settings.stiffness_damping / settings.scheme.time_step);
-        // Where stress is linear in strain one sum does, unless the balance wants them apart.
-        if (_damps_strain && (settings.tracks_energy || !body.elastic.is_linear_in_strain()))
-            _viscous = InternalForce<Real>::make_viscous(body, _records, _kernel, _team.size());
-        if (_damps_strain && settings.tracks_energy) {
+        if (_cells.keeps_viscous_apart())
             _motion.viscous.assign(_records.padded_size(), Real(0));
-            _viscous_parts.assign(_team.size(), _motion.viscous);
-        }
         _motion.mass.resize(num_points);
         for (std::size_t k = 0; k < num_points; ++k)
             _motion.mass[k] = lumped_mass[_records.point_of[k]];
@@ -63,8 +48,7 @@ template <typename Real> class Run final : public ExplicitRun {
         for (std::size_t i = 0; i < _motion.is_free.size(); ++i)
             if (_motion.is_free[i] == 0)
                 _motion.increment[i] = Real(0);
-        if (_damps_strain)
-            _increment_at_start = _motion.increment;
+        _cells.start(_motion);
         _motion.has_begun = false;
         for (auto *push : _pushes.all())
             std::fill(push->force.begin(), push->force.end(), Real(0));
@@ -181,8 +165,7 @@ template <typename Real> class Run final : public ExplicitRun {
         }
         _tools.sum_reactions();
         _has_forces = true;
-        _factors_of_forces.assign(plan.factors.begin(), plan.factors.end());
-        _tools_of_forces.assign(plan.tools.begin(), plan.tools.end());
+        _plan_of_forces.remember(plan);
         const auto now = plan.factors_at(0);
         _last_factors.assign(now.begin(), now.end());
         return outcome;
@@ -204,10 +187,9 @@ template <typename Real> class Run final : public ExplicitRun {
     void internal_force(std::span<double> force) override {
         forget_forces();
         _team.run([&](std::size_t thread) {
-            static_cast<void>(
-                _internal->add(thread, _motion.displacement.data(), {}, force_of(thread)));
+            _cells.add_elastic(thread, _motion);
             _team.wait();
-            sum_parts(_portions[thread]);
+            _cells.sum_elastic(thread, _motion);
         });
         _records.unpack(_motion.force.data(), force);
         std::fill(_motion.force.begin(), _motion.force.end(), Real(0));
@@ -216,63 +198,15 @@ template <typename Real> class Run final : public ExplicitRun {
     const char *instruction_set() const override { return _kernel.name; }
 
   private:
-    struct alignas(64) Part { // of one thread; the first one's force is that of the motion
-        AlignedVector<Real> force;
-        bool is_known = true; // where the tools push
+    struct alignas(64) Touch { // of one thread
+        bool is_known = true;  // where the tools push
     };
-
-    Real *force_of(std::size_t thread) {
-        return thread == 0 ? _motion.force.data() : _parts[thread].force.data();
-    }
-
-    /// The change of strain over the last increment, and a part of the strain itself.
-    StrainChange<Real> change_of(std::size_t step, Real own) const {
-        // What moves supports from the first step on is not yet seen before it.
-        const bool is_first = step == 0 && !_motion.has_begun;
-        const auto &increment = is_first ? _increment_at_start : _motion.increment;
-        return {increment.data(), own, _damping_over_step};
-    }
-
-    /// Internal forces, with those of stiffness damping, or with these apart for the balance.
-    Real add_forces_of_cells(std::size_t thread, std::size_t step) {
-        const Real *const displacement = _motion.displacement.data();
-        Real *const force = force_of(thread);
-        if (_damps_strain && !_viscous)
-            return _internal->add(thread, displacement, change_of(step, Real(1)), force);
-        if (_viscous)
-            _viscous->add(thread, displacement, change_of(step, Real(0)),
-                          _viscous_parts.empty() ? force : _viscous_parts[thread].data());
-        return _internal->add(thread, displacement, {}, force);
-    }
-
-    /// Those apart, of the points of a portion, once all threads have added theirs.
-    void sum_viscous(const Portion &portion) {
-        const std::size_t first = 4 * portion.first_owned, last = 4 * portion.last_owned;
-        for (std::size_t i = first; i < last && !_viscous_parts.empty(); ++i) {
-            _motion.viscous[i] = Real(0);
-            for (AlignedVector<Real> &part : _viscous_parts)
-                _motion.viscous[i] += std::exchange(part[i], Real(0));
-            _motion.force[i] += _motion.viscous[i];
-        }
-    }
-
-    void sum_parts(const Portion &portion) {
-        for (std::size_t t = 1; t < _parts.size(); ++t) {
-            Real *const part = _parts[t].force.data();
-            const std::size_t last = 4 * std::min(portion.last_owned, _portions[t].last_touched);
-            for (std::size_t i = 4 * std::max(portion.first_owned, _portions[t].first_touched);
-                 i < last; ++i) {
-                _motion.force[i] += part[i];
-                part[i] = Real(0);
-            }
-        }
-    }
 
     /// The first half of a step: the residual F - R(a) of eq. 12, with all that pushes.
     StopReason find_forces(std::size_t thread, const ExplicitPlan &plan, std::size_t step) {
         const Portion &portion = _portions[thread];
         const auto factors = plan.factors_at(step);
-        const Real smallest = add_forces_of_cells(thread, step);
+        const Real smallest = _cells.add(thread, _motion, step == 0);
         _at_forces.cast(thread, step,
                         smallest > Real(0) ? StopReason::none : StopReason::inverted_cell);
         // Not into what was given: the other threads may still be reading that.
@@ -285,8 +219,7 @@ template <typename Real> class Run final : public ExplicitRun {
         _team.wait();
         if (const StopReason reason = _at_forces.result(step); reason != StopReason::none)
             return reason;
-        sum_parts(portion);
-        sum_viscous(portion);
+        _cells.sum(thread, _motion);
         const auto change = _loads.change(step == 0 ? std::span<const double>(_last_factors)
                                                     : plan.factors_at(step - 1),
                                           factors);
@@ -300,7 +233,7 @@ template <typename Real> class Run final : public ExplicitRun {
         if (_tools.size() > 0) {
             const auto touched = _tools.touch(thread, portion, plan.tools_at(step),
                                               plan.tools_at(step + 1), _motion, _pushes.tools);
-            _parts[thread].is_known = touched.is_known;
+            _touches[thread].is_known = touched.is_known;
             _monitor.give(thread, touched.given);
         }
         return StopReason::none;
@@ -321,9 +254,9 @@ template <typename Real> class Run final : public ExplicitRun {
         _supports.move(thread, plan.factors_at(step + 1), _motion);
         _slides.settle(thread, plan.factors_at(step + 1), _motion);
         _at_end.cast(thread, step,
-                     !is_inside                 ? StopReason::out_of_bounds
-                     : !_parts[thread].is_known ? StopReason::deep_in_tool
-                                                : StopReason::none);
+                     !is_inside                   ? StopReason::out_of_bounds
+                     : !_touches[thread].is_known ? StopReason::deep_in_tool
+                                                  : StopReason::none);
         if (looks)
             _monitor.look(thread, portion, _motion);
         _team.wait();
@@ -347,16 +280,12 @@ template <typename Real> class Run final : public ExplicitRun {
 
     /// Were the forces found for the first two rows of the plan?
     bool has_forces_of(const ExplicitPlan &plan) const {
-        const std::size_t factors = _factors_of_forces.size(), tools = _tools_of_forces.size();
-        return _has_forces && same_bytes(plan.factors.first(factors), _factors_of_forces) &&
-               same_bytes(plan.tools.first(tools), _tools_of_forces);
+        return _has_forces && _plan_of_forces.begins(plan);
     }
 
     void forget_forces() {
-        for (std::size_t t = 0; t < _team.size(); ++t)
-            std::fill_n(force_of(t), _has_forces ? _records.padded_size() : 0, Real(0));
-        for (AlignedVector<Real> &part : _viscous_parts)
-            std::ranges::fill(part, Real(0));
+        if (_has_forces)
+            _cells.clear(_motion);
         _has_forces = false;
     }
 
@@ -382,16 +311,11 @@ template <typename Real> class Run final : public ExplicitRun {
     ExplicitSettings _settings;
     KernelChoice<Real> _kernel;
     PointRecords _records;
-    std::unique_ptr<InternalForce<Real>> _internal;
-    std::unique_ptr<InternalForce<Real>> _viscous;   // null where `_internal` does it too
-    std::vector<AlignedVector<Real>> _viscous_parts; // by thread, where they are kept apart
-    AlignedVector<Real> _increment_at_start;         // with stiffness damping
-    bool _damps_strain = false;
-    Real _damping_over_step = 0;
+    CellForces<Real> _cells;
     std::vector<Portion> _portions; // by thread
     ThreadTeam _team;
     Votes<StopReason> _at_forces, _at_end;
-    std::vector<Part> _parts;
+    std::vector<Touch> _touches;
     Motion<Real> _motion;
     Pushes<Real> _pushes;
     DeadLoads<Real> _loads;
@@ -407,8 +331,7 @@ template <typename Real> class Run final : public ExplicitRun {
     std::vector<double> _last_factors; // that the external forces are made of; empty: other ones
     // Whether a look has left its forces for the next step, and what for.
     bool _has_forces = false;
-    std::vector<double> _factors_of_forces;
-    std::vector<ToolStep> _tools_of_forces;
+    RememberedPlan _plan_of_forces;
 };
 
 } // namespace

@@ -10,12 +10,14 @@
 //     state of the last good look is kept
 //
 // records.hpp: memory and threads; motion.hpp: the state; loads.hpp, contact.hpp: what pushes;
-// energy.hpp: 5, and the balance of energy; internal_force.hpp: 1; step_kernel.hpp: 1 and 4.
+// energy.hpp: 5, and the balance of energy; cell_forces.hpp: 1 and 3, by internal_force.hpp;
+// plan.hpp: what drives the steps; step_kernel.hpp: 1 and 4.
 
 #include "contact/body_touch.hpp"
-#include "explicit/contact.hpp"
 #include "explicit/energy.hpp"
-#include "explicit/internal_force.hpp"
+#include "explicit/plan.hpp"
+#include "explicit/step_kernel.hpp"
+#include "mechanics/elastic_body.hpp"
 
 #include <memory>
 
@@ -27,22 +29,6 @@ struct ExplicitOutcome {
     std::int64_t steps_done; // good ones, in this call; -1 if the state it began with is bad
     StopReason reason;       // the state is then the last good one
     std::int64_t point;      // that moved fastest when energy grew or bounds were left, else -1
-};
-
-/// What drives some steps: a row for the time before each, and one for the end.
-struct ExplicitPlan {
-    std::span<const double> factors; // one for each history
-    std::span<const ToolStep> tools; // one for each tool
-    std::size_t num_rows;
-
-    std::span<const double> factors_at(std::size_t row) const {
-        const std::size_t width = factors.size() / num_rows;
-        return factors.subspan(row * width, width);
-    }
-    std::span<const ToolStep> tools_at(std::size_t row) const {
-        const std::size_t width = tools.size() / num_rows;
-        return tools.subspan(row * width, width);
-    }
 };
 
 struct ExplicitSettings {
