@@ -11,6 +11,7 @@ from palpate.validation.commands import reference as reference_cli
 from palpate.validation.commands.audit import audit
 from palpate.validation.commands.bench import bench
 from palpate.validation.commands.check import check
+from palpate.validation.commands.compare_runs import compare_runs
 from palpate.validation.commands.endings import end_by, end_of, outlive_readers, stoppable
 from palpate.validation.commands.exchange import compare, export
 from palpate.validation.commands.gate import gate
@@ -66,6 +67,7 @@ app.command()(check)
 app.command()(mesh)
 app.command()(export)
 app.command()(compare)
+app.command("compare-runs")(compare_runs)
 app.command()(audit)
 app.command()(law)
 app.command()(solve)

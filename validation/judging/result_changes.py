@@ -35,6 +35,7 @@ class AcceptedCheck(BaseModel):
     verdict: str
     limit: Number
     value: Number | None
+    reference_error: Number | None = 0.0
 
 
 class AcceptedCase(BaseModel):
