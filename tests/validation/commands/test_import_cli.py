@@ -65,7 +65,7 @@ def test_a_model_becomes_a_case_that_can_be_looked_at(
 
 
 def test_what_no_case_can_hold_is_named_and_nothing_is_written(tmp_path: Path) -> None:
-    (tmp_path / "one.inp").write_text(MODEL.replace("C3D4", "C3D8"))
+    (tmp_path / "one.inp").write_text(MODEL.replace("C3D4", "C3D20"))
     done = subprocess.run(
         [
             sys.executable, "-m", "palpate.validation.cli", "import", str(tmp_path / "one.inp"),
@@ -74,5 +74,5 @@ def test_what_no_case_can_hold_is_named_and_nothing_is_written(tmp_path: Path) -
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 2
-    assert "one.inp:8: *ELEMENT, TYPE=C3D8" in done.stderr
+    assert "one.inp:8: *ELEMENT, TYPE=C3D20" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["one.inp"]
