@@ -1,4 +1,8 @@
-"""What is seen, stopped and held against the reference in the background."""
+"""What is seen, stopped and held against the reference in the background.
+
+First on the same mesh, within seconds; then the truth, for so long at most. Whichever there is, is
+shown at once and stays.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +17,30 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Indices
+from palpate.fastsim.contact.tool_contact import POSE, ToolContact, gaps_at
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Problem
 from palpate.meshes.supervised import supervised
 from palpate.meshes.untrusted_text import parse_toml
 from palpate.reference import availability
 from palpate.validation.live.live_case import LiveCase
 from palpate.validation.live.pane import Pane
 from palpate.validation.live.recording import write_case
+from palpate.validation.live.verdict import ANSWERED, SAME_MESH, TRUTH
 from palpate.validation.report.viewer_data import packed
 
 Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"
+# Each answer is waited for so long after what was before it [s].
+LIMITS = {SAME_MESH: 120.0, TRUTH: 60.0}
+_ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
+_CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
+_COLOUR = {
+    SAME_MESH: "colour: distance from the reference on the same mesh",
+    TRUTH: "colour: distance from the truth (P2, Green strain)",
+}
 # Progress is told so often at most [s].
 _BREATH = 0.5
 # Less than this part of the body's size is no displacement worth a verdict.
@@ -117,9 +132,29 @@ def write_pose(
             displacement=np.array(moved),
             force=np.array(forces),
             names=np.array([pane.name for pane in panes]),
+            strain=np.array([pane.strain.value for pane in panes]),
             element=np.array([pane.element.value for pane in panes]),
         )
     return path, answers
+
+
+def depth_between_vertices(problem: Problem, place: Floats, displacement: Points) -> float:
+    """How deep the body's flat facets are in the tool [m], >= 0, which only vertices touch.
+
+    Args:
+        problem: With the tool, turned as it is at the start.
+        place: Of the tool [m], shape (3,).
+        displacement: Of the body [m], shape (num_points, 3).
+    """
+    mesh = problem.mesh
+    corners = (mesh.points + displacement)[mesh.boundary_facets]
+    middles = 0.5 * (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3)
+    pose = np.zeros(1, POSE)
+    pose["position"] = place
+    pose["rotation"] = problem.tools[0].path.pose_at(0.0)[1]
+    shape = ToolContact(problem, problem.tools[0]).shape
+    gaps = gaps_at(shape, np.vstack([middles, corners.mean(axis=1)]), pose).distances
+    return max(0.0, -float(gaps.min()))
 
 
 class Judging(threading.Thread):
@@ -138,7 +173,9 @@ class Judging(threading.Thread):
         super().__init__(name="judging", daemon=True)
         self._case, self._answers, self._used, self._say = case, answers, used, say
         self._process: subprocess.Popen[Any] | None = None
-        self._is_over = False
+        self._is_over = self._is_late = False
+        self._waits_for: str | None = SAME_MESH
+        self._timer = threading.Timer(0.0, self._give_up)
 
     def run(self) -> None:
         """The thread."""
@@ -161,48 +198,87 @@ class Judging(threading.Thread):
             errors = process.stderr
             reading = threading.Thread(target=lambda: trouble.extend(errors), daemon=True)
             reading.start()
+            self._wait_for(SAME_MESH)
             last = 0.0
             for line in process.stdout:
-                if time.monotonic() - last > _BREATH:
+                if line.startswith(ANSWERED):
+                    self._tell(line.removeprefix(ANSWERED).strip(), found)
+                elif time.monotonic() - last > _BREATH:
                     last = time.monotonic()
                     self._say({"kind": "progress", "text": line.strip()})
             code = process.wait()
+            self._timer.cancel()
             reading.join()
             process.stdout.close()
             errors.close()
-        if self._is_over:
+        if self._is_over or self._waits_for is None:
             return
-        if code != 0:
-            said = trouble[-1].strip() if trouble else f"it ended with {code}"
-            self._end(f"no verdict: {said}")
-            return
+        if self._is_late:
+            limit = LIMITS[self._waits_for]
+            self._end(f"{_CALLED[self._waits_for]} was not found within {limit:g} s{self._kept}")
+        else:
+            said = trouble[-1].strip() if trouble else f"the solver ended with {code}"
+            self._end(f"{_CALLED[self._waits_for]} was not found: {said}{self._kept}")
+
+    @property
+    def _kept(self) -> str:
+        return "; the verdict on the same mesh stands" if self._waits_for == TRUTH else ""
+
+    def _wait_for(self, question: str | None) -> None:
+        """Begin to wait for the answer to a question; for nothing more where None."""
+        self._timer.cancel()
+        self._waits_for = question
+        if question is not None:
+            self._timer = threading.Timer(LIMITS[question], self._give_up)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _give_up(self) -> None:
+        self._is_late = True
+        if self._process is not None:
+            self._process.terminate()
+
+    def _tell(self, question: str, found: Path) -> None:
+        """Show an answer."""
+        self._wait_for(TRUTH if question == SAME_MESH else None)
         with np.load(found, allow_pickle=False) as data:
             lengths = data["errors"][:, self._used] * 1e3
             told = json.loads(str(data["told"]))
         for pane in told:
+            checks = "; ".join(pane["checks"])
             self._say(
                 {
                     "kind": "note",
-                    "text": f"{pane['name']}: {pane['verdict']}. {'; '.join(pane['checks'])}",
+                    "text": f"{_ASKED[question]} {pane['name']}: {pane['verdict']}. {checks}",
                     "verdict": pane["verdict"],
                 }
             )
+        there = np.isfinite(lengths).all(axis=1)
         self._say(
             {
                 "kind": "judged",
-                "text": f"{self._case}",
+                "text": f"{_COLOUR[question]}; the case: {self._case}",
+                "against": question,
+                "more": self._waits_for is not None,
                 "verdicts": [pane["verdict"] for pane in told],
-                "largest": float(lengths.max()),
-                "errors": [packed(of, np.float32) for of in lengths],
+                "largest": float(lengths[there].max(initial=0.0)),
+                "errors": [
+                    packed(of, np.float32) if is_there else None
+                    for of, is_there in zip(lengths, there, strict=True)
+                ],
             }
         )
+        if self._waits_for is not None:
+            limit = LIMITS[self._waits_for]
+            self._say({"kind": "progress", "text": f"looking for the truth, {limit:g} s at most"})
 
     def stop(self) -> None:
         """End it, with what it started."""
         self._is_over = True
+        self._timer.cancel()
         if self._process is not None:
             self._process.terminate()
         self.join()
 
     def _end(self, text: str) -> None:
-        self._say({"kind": "judged", "text": text, "verdicts": [], "errors": []})
+        self._say({"kind": "judged", "text": text, "more": False, "verdicts": [], "errors": []})

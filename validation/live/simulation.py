@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.fastsim.contact.contact_law import half_thickness
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
@@ -20,10 +21,11 @@ from palpate.validation.live import protocol
 from palpate.validation.live.frames import Look, Pace
 from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
 from palpate.validation.live.hand import Hand
-from palpate.validation.live.judging import Judging, write_pose
+from palpate.validation.live.judging import Judging, depth_between_vertices, write_pose
 from palpate.validation.live.live_case import LiveCase, Touch, live_case
 from palpate.validation.live.pane import LEAST_DET_F, Pane, Surface, make_panes
 from palpate.validation.live.recording import free_name, write_recording
+from palpate.validation.live.settling import Settling
 
 FRAME = 1.0 / 60.0
 # Of all frames together [bytes/s].
@@ -37,9 +39,9 @@ _SPEED_SAFETY = 0.8
 # Behind by more than this, the bodies' time does not catch up [s].
 _LOST = 0.1
 _LONGEST_RECORDING = 30.0
-# Before a pose is judged its bodies come to rest: so many times 1 / damping, so long at most [s].
-_CALM, _LONGEST_REST = 40.0, 5.0
 
+# Between vertices the surface may be so deep in the tool, of half its thickness, unmentioned.
+_DEEP = 0.1
 # Places are told so exactly [m].
 NANOMETRE = 1e-9
 
@@ -158,7 +160,7 @@ class Simulation(threading.Thread):
         self._pace = Pace(tick)
         self._look.begin()
         self._told: set[int] = set()
-        self._resting = 0
+        self._settling: Settling | None = None
         self._due = time.perf_counter()
 
     def run(self) -> None:
@@ -168,9 +170,9 @@ class Simulation(threading.Thread):
             changed = self._take_orders(wait=self._is_still())
             if self._ending.is_set():
                 break
-            if self._resting == 1:
-                self._resting = 0
-                self._judge()
+            if self._settling is not None and self._settling.is_over:
+                settled, self._settling = self._settling, None
+                self._judge(settled)
                 changed = True
             if self._is_still():
                 self._due = time.perf_counter()
@@ -205,7 +207,7 @@ class Simulation(threading.Thread):
         clock = self.live.clock
         is_too_much = min(pane.smallest_det_f for pane in self.panes) < LEAST_DET_F
         place = self.hand.next_place(is_too_much=is_too_much)
-        metres = np.array(self._case.spec.units.place((place[0], place[1], place[2])))
+        metres = self._metres(place)
         begin = time.perf_counter()
         anchor = self._next_anchor(is_too_much)
         others = [
@@ -221,7 +223,8 @@ class Simulation(threading.Thread):
         spent = time.perf_counter() - begin
         self._pace.note(spent, max(pane.cpu_seconds for pane in self.panes))
         self._ticks += 1
-        self._resting = max(1, self._resting - 1) if self._resting else 0
+        if self._settling is not None:
+            self._settle(self._settling)
         if self._unanswered is not None:
             self._answered, self._unanswered = self._unanswered, None
         if self._recorded is not None:
@@ -235,6 +238,9 @@ class Simulation(threading.Thread):
             return None
         place = self._grip.hand.next_place(is_too_much=is_too_much)
         self._grip.places.append(place.copy())
+        return self._metres(place)
+
+    def _metres(self, place: Floats) -> Floats:
         return np.array(self._case.spec.units.place((place[0], place[1], place[2])))
 
     def _show(self) -> int:
@@ -264,7 +270,7 @@ class Simulation(threading.Thread):
     def _obey(self, message: protocol.Message, received: float) -> None:
         match message:
             case protocol.ToolTo() | protocol.Withdraw() | protocol.Grab() | protocol.Pull() if (
-                self._resting
+                self._settling is not None
             ):
                 pass  # the hand is held still
             case protocol.ToolTo(number=number, to=to):
@@ -344,13 +350,17 @@ class Simulation(threading.Thread):
         self.hand.stay()
         if self._grip is not None:
             self._grip.hand.stay()
-        damping = self.live.data["time"]["mass_damping"]
-        longest = min(_LONGEST_REST, _CALM / max(damping, 1e-9))
-        self._resting = max(1, round(longest / self.live.clock.tick))
+        self._settling = Settling(self.live.clock.tick)
         self._say("judging: held still until the bodies rest")
 
-    def _judge(self) -> None:
-        """Once the bodies rest."""
+    def _settle(self, settling: Settling) -> None:
+        """Watch the bodies; forces are means of the last window or less."""
+        if settling.note([pane.body.displacement for pane in self.panes]) and not settling.is_over:
+            for pane in self.panes:
+                pane.mean_force()
+
+    def _judge(self, settled: Settling) -> None:
+        """Once the bodies rest, or were waited for."""
         self._is_paused = True
         forces = [pane.mean_force() for pane in self.panes]
         try:
@@ -366,9 +376,19 @@ class Simulation(threading.Thread):
             )
         except (InputError, OSError) as error:
             self._is_paused = False
-            self._send({"kind": "judged", "text": str(error), "verdicts": [], "errors": []})
+            note = {"kind": "judged", "text": str(error), "more": False}
+            self._send({**note, "verdicts": [], "errors": []})
             return
-        self._say(f"judging {case}")
+        self._say(settled.says)
+        metres = self._metres(self.hand.place)
+        problem, moved = self.live.problem, [pane.body.displacement for pane in self.panes]
+        deep = max(depth_between_vertices(problem, metres, u) for u in moved)
+        if deep > _DEEP * half_thickness(problem.tools[0].shape):
+            self._say(
+                f"between its vertices the surface is up to {1e3 * deep:.2g} mm inside the tool, "
+                "which only vertices touch: there may be several equilibria, and failed may mean "
+                "that the reference found another; take a finer mesh or a larger tool"
+            )
         self._judging = Judging(case, answers, self.surface.used, self._send)
         self._judging.start()
 

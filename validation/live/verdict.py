@@ -1,14 +1,25 @@
 """A pose of the live page held against the reference: a program of its own, in the background.
 
 python -m palpate.validation.live.verdict CASE.toml POSE.npz ANSWER.npz: the case is static, POSE
-holds each pane's displacement [m] and the force on the hand [N]; ANSWER gets its error at each
-point [m], and what is to be said of it as JSON. Progress goes to standard output, a line each.
+holds each pane's displacement [m], the force on the hand [N], strain measure and element. Two
+questions, one after the other:
+
+- `SAME_MESH`: is it solved right? Each pane against the reference with its own strain measure and
+  element on the same mesh: what is left is how far the pose is from rest.
+- `TRUTH`: is it what tissue does? Every pane against P2 under Green strain, also those that are
+  stepped with linear strain.
+
+After each, ANSWER gets the error of each pane at each point [m], NaN where there is no reference,
+and what is to be said as JSON; then the line "answered" and the question go to standard output.
+Other lines there are progress.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,90 +30,210 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
-from palpate.validation.case import load_case
+from palpate.validation.case import Case, load_case
+from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.result_files import ResultFile
-from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.sets import QUADRATIC, TRUTH
-from palpate.validation.simulators.candidate import Candidate
+from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.judging.truth_request import truth_request
+from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.references.geometry_part import with_geometry
+from palpate.validation.references.live import solve_live
+from palpate.validation.references.sets import OF_ELEMENT, ReferenceSet, solve_state
 from palpate.validation.simulators.result_states import state_of_result
-from palpate.validation.states import CandidateFailedError, Progress, State
+from palpate.validation.states import CandidateFailedError, Progress, State, gravest
+
+SAME_MESH, TRUTH = "same mesh", "truth"
+# The line that an answer is announced by begins so.
+ANSWERED = "answered "
+# Of the reference's budget: it ends before the page's patience does [s].
+_SECONDS = 45.0
+_RIGHT: tuple[dict[str, Any], ...] = (
+    {
+        "metric": "displacement_l2",
+        "against": "same_mesh",
+        "limit": 0.01,
+        "reason": "the same equations on the same mesh: the rest is the way left to equilibrium",
+    },
+    {
+        "metric": "tool_force",
+        "against": "same_mesh",
+        "limit": 0.02,
+        "reason": "likewise; less than the 7 % that a hand can tell",
+    },
+)
 
 
-def judge_pose(case: Path, pose: Path, progress: Progress) -> tuple[list[dict[str, Any]], Floats]:
-    """What is to be said of each pane, and its error at each point [m], (num_panes, num_points).
+@dataclass(frozen=True, eq=False)
+class PoseOfPane:
+    """What stands in a pane.
 
-    All panes are held against the truth under Green strain, also those that are stepped with linear
-    strain: the question is whether what is seen is what tissue does.
+    Attributes:
+        name: Of the pane.
+        strain: It is stepped with.
+        element: Likewise.
+        displacement: [m], shape (num_points, 3).
+        force: Of the body on the hand [N], shape (3,).
+    """
+
+    name: str
+    strain: Strain
+    element: Element
+    displacement: Points
+    force: Floats
+
+    def state(self, problem: Problem, strain: Strain) -> State:
+        """As an answer for a strain measure.
+
+        Raises:
+            CandidateFailedError: It is none.
+        """
+        about: dict[str, Any] = {"element": self.element.value}
+        if problem.tools:
+            about["tool_forces"] = [self.force.tolist()]
+        values = self.displacement[None]
+        result = ResultFile(Path(self.name), values, are_positions=False, times=None, about=about)
+        return state_of_result(result, problem, self.name, strain)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """To one of the questions.
+
+    Attributes:
+        told: What is to be said of each pane: name, verdict, checks.
+        errors: At each point [m], NaN without a reference, shape (num_panes, num_points).
+    """
+
+    told: list[dict[str, Any]]
+    errors: Floats
+
+
+def read_pose(path: Path) -> list[PoseOfPane]:
+    """What `judging.write_pose` wrote beside the case."""
+    with np.load(path, allow_pickle=False) as given:
+        rows = zip(
+            given["names"],
+            given["strain"],
+            given["element"],
+            given["displacement"],
+            given["force"],
+            strict=True,
+        )
+        return [PoseOfPane(str(n), Strain(s), Element(e), u, f) for n, s, e, u, f in rows]
+
+
+def same_mesh_references(
+    case: Case, panes: Sequence[PoseOfPane], progress: Progress
+) -> ReferenceSet:
+    """The reference on the case's mesh for each strain measure and element of the panes."""
+    states: dict[tuple[str, Strain], State] = {}
+    failures: dict[tuple[str, Strain], str] = {}
+    for strain, element in dict.fromkeys((pane.strain, pane.element) for pane in panes):
+        place = (OF_ELEMENT[element], strain)
+        try:
+            states[place] = solve_state(case.problem, strain, 1, progress, element=element)
+        except ReferenceUnavailableError:
+            raise
+        except ReferenceFailedError as error:
+            failures[place] = f"{place[0]}: {error}"
+    return ReferenceSet(states, {}, "the same mesh, solved here", failures)
+
+
+def true_references(case: Case, known: ReferenceSet, progress: Progress) -> ReferenceSet:
+    """The truth under Green strain, beside what is known.
 
     Raises:
-        ReferenceFailedError: There is no truth of this pose.
-        InputError: The case cannot be used.
+        ReferenceFailedError: There is none, or one that the tool never touches.
     """
-    given = np.load(pose, allow_pickle=False)
-    names = [str(name) for name in given["names"]]
-    candidates = [
-        pose_candidate(name, given["displacement"][k], given["force"][k], str(given["element"][k]))
-        for k, name in enumerate(names)
-    ]
-    result = judge_case(
-        load_case(case), live=True, candidate=candidates, diagnoses=False, progress=progress
+    request = truth_request(case)
+    found = solve_live(
+        case.problem,
+        progress,
+        request=replace(request, seconds=min(request.seconds, _SECONDS)),
+        has_stress=False,
+        strains=(Strain.GREEN,),
+        known=known.states,
     )
-    truth, each = truth_of(result), len(result.checks) // len(names)
-    told, errors = [], []
-    for number, judged in enumerate(result.candidates):
-        own = next(state for state in result.states if state.label == judged.name)
-        errors.append(np.linalg.norm(own.displacement - truth.displacement, axis=1))
-        checks = result.checks[number * each : (number + 1) * each]
+    truth = found.truth(Strain.GREEN)
+    if truth is None:
+        why = found.failure("truth", Strain.GREEN) or "the reference found no equilibrium"
+        raise ReferenceFailedError(why)
+    if case.problem.tools and not np.any(truth.displacement):
+        raise ReferenceFailedError(
+            "nothing of its mesh reaches the tool (P2 touches with the middles of edges); take a "
+            "finer mesh or a larger tool"
+        )
+    return with_geometry(case, found, progress, strains=(Strain.GREEN,))
+
+
+def judge_panes(
+    question: str, case: Case, panes: Sequence[PoseOfPane], references: ReferenceSet
+) -> Answer:
+    """Hold the panes against the references of a question."""
+    told: list[dict[str, Any]] = []
+    errors = np.full((len(panes), case.mesh.mesh.num_points), np.nan)
+    for number, pane in enumerate(panes):
+        strain = pane.strain if question == SAME_MESH else Strain.GREEN
+        own = references.of_element(pane.element)
+        judge = CaseJudge(case, own)
+        state, why = _answer(pane, case.problem, strain)
+        checks = [judge.check(spec, state, why) for spec in _checks(question, case, strain)]
         told.append(
             {
-                "name": judged.name,
-                "verdict": judged.verdict.value,
-                "checks": [
-                    f"{check.metric} {check.verdict.value}: {check.message}" for check in checks
-                ],
+                "name": pane.name,
+                "verdict": gravest([check.verdict for check in checks]).value,
+                "checks": [f"{c.metric} {c.verdict.value}: {c.message}" for c in checks],
             }
         )
-    return told, np.array(errors)
+        reference = own.same_mesh(strain) if question == SAME_MESH else own.truth(strain)
+        if reference is not None:
+            apart = pane.displacement - reference.displacement
+            errors[number] = np.linalg.norm(apart, axis=1)
+    return Answer(told, errors)
 
 
-def pose_candidate(name: str, displacement: Points, force: Floats, element: str) -> Candidate:
-    """What stands in a pane, as an answer; of the force on the hand too, where there is a tool."""
-
-    def solve(problem: Problem, strain: Strain, _progress: Progress) -> State:
-        about: dict[str, Any] = {"element": element}
-        if problem.tools:
-            about["tool_forces"] = [force.tolist()]
-        values = displacement[None]
-        result = ResultFile(Path(name), values, are_positions=False, times=None, about=about)
-        return state_of_result(result, problem, name, strain)
-
-    return Candidate(name, solve, can_be_asked=False, element=Element(element))
+def _answer(pane: PoseOfPane, problem: Problem, strain: Strain) -> tuple[State | None, str]:
+    try:
+        state = pane.state(problem, strain)
+    except CandidateFailedError as error:
+        return None, str(error)
+    why = unmeasurable_state(state) or state_out_of_reach(problem, state)
+    return (None, why) if why else (state, "")
 
 
-def truth_of(result: CaseResult) -> State:
-    """The best reference under Green strain.
-
-    Raises:
-        ReferenceFailedError: There is none.
-    """
-    for label in (TRUTH, QUADRATIC):
-        for state in result.states:
-            if state.is_reference and state.label == label and state.strain is Strain.GREEN:
-                return state
-    raise ReferenceFailedError("; ".join(result.notes) or "the reference found no equilibrium")
+def _checks(question: str, case: Case, strain: Strain) -> list[CheckSpec]:
+    """The case's own are of the truth."""
+    if question == TRUTH:
+        return list(case.checks)
+    has_tool = bool(case.problem.tools)
+    return [
+        CheckSpec.model_validate({**spec, "strain": strain.value})
+        for spec in _RIGHT
+        if has_tool or spec["metric"] != "tool_force"
+    ]
 
 
 def main(words: list[str]) -> int:
     """See the module."""
-    case, pose, answer = map(Path, words)
+    path, pose, answer = map(Path, words)
+
+    def progress(line: str) -> None:
+        print(line, flush=True)
+
+    def say(question: str, found: Answer) -> None:
+        with atomic_path(answer) as temporary, temporary.open("wb") as file:
+            np.savez(file, errors=found.errors, told=np.array(json.dumps(found.told)))
+        print(f"{ANSWERED}{question}", flush=True)
+
     try:
-        told, errors = judge_pose(case, pose, lambda line: print(line, flush=True))
-    except (InputError, ReferenceFailedError, ReferenceUnavailableError, CandidateFailedError) as e:
-        print(e, file=sys.stderr, flush=True)
+        case, panes = load_case(path), read_pose(pose)
+        known = same_mesh_references(case, panes, progress)
+        say(SAME_MESH, judge_panes(SAME_MESH, case, panes, known))
+        found = true_references(case, known, progress)
+        say(TRUTH, judge_panes(TRUTH, case, panes, found))
+    except (InputError, ReferenceFailedError, ReferenceUnavailableError) as error:
+        print(error, file=sys.stderr, flush=True)
         return 3
-    with atomic_path(answer) as temporary, temporary.open("wb") as file:
-        np.savez(file, errors=errors, told=np.array(json.dumps(told)))
     return 0
 
 

@@ -73,6 +73,7 @@ def solve_live(
     has_stress: bool = True,
     strains: Collection[Strain] = tuple(Strain),
     unknowns: float = UNKNOWNS,
+    known: Mapping[Place, State] | None = None,
 ) -> ReferenceSet:
     """Solve P1 on the case's mesh and the truth; of a motion what is `wanted`.
 
@@ -92,6 +93,7 @@ def solve_live(
             do not tell.
         strains: Of which.
         unknowns: Of the largest mesh of a static truth.
+        known: States of a static problem that are not solved again.
     """
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
@@ -103,7 +105,7 @@ def solve_live(
     asked = dataclasses.replace(
         asked, seconds=min(asked.seconds, SECONDS), unknowns=unknowns, parts={}
     )
-    run = _Run(problem, progress, asked)
+    run = _Run(problem, progress, asked, known or {})
     is_graded = stored is None and 2.0 * unknowns_of(problem) <= unknowns
     for strain in strains:
         if not run.has_equilibrium(strain):
@@ -157,9 +159,15 @@ def unknowns_of(problem: Problem) -> int:
 class _Run:
     """States as they come, and why one did not."""
 
-    def __init__(self, problem: Problem, progress: Progress, asked: TruthRequest) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        progress: Progress,
+        asked: TruthRequest,
+        known: Mapping[Place, State],
+    ) -> None:
         self.problem, self.progress, self.asked = problem, progress, asked
-        self.states: dict[Place, State] = {}
+        self.states: dict[Place, State] = dict(known)
         self.failures: dict[Place, str] = {}
         self.records: dict[str, Any] = {}
         self._graded: Bars = {}
@@ -181,6 +189,8 @@ class _Run:
     ) -> ReferenceFailedError | None:
         """One state on the case's mesh, or why there is none, which is kept."""
         label = OF_ELEMENT[element] if degree == 1 else QUADRATIC
+        if (label, strain) in self.states:
+            return None
         try:
             state = solve_state(self.problem, strain, degree, self.progress, element=element)
         except ReferenceUnavailableError:

@@ -19,7 +19,7 @@ from palpate.validation.live.server import PageServer
 pytestmark = pytest.mark.browser
 
 Serving = Callable[..., AbstractContextManager[PageServer]]
-# A verdict without FEniCSx: three lines of progress, then an error for each pane.
+# A verdict without FEniCSx: an error for each pane on the same mesh, then none of the truth.
 STUB = """
 import json, sys
 import numpy as np
@@ -30,6 +30,8 @@ length = np.linalg.norm(given["displacement"], axis=2)
 told = [{"name": str(n), "verdict": v, "checks": ["displacement_l2 " + v]}
         for n, v in zip(given["names"], ["failed", "passed"])]
 np.savez(open(answer, "wb"), errors=length, told=np.array(json.dumps(told)))
+print("answered same mesh", flush=True)
+sys.exit("a cell would invert")
 """
 
 
@@ -167,11 +169,27 @@ def test_what_is_judged_shows_verdicts_and_errors(
     dragged(browser, -150, 0)
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
     browser.find_element("id", "judge").click()
-    wait(browser, "document.body.dataset.judged === 'failed passed'")
+    wait(browser, "document.body.dataset.verdicts === 'failed passed'")
+    # No truth: that is said, and what was found on the same mesh stays.
+    wait(browser, "document.body.dataset.judged === 'none'")
+    assert browser.find_element("id", "judge").is_enabled()
+    said = browser.find_element("id", "notes").text
+    assert "the truth was not found: a cell would invert; the verdict on the same mesh" in said
+    assert "settled" in said
+    # The colours are the errors: of the stub all of the displacement, largest under the tool.
+    shades = browser.execute_script(
+        "const s = window.palpate.stage;"
+        "return s.shown.map((shown) => Array.from(s.stateOf(shown).shade))"
+    )
+    assert max(max(shade) for shade in shades) == pytest.approx(1.0)
+    assert all(0.0 <= min(shade) < 0.05 < max(shade) for shade in shades)
     names = browser.execute_script(
         "return [...document.querySelectorAll('.view .name')].map((n) => n.textContent)"
     )
-    assert names == ["linear strain: failed", "Green strain: passed"]
+    assert names == [
+        "linear strain: failed against the same mesh",
+        "Green strain: passed against the same mesh",
+    ]
     assert browser.find_element("css selector", ".most").text.startswith("error")
     assert (tmp_path / "held-block-1.toml").exists()
     # The page's width at a phone's.

@@ -94,11 +94,11 @@ class Touch extends Stage {
   // Errors that were judged, until the bodies go on.
   judged(note) {
     this.errors = note.errors.length ? note : null;
-    if (this.errors) note.errors.forEach((text, k) => { this.shown[k].error = unpack(text, Float32Array).map((x) => x / (note.largest || 1)); });
+    if (this.errors) note.errors.forEach((text, k) => { this.shown[k].error = text && unpack(text, Float32Array).map((x) => x / (note.largest || 1)); });
     this.draw();
   }
 
-  stateOf(shown) { return { motion: shown.motion, shade: this.errors ? shown.error : shown.shade, share: 1, lineShare: 1 }; }
+  stateOf(shown) { return { motion: shown.motion, shade: this.errors && shown.error ? shown.error : shown.shade, share: 1, lineShare: 1 }; }
 
   // The tool, and where the anchor of a grip is, in every view.
   drawBeside() {
@@ -315,15 +315,17 @@ class Page {
       $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to a third of its volume the tool is held back. ${note.notes.join(" ")}`;
       if ($("loads")) $("loads").checked = note.has_loads;
     } else if (note.kind === "judged") {
-      this.stage.judged(note);
-      $("judge").disabled = false;
+      // An answer that was not found takes nothing from the one before it.
+      if (note.errors.length) this.stage.judged(note);
+      $("judge").disabled = note.more;
       $("progress").textContent = "";
-      this.say(note.errors.length ? `colour: distance from the reference; the case: ${note.text}` : note.text);
+      this.say(note.text);
       if (note.errors.length) this.stage.views.forEach((view, k) => {
-        view.querySelector(".name").textContent = `${this.stage.shown[k].name}: ${note.verdicts[k]}`;
-        view.querySelector(".most").textContent = `error ${digits(note.largest)} mm`;
+        view.querySelector(".name").textContent = `${this.stage.shown[k].name}: ${note.verdicts[k]} against the ${note.against}`;
+        view.querySelector(".most").textContent = note.errors[k] ? `error ${digits(note.largest)} mm` : "no reference";
       });
-      document.body.dataset.judged = note.verdicts.join(" ") || "none";
+      if (note.errors.length) document.body.dataset.verdicts = note.verdicts.join(" ");
+      if (!note.more) document.body.dataset.judged = note.verdicts.join(" ") || "none";
     } else if (note.kind === "progress") $("progress").textContent = note.text;
     else if (note.kind === "note" || note.kind === "refused") this.say(note.text, note.verdict);
   }
@@ -398,7 +400,7 @@ class Page {
       if (on) { stage.goal = [...stage.start]; stage.grip = null; }
       send({ kind: "record", on });
     };
-    $("judge").onclick = () => { $("judge").disabled = true; delete document.body.dataset.judged; send({ kind: "judge" }); };
+    $("judge").onclick = () => { $("judge").disabled = true; delete document.body.dataset.judged; delete document.body.dataset.verdicts; send({ kind: "judge" }); };
     document.addEventListener("keydown", (e) => {
       if (e.target instanceof HTMLSelectElement || e.target instanceof HTMLInputElement) return;
       const act = { 1: () => stage.setMode("push"), 2: () => stage.setMode("drag"), 3: () => stage.setMode("turn"),

@@ -1,0 +1,89 @@
+"""What the page is told of a pose: each answer once it is there, and the truth for so long only."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Element
+from palpate.validation.case import load_case
+from palpate.validation.live import verdict
+from palpate.validation.live.judging import LIMITS, Judging, depth_between_vertices
+from palpate.validation.live.live_case import Touch, live_case
+
+# Answers on the same mesh, then does what stands in LATER.
+STUB = """
+import json, sys, time
+import numpy as np
+case, pose, answer = sys.argv[1:]
+told = [{"name": "Green strain", "verdict": "passed", "checks": ["displacement_l2 passed"]}]
+np.savez(open(answer, "wb"), errors=np.array([[0.0, 1e-3], [np.nan, np.nan]]),
+         told=np.array(json.dumps(told * 2)))
+print("answered same mesh", flush=True)
+"""
+
+
+def judged(
+    later: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: float = 60.0
+) -> list[dict[str, Any]]:
+    """What is said."""
+    (tmp_path / "stub_of_judging.py").write_text(STUB + later)
+    monkeypatch.setattr("palpate.validation.live.judging.VERDICT", "stub_of_judging")
+    monkeypatch.setattr("palpate.reference.availability.is_available", lambda: True)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.pathsep.join(sys.path)}")
+    monkeypatch.setitem(LIMITS, verdict.TRUTH, limit)
+    said: list[dict[str, Any]] = []
+    thread = Judging(tmp_path / "a.toml", tmp_path / "a.npz", np.array([0, 1]), said.append)
+    thread.run()
+    return [note for note in said if note["kind"] == "judged"]
+
+
+def test_a_truth_that_is_not_found_in_time_leaves_the_verdict_on_the_same_mesh(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, last = judged("time.sleep(600)", tmp_path, monkeypatch, limit=0.5)
+    assert first["more"] is True
+    assert first["against"] == "same mesh"
+    assert first["verdicts"] == ["passed", "passed"]
+    assert first["largest"] == pytest.approx(1.0)
+    # Of the second pane there is no reference, so no colour either.
+    assert first["errors"][0] is not None
+    assert first["errors"][1] is None
+    assert last["more"] is False
+    assert last["errors"] == []
+    assert last["text"] == (
+        "the truth was not found within 0.5 s; the verdict on the same mesh stands"
+    )
+
+
+def test_a_truth_that_there_is_none_of_is_said_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, last = judged("sys.exit('a cell would invert')", tmp_path, monkeypatch)
+    assert first["verdicts"]
+    assert last["text"] == (
+        "the truth was not found: a cell would invert; the verdict on the same mesh stands"
+    )
+
+
+def test_both_answers_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, last = judged("print('answered truth', flush=True)", tmp_path, monkeypatch)
+    assert (first["against"], first["more"]) == ("same mesh", True)
+    assert (last["against"], last["more"]) == ("truth", False)
+
+
+def test_a_tool_between_the_vertices_is_measured() -> None:
+    """A ball before the middle of the block's end, which is flat."""
+    live = live_case(load_case("block"), Touch(), (Element.LINEAR,))
+    still = np.zeros_like(live.problem.mesh.points)
+    radius = live.data["tool"][0]["radius"] * 1e-3
+    outside = np.array([0.041 + radius, 0.0125, 0.01])
+    assert depth_between_vertices(live.problem, outside, still) == 0.0
+    inside = outside - [0.003, 0.0, 0.0]
+    found = depth_between_vertices(live.problem, inside, still)
+    assert 0.0 < found <= 0.002 + 1e-12

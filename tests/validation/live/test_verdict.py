@@ -1,0 +1,80 @@
+"""A pose of the page against FEniCSx: right as it is, red once it is spoiled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.meshes.problem import Element, Strain
+from palpate.validation.case import Case, load_case
+from palpate.validation.live.judging import write_pose
+from palpate.validation.live.live_case import Touch, live_case
+from palpate.validation.live.pane import Surface, make_panes
+from palpate.validation.live.settling import Settling
+from palpate.validation.live.verdict import (
+    SAME_MESH,
+    PoseOfPane,
+    judge_panes,
+    read_pose,
+    same_mesh_references,
+)
+
+pytestmark = [pytest.mark.dolfinx, pytest.mark.nightly]
+
+
+def pressed(
+    depth: float, folder: Path, radius: float = 8.2
+) -> tuple[Case, list[PoseOfPane], Settling]:
+    """The block with a ball [mm] pressed in along -x [mm], held until it rests."""
+    case = load_case("block")
+    live = live_case(
+        case, Touch({"shape": "sphere", "radius": radius}, mass_damping=100.0), (Element.LINEAR,)
+    )
+    panes = make_panes(live.problem, Surface(live.problem), (Element.LINEAR,))
+    gap = live.start[0] - 40.0 - radius
+    goal = np.round(live.start - (gap + depth) * live.outwards, 6)
+    ticks, settling = 60, Settling(live.clock.tick)
+    for tick in range(1, ticks + 1):
+        x, y, z = live.start + (goal - live.start) * tick / ticks
+        for pane in panes:
+            pane.advance(np.array(case.spec.units.place((x, y, z))), None, live.clock.steps)
+    x, y, z = goal
+    while not settling.is_over:
+        for pane in panes:
+            pane.advance(np.array(case.spec.units.place((x, y, z))), None, live.clock.steps)
+        if settling.note([pane.body.displacement for pane in panes]) and not settling.is_over:
+            for pane in panes:
+                pane.mean_force()
+    forces = [pane.mean_force() for pane in panes]
+    path, answers = write_pose(live, goal, panes, forces, None, folder, "held")
+    return load_case(path), read_pose(answers), settling
+
+
+# A vertex may slide off the page's own ball at 2 mm: then there is more than one equilibrium.
+@pytest.mark.parametrize(("depth", "radius"), [(1.0, 8.2), (2.0, 20.0)])
+def test_a_settled_pose_is_that_of_the_same_mesh_and_a_spoiled_one_is_not(
+    depth: float, radius: float, tmp_path: Path
+) -> None:
+    case, panes, settling = pressed(depth, tmp_path, radius)
+    assert settling.rests
+    assert case.problem.time is None
+    assert [pane.strain for pane in panes] == [Strain.LINEAR, Strain.GREEN]
+    references = same_mesh_references(case, panes, lambda _: None)
+    assert not references.failures
+    answer = judge_panes(SAME_MESH, case, panes, references)
+    assert [pane["verdict"] for pane in answer.told] == ["passed", "passed"]
+    sizes = [np.linalg.norm(pane.displacement, axis=1).max() for pane in panes]
+    assert (answer.errors.max(axis=1) < 0.005 * np.array(sizes)).all()
+    # The colours of the page: an error where the tool acts.
+    assert (answer.errors.max(axis=1) > 0.0).all()
+    for factor in (1.02, 0.98):
+        spoiled = [
+            PoseOfPane(p.name, p.strain, p.element, factor * p.displacement, p.force) for p in panes
+        ]
+        answer = judge_panes(SAME_MESH, case, spoiled, references)
+        assert [pane["verdict"] for pane in answer.told] == ["failed", "failed"]
+    soft = [PoseOfPane(p.name, p.strain, p.element, p.displacement, 1.05 * p.force) for p in panes]
+    answer = judge_panes(SAME_MESH, case, soft, references)
+    assert [pane["verdict"] for pane in answer.told] == ["failed", "failed"]
