@@ -167,6 +167,10 @@ int orient3d(const Point &a, const Point &b, const Point &c, const Point &d) {
     const double bound = orient_bound * permanent;
     if (permanent > smallest_safe && (det > bound || -det > bound))
         return det > 0.0 ? 1 : -1;
+    // A plane across an axis, of which drawn bodies have many; differences are 0 only of equals.
+    if ((bx == 0.0 && cx == 0.0 && dx == 0.0) || (by == 0.0 && cy == 0.0 && dy == 0.0) ||
+        (bz == 0.0 && cz == 0.0 && dz == 0.0))
+        return 0;
     std::array<Small, 3> small;
     if (small_offsets<4>({&b, &c, &d, &a}, small))
         return sign_of(determinant(small[0], small[1], small[2]));
