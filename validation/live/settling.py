@@ -56,7 +56,7 @@ class Settling:
     def says(self) -> str:
         """How far from rest they are, in a sentence."""
         if self.rests:
-            return f"settled: at most {self.to_go:.2g} of the displacement is still to go"
+            return f"settled: less than {_RESTS:.1%} of the largest displacement is still to go"
         left = "it does not die away" if math.isinf(self.to_go) else f"{self.to_go:.1%} is to go"
         return f"not at rest after {_LONGEST:g} s: of the largest displacement {left}"
 
