@@ -69,14 +69,14 @@ class OwnPair:
 
     @property
     def own_problem(self) -> Problem:
-        """The own mesh with the case's materials, without loads, supports and tools."""
+        """The own mesh with the case's materials, without loads, springs, supports and tools."""
         return problem_on(self.mesh, self.problem)
 
 
 def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
-    """Another mesh of a case's body with its materials, without loads, supports and tools."""
+    """Another mesh of a case's body with its materials; without loads, springs, supports, tools."""
     if not problem.inclusions:
-        return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), tools=())
+        return dataclasses.replace(problem, mesh=mesh, supports=(), loads=(), springs=(), tools=())
     case = problem.mesh
     held = locate(case.points, case.cells, mesh.points[mesh.cells].mean(axis=1)).cells
     inclusions = tuple(
@@ -84,7 +84,7 @@ def problem_on(mesh: TetMesh, problem: Problem) -> Problem:
         for part in problem.inclusions
     )
     return dataclasses.replace(
-        problem, mesh=mesh, supports=(), loads=(), tools=(), inclusions=inclusions
+        problem, mesh=mesh, supports=(), loads=(), springs=(), tools=(), inclusions=inclusions
     )
 
 
