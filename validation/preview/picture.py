@@ -87,13 +87,13 @@ def _panels(case: Case) -> list[Panel]:
         marks.append(_velocities(problem, points))
         legend.append(("velocity at the start", GREEN))
     if loads:
-        marks.append(_arrows(points, loads, LENGTH[unit]))
+        marks.append(force_arrows(points, loads, LENGTH[unit]))
         what = "the whole force of a load"
         if any(load.spread is not None for load in loads):
             what += ", or many the force per area where it varies"
         legend.append((f"pushed or pulled; an arrow is {what}", RED))
     if problem.springs:
-        marks += [_spring(spring, points, LENGTH[unit]) for spring in problem.springs]
+        marks += [spring_arrow(spring, points, LENGTH[unit]) for spring in problem.springs]
         legend.append(("spring over a patch; an arrow is its anchor's way", RED))
     if problem.tools:
         legend.append(("tool, pale where it starts", OCHRE))
@@ -152,7 +152,7 @@ def _tools(problem: Problem, scale: float) -> list[tuple[list[Surface], Marks]]:
     return found
 
 
-def _spring(spring: Spring, points: Points, scale: float) -> Marks:
+def spring_arrow(spring: Spring, points: Points, scale: float) -> Marks:
     """The way of a spring's anchor, or a short arrow where it stays."""
     way = (spring.path.end - spring.path.displacements[0] * (len(spring.path.times) > 1)) / scale
     start = np.array(spring.center) / scale
@@ -161,7 +161,7 @@ def _spring(spring: Spring, points: Points, scale: float) -> Marks:
     return Marks(start[None], RED, vectors=way[None])
 
 
-def _arrows(points: Points, loads: Sequence[Acting], scale: float) -> Marks:
+def force_arrows(points: Points, loads: Sequence[Acting], scale: float) -> Marks:
     """An arrow for each load, longer for more force, but the smallest is seen too."""
     reach = float(np.ptp(points, axis=0).max())
     varying = [_spread_arrows(points, load, reach) for load in loads if load.spread is not None]

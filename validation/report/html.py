@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -118,8 +119,15 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "num_inclusions": len(problem.inclusions),
         "credibility": credibility(result),
-        "provenance": json.dumps(dict(result.provenance), indent=2, allow_nan=False),
+        "provenance": _provenance(result),
     }
+
+
+def _provenance(result: CaseResult) -> str:
+    """As JSON, a list of numbers on one line."""
+    text = json.dumps(dict(result.provenance), indent=2, allow_nan=False)
+    numbers = r"\[\s+((?:-?[\d.]+(?:e[-+]?\d+)?|null)(?:,\s+(?:-?[\d.]+(?:e[-+]?\d+)?|null))*)\s+\]"
+    return re.sub(numbers, lambda found: f"[{' '.join(found[1].split())}]", text)
 
 
 def _other_law(law: Law) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from palpate.meshes.problem import Strain
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.colours import BLUE, GREEN, OCHRE, PURPLE, RED
@@ -13,6 +15,8 @@ from palpate.validation.states import State
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
 # Of candidates beside one another: linear tetrahedra red, smoothed ones blue, as in the studies.
 _BESIDE = (RED, BLUE, PURPLE, GREEN, OCHRE)
+# Least end of a scale of errors, in parts of the body's diagonal.
+_LEAST_TOP = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,10 @@ class Look:
 
 
 def looks_of(result: CaseResult) -> list[Look]:
-    """Every candidate with its own same mesh and with each truth; Green strain and truth first."""
+    """Every candidate with its own same mesh and with each truth.
+
+    A truth comes first, Green strain's where there is one; then Green strain before linear.
+    """
     states = result.states
     found: dict[tuple[Strain, str], list[tuple[int, int]]] = {}
     for other, reference in enumerate(states):
@@ -68,14 +75,28 @@ def looks_of(result: CaseResult) -> list[Look]:
         for (strain, against), pairs in found.items()
     ]
     # The finer truth has the longer name, and comes first.
-    return sorted(
-        looks,
+    looks.sort(
         key=lambda look: (
             look.strain is not Strain.GREEN,
             not look.is_truth,
             -len(states[look.references[0]].label),
         ),
     )
+    first = next((look for look in looks if look.is_truth), None)
+    return sorted(looks, key=lambda look: look is not first)
+
+
+def error_top(result: CaseResult, largest: float) -> float:
+    """Where a scale of errors ends, in the unit of the largest: not below 1e-8 of the body's size.
+
+    Else rounding errors would be painted like wrong answers.
+
+    Args:
+        result: With the mesh.
+        largest: Error that is shown [m].
+    """
+    size = float(np.linalg.norm(np.ptp(result.problem.mesh.points, axis=0)))
+    return max(largest, _LEAST_TOP * size)
 
 
 def colours_of(result: CaseResult) -> dict[str, str]:

@@ -11,7 +11,7 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Strain
 from palpate.validation.drawing.scene import GREEN, Panel, Surface, boundary, draw, joined
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.looks import Look, looks_of
+from palpate.validation.report.looks import Look, error_top, looks_of
 
 _MILLI = 1e3
 
@@ -80,7 +80,7 @@ def _errors(
     for look in looks:
         pairs = [(result.states[one], result.states[other]) for one, other in look.pairs]
         lengths = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in pairs]
-        largest = _MILLI * max(float(length.max()) for length in lengths)
+        largest = _MILLI * error_top(result, max(float(length.max()) for length in lengths))
         for numbers, (candidate, _), length in zip(look.pairs, pairs, lengths, strict=True):
             yield (
                 numbers,

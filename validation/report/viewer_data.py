@@ -14,9 +14,10 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.looks import STRAIN_NAMES, looks_of
+from palpate.validation.report.camera import choose_camera
+from palpate.validation.report.looks import STRAIN_NAMES, Look, error_top, looks_of
+from palpate.validation.report.surroundings import arrows_around, tools_around
 from palpate.validation.states import State
 
 _MILLI = 1e3
@@ -29,6 +30,11 @@ def viewer_json(result: CaseResult) -> str:
     used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
     points = mesh.points[used] * _MILLI
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    times = _times(result)
+    first = result.states[0] if result.states else None
+    looks = looks_of(result)
+    seen = _worst_errors(result, looks[0]) if looks else np.zeros(mesh.num_points)
+    moved = mesh.points + (first.displacement if first else 0.0)
     scene = {
         "points": packed(points - centre, np.float32),
         "facets": packed(facets.reshape(-1, 3), np.uint32),
@@ -36,10 +42,21 @@ def viewer_json(result: CaseResult) -> str:
         "solutions": [_solution(state, used) for state in result.states],
         "errors": _errors(result, used),
         "looks": _looks(result),
-        "times": _times(result),
+        "times": times,
+        "tools": [
+            {
+                "points": packed(own, np.float32),
+                "facets": packed(rows, np.uint32),
+                "poses": packed(poses, np.float32),
+            }
+            for own, rows, poses in tools_around(
+                result.problem, centre, None if times is None else np.array(times)
+            )
+        ],
+        "arrows": packed(arrows_around(result.problem, centre), np.float32),
         "colours": colour_table(),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
-        "axis": int(np.argmin(_reach(mesh, result.states))),
+        "eye": choose_camera(moved, mesh.boundary_facets, seen),
     }
     # "</script>" in a name must not end the element.
     return json.dumps(scene, allow_nan=False).replace("<", "\\u003c")
@@ -62,8 +79,8 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
 def _looks(result: CaseResult) -> list[dict[str, Any]]:
     """What the list offers, each with its views: states and errors, on one scale each.
 
-    The original and the candidates come before references and errors, so that of two candidates
-    each stands above its own error.
+    Errors come first, then the original, candidates and references, so that of two candidates each
+    stands below its own error.
     """
     offered: list[dict[str, Any]] = []
     states, first = result.states, 0
@@ -78,10 +95,10 @@ def _looks(result: CaseResult) -> list[dict[str, Any]]:
             else {"error": k, "name": f"error of {states[one].label}"}
             for k, (one, _) in zip(numbers, look.pairs, strict=True)
         ]
-        offered.append({"name": look.name(states), "views": [*moved, *wrong]})
+        offered.append({"name": look.name(states), "views": [*wrong, {"original": True}, *moved]})
     if not offered:
         own = [k for k, state in enumerate(states) if not state.is_reference]
-        views = [{"solution": k} for k in (own or [0])[:1]]
+        views = [{"original": True}, *({"solution": k} for k in (own or [0])[:1])]
         offered.append({"name": "the candidate alone", "views": views})
     return offered
 
@@ -97,7 +114,7 @@ def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
             {
                 "candidate": number,
                 "reference": other,
-                "largest": float(length.max()),
+                "largest": _MILLI * error_top(result, float(length.max()) / _MILLI),
                 "length": packed(length, np.float32),
             }
         )
@@ -128,11 +145,12 @@ def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:
     return chosen
 
 
-def _reach(mesh: TetMesh, states: tuple[State, ...]) -> NDArray[Any]:
-    """Extent of the body in all its states: the first look is along the least of it."""
-    everything = [mesh.points, *(mesh.points + state.displacement for state in states)]
-    reach: NDArray[Any] = np.ptp(np.vstack(everything), axis=0)
-    return reach
+def _worst_errors(result: CaseResult, look: Look) -> NDArray[Any]:
+    """The largest error at each point [m], of all pairs of a look and all times."""
+    moved = [state.displacements for state in result.states]
+    apart = [np.linalg.norm(moved[one] - moved[other], axis=2) for one, other in look.pairs]
+    worst: NDArray[Any] = np.concatenate(apart).max(axis=0)
+    return worst
 
 
 def colour_table() -> list[list[float]]:

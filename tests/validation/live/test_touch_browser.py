@@ -147,7 +147,7 @@ def test_pause_record_reset_and_a_second_window(
     wait(browser, "Number(document.body.dataset.time) === 0")
     browser.switch_to.new_window("tab")
     browser.get(page.address)
-    wait(browser, "document.body.dataset.status.startsWith('refused')")
+    wait(browser, "(document.body.dataset.status ?? '').startsWith('refused')")
     browser.close()
     browser.switch_to.window(browser.window_handles[0])
     press("pause")

@@ -72,6 +72,47 @@ def test_reports_have_no_grave_fault_and_fit_the_screen(browser: Any, pages: lis
         assert [overflow(browser, page, width) <= 0 for width in WIDTHS] == [True, True], page.name
 
 
+@pytest.mark.parametrize("width", [688, 710], ids=["A4", "Letter"])
+def test_on_paper_all_is_there_and_nothing_is_cut(
+    browser: Any, pages: list[Path], width: int
+) -> None:
+    """At the width of a sheet within its margins [CSS pixels]."""
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": 970, "deviceScaleFactor": 1, "mobile": False},
+    )
+    for page in pages[:2]:
+        browser.get(page.as_uri())
+        shown = browser.execute_script(
+            "const high = (s) => [...document.querySelectorAll(s)].map((n) => n.clientHeight);"
+            "const cut = [...document.querySelectorAll('main *')]"
+            ".filter((n) => n.getBoundingClientRect().right > innerWidth + 1);"
+            "return [high('details pre'), high('.viewer'), cut.map((n) => n.outerHTML)]"
+        )
+        assert shown[0][0] > 100, "the case file is folded"
+        assert shown[1:] == [[0], []], page.name
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_the_verdicts_of_the_checks_are_in_sight_on_a_phone(
+    browser: Any, pages: list[Path]
+) -> None:
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": 390, "height": 900, "deviceScaleFactor": 1, "mobile": True},
+    )
+    browser.get(pages[0].as_uri())
+    right = browser.execute_script(
+        "return Math.max(...[...document.querySelectorAll('#checks ~ .scroll td')]"
+        ".filter((n) => /^(passed|failed)/.test(n.textContent))"
+        ".map((n) => n.getBoundingClientRect().right))"
+    )
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert 0 < right <= 390
+
+
 def test_the_measures_see_a_fault(browser: Any, tmp_path: Path) -> None:
     page = tmp_path / "bad.html"
     page.write_text(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import io
 import os
@@ -12,11 +13,13 @@ import numpy as np
 import pytest
 
 from palpate.meshes.problem import Element
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
 from palpate.validation.report.pdf import find_browser, print_pdf
+from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.simulators.candidate import fastsim_candidate
 
 pytestmark = pytest.mark.browser
@@ -104,14 +107,14 @@ def test_the_view_draws_turns_and_moves(
     # A body in each of the four views, on white ground.
     assert all(0.1 < (column < 0.95).mean() < 0.9 for column in columns)
     # Candidate and reference on the same mesh look the same.
-    width = min(columns[1].shape[1], columns[2].shape[1])
-    assert np.abs(columns[1][:, :width] - columns[2][:, :width]).mean() < 0.02
+    width = min(columns[2].shape[1], columns[3].shape[1])
+    assert np.abs(columns[2][:, :width] - columns[3][:, :width]).mean() < 0.02
     move_slider(browser, 0.0)
     rest = picture(browser)
     assert np.abs(rest - whole).mean() > 0.01
     # The original does not move with the slider.
     quarter = whole.shape[1] // 4
-    assert np.abs(rest - whole)[:, :quarter].mean() < 1e-3
+    assert np.abs(rest - whole)[:, quarter + 2 : 2 * quarter - 2].mean() < 1e-3
     move_slider(browser, 1.0)
     assert np.abs(picture(browser) - whole).mean() < 1e-3
     from selenium.webdriver.common.keys import Keys
@@ -122,21 +125,21 @@ def test_the_view_draws_turns_and_moves(
     assert serious(browser) == []
 
 
-def test_two_candidates_stand_above_their_errors_beside_the_reference(
+def test_two_candidates_stand_below_their_errors_beside_the_reference(
     browser: Any, both: CaseResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
     open_page(browser, html.write_report([both], tmp_path))
     assert texts(browser, ".view:not([hidden]) .name") == [
+        "error of fastsim",
+        "error of fastsim (smoothed)",
         "original: held blue, pushed red",
         "fastsim, Green strain",
         "fastsim (smoothed), Green strain",
         "reference P2, refined, Green strain",
-        "error of fastsim",
-        "error of fastsim (smoothed)",
     ]
     # States on one scale, errors on one scale.
-    _, *states, one, other = texts(browser, ".view:not([hidden]) .most")
+    one, other, _, *states = texts(browser, ".view:not([hidden]) .most")
     assert len(set(states)) == 1
     assert one == other
     own = "fastsim with reference P1, fastsim (smoothed) with reference smoothed"
@@ -156,6 +159,31 @@ def test_a_motion_goes_through_its_times(
     move_slider(browser, 5)
     assert browser.execute_script(shown) == "0.0500 s"
     assert np.abs(picture(browser) - end).mean() > 0.01
+    assert serious(browser) == []
+
+
+def test_a_tool_is_drawn_where_it_is(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With and without it the pixels differ, and the body is seen through it."""
+    monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
+    result = judge_case(load_case("block-motion"), diagnoses=False)
+    points = result.problem.mesh.points
+    high = points.max(axis=0)
+    path = ToolPath([0.0, 0.5], [[*high[:2], 1.5 * high[2]], [*high[:2], 1.2 * high[2]]])
+    # A motion that was solved without it: the view draws what the problem states.
+    tool = RigidTool(shape=SphereShape(float(0.5 * high[2])), path=path)
+    pictures = []
+    for tools in ((), (tool,)):
+        problem = copy.copy(result.problem)
+        object.__setattr__(problem, "tools", tools)
+        scene = viewer_json(dataclasses.replace(result, problem=problem))
+        monkeypatch.setattr(html, "viewer_json", lambda _result, scene=scene: scene)
+        open_page(browser, html.write_report([result], tmp_path))
+        pictures.append(picture(browser))
+    assert np.abs(pictures[0] - pictures[1]).mean() > 0.01
+    move_slider(browser, 0)
+    assert np.abs(picture(browser) - pictures[1]).mean() > 0.005
     assert serious(browser) == []
 
 

@@ -15,10 +15,12 @@ import pytest
 from palpate.meshes.boundary_conditions import BodyForce
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Problem
+from palpate.meshes.shapes import shape_sphere
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
+from palpate.validation.report.camera import choose_camera
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.looks import looks_of
 from palpate.validation.report.table_one import state_table
@@ -116,15 +118,45 @@ def test_the_scene_is_the_solution(kidney: CaseResult) -> None:
     assert names[0] == "fastsim, Green strain with reference P2, refined"
     assert names[2] == "fastsim, Green strain with reference P1"
     assert [list(view) for view in scene["looks"][0]["views"]] == [
-        ["solution"], ["solution"], ["error", "name"],
+        ["error", "name"], ["original"], ["solution"], ["solution"],
     ]  # fmt: skip
     first = scene["errors"][0]
     candidate, reference = (kidney.states[first[k]] for k in ("candidate", "reference"))
     length = np.linalg.norm((candidate.displacement - reference.displacement)[used], axis=1) * 1e3
     assert unpack(first["length"], "<f4", 1)[:, 0] == pytest.approx(length, rel=1e-6)
+    arrows = unpack(scene["arrows"], "<f4", 6)
+    assert len(arrows) == len(kidney.problem.loads)
+    assert scene["tools"] == []
     marks = unpack(scene["marks"], "<i1", 1)[:, 0]
     assert np.array_equal(used[marks == 1], np.intersect1d(used, kidney.problem.supports[0].points))
     assert (marks == -1).any()
+
+
+def test_a_scale_of_errors_keeps_rounding_dark(kidney: CaseResult) -> None:
+    """The same mesh's error ends far below the end of its scale, the truth's at it."""
+    scene = json.loads(viewer_json(kidney))
+    used = np.unique(kidney.problem.mesh.boundary_facets)
+    for error in scene["errors"]:
+        reference = kidney.states[error["reference"]]
+        length = np.frombuffer(base64.b64decode(error["length"]), "<f4")
+        assert len(length) == len(used)
+        if reference.degree == 1:
+            assert length.max() < 0.1 * error["largest"]
+            assert error["largest"] == pytest.approx(2e-8 * scene["radius"])
+        else:
+            assert length.max() == pytest.approx(error["largest"])
+
+
+@pytest.mark.parametrize("along", [(1, 0, 0), (0, -1, 0), (0, 0, 1), (-1, 1, 0), (0, 0, -1)])
+def test_the_camera_sees_the_largest_error_and_no_axis(along: tuple[int, int, int]) -> None:
+    """Of a ball that is wrong on one side."""
+    ball = shape_sphere(1.0, edge_length=0.3)
+    way = np.array(along) / np.linalg.norm(along)
+    yaw, pitch = choose_camera(ball.points, ball.facets, np.maximum(ball.points @ way, 0.0) ** 4)
+    level = np.cos(pitch)
+    eye = np.array([level * np.sin(yaw), -level * np.cos(yaw), np.sin(pitch)])
+    assert eye @ way > 0.25
+    assert np.abs(eye).max() < 0.95
 
 
 def test_a_motion_is_shown_time_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

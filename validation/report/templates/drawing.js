@@ -25,7 +25,7 @@ void main() {
   if (mode == 1) base = texture(colours, vec2(clamp(shade, 0.0, 1.0), 0.5)).rgb;
   else if (shade < -0.5) base = vec3(0.71, 0.2, 0.18);
   else if (shade > 0.5) base = vec3(0.23, 0.42, 0.63);
-  colour = vec4(base * light, 1.0);
+  colour = vec4(base * light, mode == 1 ? 1.0 : plain.a);
 }`;
 
 function unpack(text, Kind) {
@@ -69,11 +69,12 @@ function digits(value) {
 // `half` and `middle` (what is to be seen, as first seen) and says by `stateOf` what a view shows:
 // { motion, shade, share, lineShare }: how far its facets and its lines are moved.
 class Stage {
-  // body: points and colours of a table, facets, half of the diagonal, the axis of the first look.
+  // body: points and colours of a table, facets, half of the diagonal, and of the first look the
+  // eye's turn and level or the axis along which it looks.
   constructor(root, body) {
     this.root = root;
     this.canvas = root.querySelector("canvas");
-    const gl = this.gl = this.canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    const gl = this.gl = this.canvas.getContext("webgl2", { alpha: false, antialias: true, preserveDrawingBuffer: true });
     if (!gl) throw Error("no WebGL2");
     Object.assign(this, { points: body.points, facets: body.facets, radius: body.radius });
     this.count = this.points.length / 3;
@@ -89,8 +90,7 @@ class Stage {
     this.edges = edgesOf(this.facets, this.count);
     this.lines = this.elements(this.edges);
     this.still = new Float32Array(3 * this.count);
-    this.yaw = [90, 0, 0][body.axis] * Math.PI / 180;
-    this.pitch = body.axis === 2 ? Math.PI / 2 : 0.12;
+    [this.yaw, this.pitch] = body.eye ?? [[90, 0, 0][body.axis] * Math.PI / 180, body.axis === 2 ? Math.PI / 2 : 0.12];
     this.scale = 1;
     this.offset = [0, 0];
     this.shown = [];
@@ -98,6 +98,31 @@ class Stage {
 
   // What else stands in a view: nothing here.
   drawBeside() {}
+
+  solid(points, facets) {
+    return { points, facets, indices: this.elements(facets), still: new Float32Array(points.length), plain: new Float32Array(points.length / 3) };
+  }
+
+  // A solid of one colour at these points; whoever is through with solids fills "rest" again.
+  drawSolid({ facets, indices, still, plain }, points, colour) {
+    const gl = this.gl, draw = () => gl.drawElements(gl.TRIANGLES, facets.length, gl.UNSIGNED_INT, 0);
+    this.fill("rest", points);
+    this.fill("motion", still);
+    this.fill("value", plain);
+    gl.uniform1i(this.uniform.mode, 0);
+    gl.uniform4f(this.uniform.plain, ...colour);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
+    if (colour[3] === 1) { draw(); return; }
+    // Its nearest side alone shines through: first how near it is, then its colour.
+    gl.colorMask(false, false, false, false);
+    draw();
+    gl.colorMask(true, true, true, true);
+    gl.depthFunc(gl.LEQUAL);
+    gl.enable(gl.BLEND);
+    draw();
+    gl.disable(gl.BLEND);
+    gl.depthFunc(gl.LESS);
+  }
 
   fill(name, array) {
     const gl = this.gl, place = gl.getAttribLocation(this.program, name);
@@ -196,8 +221,8 @@ class Stage {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     // As many columns as make the body largest; each view's words lie in its lower part.
-    const count = this.shown.length, words = 46 * dense;
-    const fits = [...new Set([count, Math.ceil(count / 2), Math.ceil(count / 3), 1])].map((columns) => {
+    const count = this.shown.length, words = 56 * dense;
+    const fits = [...new Set([count, Math.ceil(count / 2), Math.ceil(count / 3), 1])].filter((columns) => columns === 1 || wide >= 150 * dense * columns).map((columns) => {
       const w = wide / columns, h = high / Math.ceil(count / columns);
       return { columns, w, h, size: Math.min(w / this.half[0], (h - words) / this.half[1]) };
     });
@@ -223,8 +248,11 @@ class Stage {
       gl.uniform1i(this.uniform.mode, shown.mode);
       gl.uniform1f(this.uniform.share, share);
       gl.uniform4f(this.uniform.plain, 0.8, 0.81, 0.82, 1);
+      gl.enable(gl.POLYGON_OFFSET_FILL); // lines on facets are seen
+      gl.polygonOffset(1, 1);
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
       gl.drawElements(gl.TRIANGLES, this.facets.length, gl.UNSIGNED_INT, 0);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
       gl.uniform1f(this.uniform.share, lineShare);
       gl.uniform1i(this.uniform.mode, 2);
       gl.enable(gl.BLEND);

@@ -27,10 +27,6 @@ class Touch extends Stage {
     this.listen();
   }
 
-  solid(points, facets) {
-    return { points, facets, indices: this.elements(facets), still: new Float32Array(points.length), plain: new Float32Array(points.length / 3) };
-  }
-
   // What the server says of the case, before the first frame.
   begin(told) {
     this.box = told.box;
@@ -103,21 +99,10 @@ class Touch extends Stage {
   // The tool, and where the anchor of a grip is, in every view.
   drawBeside() {
     if (!this.toolAt) return;
-    this.drawSolid(this.tool, this.toolAt, STEEL);
+    this.drawSolid(this.tool, this.tool.points.map((x, k) => x + this.toolAt[k % 3]), STEEL);
     const held = this.head.grip && this.grip ? 3 * this.grip.point : -1;
-    if (held >= 0) this.drawSolid(this.anchor, [0, 1, 2].map((i) => this.points[held + i] + this.head.grip[i]), RED);
+    if (held >= 0) this.drawSolid(this.anchor, this.anchor.points.map((x, k) => x + this.points[held + k % 3] + this.head.grip[k % 3]), RED);
     this.fill("rest", this.points);
-  }
-
-  drawSolid({ points, facets, indices, still, plain }, at, colour) {
-    const gl = this.gl;
-    this.fill("rest", points.map((x, k) => x + at[k % 3]));
-    this.fill("motion", still);
-    this.fill("value", plain);
-    gl.uniform1i(this.uniform.mode, 0);
-    gl.uniform4f(this.uniform.plain, ...colour);
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, indices);
-    gl.drawElements(gl.TRIANGLES, facets.length, gl.UNSIGNED_INT, 0);
   }
 
   paint() {
