@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 
 from jinja2 import Environment
 from markupsafe import Markup
+from matplotlib import image
 
 from palpate.fastsim.errors import FastsimError
 from palpate.meshes.errors import InputError
@@ -41,6 +43,8 @@ from palpate.validation.states import Verdict, gravest
 INDEX = "index.html"
 # Cells times steps; its budget costs about fifty times as much, some ten seconds.
 _CHEAP_MOTION = 2e7
+# Pixels of a picture in the index.
+_SMALL = 480
 
 
 def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
@@ -59,8 +63,10 @@ def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
         _write_case(environment, result, folder / f"{result.name}.html", INDEX)
     path = folder / INDEX
     page = environment.get_template("index.html.j2").render(
-        results=results, verdict=gravest([r.verdict for r in results]), closest=_closest
-    )
+        results=results, verdict=gravest([r.verdict for r in results]), closest=_closest,
+        truths={r.name: trust_of(r).scale[:1] for r in results},
+        pictures={r.name: _small(folder / f"{r.name}-states.png") for r in results},
+    )  # fmt: skip
     path.write_text(page, encoding="utf-8")
     return path
 
@@ -121,6 +127,19 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
         "credibility": credibility(result),
         "provenance": _provenance(result),
     }
+
+
+def _small(path: Path) -> str:
+    """A picture in the width of a table's column; "" without one."""
+    if not path.is_file():
+        return ""
+    pixels = image.imread(path)[:, :, :3]
+    step = -(-pixels.shape[1] // _SMALL)
+    high, wide = (side // step for side in pixels.shape[:2])
+    cells = pixels[: high * step, : wide * step].reshape(high, step, wide, step, 3)
+    data = io.BytesIO()
+    image.imsave(data, cells.mean(axis=(1, 3)), format="png")
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
 
 
 def _provenance(result: CaseResult) -> str:
