@@ -89,6 +89,18 @@ class LiveCase:
         """Of the case's lengths [m]."""
         return LENGTH[self.case.spec.units.length]
 
+    def described(self) -> dict[str, Any]:
+        """What the page says of it."""
+        mesh = self.problem.mesh
+        return {
+            "time_step": self.clock.time_step,
+            "tick": self.clock.tick,
+            "damping": self.data["time"]["mass_damping"],
+            "cells": mesh.num_cells,
+            "points": mesh.num_points,
+            "notes": list(self.notes),
+        }
+
     def with_path(self, places: list[Floats]) -> dict[str, Any]:
         """The tables with the tool's places tick by tick, shape (3,) each, from the start."""
         data = copy.deepcopy(self.data)

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate.fastsim.contact.contact_law import half_thickness
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
@@ -21,7 +20,7 @@ from palpate.validation.live import protocol
 from palpate.validation.live.frames import Look, Pace
 from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
 from palpate.validation.live.hand import Hand
-from palpate.validation.live.judging import Judging, depth_between_vertices, write_pose
+from palpate.validation.live.judging import Judging, warn_between_vertices, write_pose
 from palpate.validation.live.live_case import LiveCase, Touch, live_case
 from palpate.validation.live.pane import LEAST_DET_F, Pane, Surface, make_panes
 from palpate.validation.live.recording import free_name, write_recording
@@ -40,8 +39,6 @@ _SPEED_SAFETY = 0.8
 _LOST = 0.1
 _LONGEST_RECORDING = 30.0
 
-# Between vertices the surface may be so deep in the tool, of half its thickness, unmentioned.
-_DEEP = 0.1
 # Places are told so exactly [m].
 NANOMETRE = 1e-9
 
@@ -121,14 +118,9 @@ class Simulation(threading.Thread):
             "patch": self._patch * 1e3,
             "panes": [pane.name for pane in self.panes],
             "speed": self._largest_speed * 1e3,
-            "time_step": live.clock.time_step,
-            "tick": live.clock.tick,
-            "damping": live.data["time"]["mass_damping"],
-            "cells": live.problem.mesh.num_cells,
-            "points": live.problem.mesh.num_points,
+            **live.described(),
             "loads": len(self._case.spec.load),
             "has_loads": self._touch.has_loads,
-            "notes": list(live.notes),
         }
 
     def _build(self) -> None:
@@ -365,14 +357,9 @@ class Simulation(threading.Thread):
         forces = [pane.mean_force() for pane in self.panes]
         try:
             name = free_name(self._folder, f"held-{self._case.name}")
+            held = None if self._grip is None else self._grip.held()
             case, answers = write_pose(
-                self.live,
-                self.hand.place,
-                self.panes,
-                forces,
-                None if self._grip is None else self._grip.held(),
-                self._folder,
-                name,
+                self.live, self.hand.place, self.panes, forces, held, self._folder, name
             )
         except (InputError, OSError) as error:
             self._is_paused = False
@@ -380,15 +367,10 @@ class Simulation(threading.Thread):
             self._send({**note, "verdicts": [], "errors": []})
             return
         self._say(settled.says)
+        moved = [pane.body.displacement for pane in self.panes]
         metres = self._metres(self.hand.place)
-        problem, moved = self.live.problem, [pane.body.displacement for pane in self.panes]
-        deep = max(depth_between_vertices(problem, metres, u) for u in moved)
-        if deep > _DEEP * half_thickness(problem.tools[0].shape):
-            self._say(
-                f"between its vertices the surface is up to {1e3 * deep:.2g} mm inside the tool, "
-                "which only vertices touch: there may be several equilibria, and failed may mean "
-                "that the reference found another; take a finer mesh or a larger tool"
-            )
+        if warning := warn_between_vertices(self.live.problem, metres, moved):
+            self._say(warning)
         self._judging = Judging(case, answers, self.surface.used, self._send)
         self._judging.start()
 
