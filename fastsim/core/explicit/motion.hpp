@@ -3,6 +3,7 @@
 
 #include "explicit/records.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -37,6 +38,14 @@ template <typename Real> struct Motion {
 template <typename Real> struct Push {
     AlignedVector<Real> force;
     std::vector<std::vector<std::size_t>> touched; // by thread: records that may not be 0
+
+    /// Makes room for all records; it acts on those that begin at these entries, from one thread.
+    void act_on(const std::vector<std::size_t> &entries, std::size_t num_records) {
+        force.assign(4 * num_records, Real(0));
+        std::vector<std::size_t> &mine = touched[0] = entries;
+        std::ranges::sort(mine);
+        mine.erase(std::ranges::unique(mine).begin(), mine.end());
+    }
 
     /// Sets it to 0; returns the work that it did along the last increment.
     double clear(std::size_t thread, const Motion<Real> &motion) {

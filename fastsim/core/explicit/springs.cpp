@@ -15,10 +15,7 @@ void PatchSprings<Real>::set(const PointRecords &records, std::span<const Index>
         _corners.push_back(records.first_entry(i));
     _stiffnesses.assign(stiffnesses.begin(), stiffnesses.end());
     _histories.assign(histories.begin(), histories.end());
-    push.force.assign(4 * records.size(), Real(0));
-    std::vector<std::size_t> &touched = push.touched[0] = _corners;
-    std::ranges::sort(touched);
-    touched.erase(std::ranges::unique(touched).begin(), touched.end());
+    push.act_on(_corners, records.size());
 }
 
 template <typename Real>
