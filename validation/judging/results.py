@@ -19,6 +19,29 @@ from palpate.validation.states import Precision, State, Verdict
 _SUMS = 1e-9
 
 
+class Scope(StrEnum):
+    """How far a result reaches; the furthest of its checks.
+
+    TRUTH: held against the converged reference, or a published number.
+    SAME_MESH: against the reference on the same mesh only: it may be as far from the continuum as
+        its mesh is coarse.
+    OWN: against no reference: by itself, or by another simulator.
+    """
+
+    TRUTH = "truth"
+    SAME_MESH = "same_mesh"
+    OWN = "own"
+
+    @property
+    def caution(self) -> str:
+        """What must be said beside "passed"; nothing of the truth."""
+        return {
+            Scope.TRUTH: "",
+            Scope.SAME_MESH: "verified on the same mesh only: not compared with the truth",
+            Scope.OWN: "compared with no reference",
+        }[self]
+
+
 @dataclass(frozen=True)
 class CheckResult:
     """One check: how far off, how far off it may be, and why.
@@ -63,6 +86,14 @@ class CheckResult:
     element: Element = Element.LINEAR
 
     @property
+    def scope(self) -> Scope:
+        """How far it reaches; one of the truth's own number says nothing of the candidate."""
+        metric = CATALOGUE.get(self.metric)
+        if metric is not None and metric.is_published:
+            return Scope.TRUTH if self.against == "candidate" else Scope.OWN
+        return Scope(self.against) if self.against in list(Scope) else Scope.OWN
+
+    @property
     def bar_says(self) -> str:
         """The parts of the bar in words, where there are several, and what stands beside it."""
         parts = BarParts(**self.bar_parts)
@@ -72,29 +103,6 @@ class CheckResult:
         if parts.geometry and not counts:
             told.append(f"beside it: geometry {parts.geometry:.2g}")
         return "; ".join(filter(None, told))
-
-
-class Scope(StrEnum):
-    """How far a result reaches; the furthest of its checks.
-
-    TRUTH: held against the converged reference, or a published number.
-    SAME_MESH: against the reference on the same mesh only: it may be as far from the continuum as
-        its mesh is coarse.
-    OWN: against no reference: by itself, or by another simulator.
-    """
-
-    TRUTH = "truth"
-    SAME_MESH = "same_mesh"
-    OWN = "own"
-
-    @property
-    def caution(self) -> str:
-        """What must be said beside "passed"; nothing of the truth."""
-        return {
-            Scope.TRUTH: "",
-            Scope.SAME_MESH: "verified on the same mesh only: not compared with the truth",
-            Scope.OWN: "compared with no reference",
-        }[self]
 
 
 @dataclass(frozen=True)
@@ -162,7 +170,7 @@ class CaseResult:
     @property
     def scope(self) -> Scope:
         """What the candidate was held against; what was skipped does not count."""
-        reached = {_scope(check) for check in self.checks if check.verdict is not Verdict.SKIPPED}
+        reached = {check.scope for check in self.checks if check.verdict is not Verdict.SKIPPED}
         return next((scope for scope in Scope if scope in reached), Scope.OWN)
 
     def state(self, label: str, strain: Strain) -> State | None:
@@ -171,12 +179,3 @@ class CaseResult:
             if state.label == label and state.strain is strain:
                 return state
         return None
-
-
-def _scope(check: CheckResult) -> Scope:
-    """How far a check reaches; one of the truth's own number says nothing of the candidate."""
-    metric = CATALOGUE.get(check.metric)
-    is_published = metric is not None and metric.is_published
-    if is_published:
-        return Scope.TRUTH if check.against == "candidate" else Scope.OWN
-    return Scope(check.against) if check.against in list(Scope) else Scope.OWN

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope
-from palpate.validation.metrics import CATALOGUE
 from palpate.validation.states import Verdict
 
 # Rows of the scale, the worst first; nobody takes in more at a glance.
@@ -79,13 +78,7 @@ def trust_of(result: CaseResult) -> Trust:
 
 def _from_truth(checks: Sequence[CheckResult]) -> list[CheckResult]:
     """The candidate's checks against the truth or a published number, the worst first."""
-    found = []
-    for check in checks:
-        metric = CATALOGUE.get(check.metric)
-        is_published = metric is not None and metric.is_published
-        against = "candidate" if is_published else "truth"
-        if check.against == against and check.value is not None and check.limit > 0.0:
-            found.append(check)
+    found = [c for c in checks if c.scope is Scope.TRUTH and c.value is not None and c.limit > 0.0]
     return sorted(found, key=_used, reverse=True)
 
 
