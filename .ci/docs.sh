@@ -9,4 +9,12 @@ trap 'rm -rf "$work"' EXIT
 cp -r validation/documentation/. "$work"
 "$python" validation/documentation/made_pages.py "$work"
 "$python" -m sphinx -q -W --keep-going -b html "$work" "$folder"
+# The same list of commands as a man page: palpate.1.
+mkdir "$work/man"
+cp "$work/made/commands.md" "$work/man"
+version="$("$python" -c 'from importlib.metadata import version; print(version("palpate"))')"
+"$python" -m sphinx -q -W -C -b man -D extensions=myst_parser -D root_doc=commands -D project=palpate \
+    -D "release=$version" -D "author=the palpate developers" "$work/man" "$folder/man"
+mv "$folder/man/palpate.1" "$folder/palpate.1"
+rm -rf "$folder/man"
 echo "docs: $folder/index.html"

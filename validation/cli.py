@@ -28,8 +28,9 @@ from palpate.validation.commands.touch import touch
 from palpate.validation.commands.words import listed
 from palpate.validation.quoting import for_terminal
 from palpate.validation.simulators.faults import Fault
+from palpate.validation.states import ExitCode
 from palpate.validation.studies import STUDIES
-from palpate.validation.versions import version_of
+from palpate.validation.versions import version_lines
 
 app = typer.Typer(name="palpate", no_args_is_help=True, pretty_exceptions_enable=False)
 app.add_typer(reference_cli.app, name="reference")
@@ -37,15 +38,24 @@ app.add_typer(reference_cli.app, name="reference")
 
 def _tell_version(is_asked: bool) -> None:
     if is_asked:
-        print(f"palpate {version_of('palpate')}")
+        print("\n".join(version_lines()))
         raise typer.Exit
 
 
-@app.callback()
+_ends = [(str(int(code)), code.meaning) for code in ExitCode]
+_ends.append(("128+N", "ended by signal N"))
+
+
+@app.callback(epilog=listed("Exit codes:", _ends))
 def palpate(
     _version: Annotated[
         bool,
-        typer.Option("--version", callback=_tell_version, is_eager=True, help="tell it and end"),
+        typer.Option(
+            "--version",
+            callback=_tell_version,
+            is_eager=True,
+            help="tell it, and those of its parts",
+        ),
     ] = False,
 ) -> None:
     """Judge fast soft-tissue simulators against a FEniCSx reference."""

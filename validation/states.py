@@ -55,13 +55,25 @@ class Verdict(StrEnum):
 
 
 class ExitCode(IntEnum):
-    """How a command ends, the same for every verb; a signal ends it with 128 and its number."""
+    """How a command ends, the same for every verb; a signal ends it with 128 and its number.
 
-    PASSED = 0
-    FAILED = 1
-    UNUSABLE_INPUT = 2
-    INCONCLUSIVE = 3
-    INTERNAL_ERROR = 4
+    Each has its `meaning`.
+    """
+
+    meaning: str
+
+    PASSED = 0, "every check passed"
+    FAILED = 1, "a check failed, or the simulator: diverged, crashed, NaN, out of time"
+    UNUSABLE_INPUT = 2, "unusable input: a bad case or file, a missing or stale reference"
+    INCONCLUSIVE = 3, "inconclusive: no answer of the reference, or too wide an error bar"
+    INTERNAL_ERROR = 4, "an internal error of palpate: never a verdict"
+
+    def __new__(cls, value: int, meaning: str) -> ExitCode:
+        """A code by its number, with one line on what it says."""
+        code = int.__new__(cls, value)
+        code._value_ = value
+        code.meaning = meaning
+        return code
 
 
 class Method(StrEnum):

@@ -1,7 +1,9 @@
-"""Versions of what is installed, for provenance."""
+"""Versions of what is installed, for provenance and for `palpate --version`."""
 
 from __future__ import annotations
 
+import platform
+import re
 from importlib import metadata
 
 
@@ -11,3 +13,42 @@ def version_of(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "sources in place"
+
+
+def version_lines() -> list[str]:
+    """palpate, its compiled core, Python, FEniCSx and the extras: a line each, palpate's first."""
+    from palpate.fastsim import _core
+    from palpate.reference import availability
+
+    parts = availability.versions()
+    python, numpy = parts.pop("python"), parts.pop("numpy", "not installed")
+    fenicsx = ", ".join(f"{name} {number}" for name, number in parts.items())
+    return [
+        f"palpate {version_of('palpate')}",
+        f"core {_core.__version__}, {_core.widest_instruction_set().name}",
+        f"Python {python}, numpy {numpy}, {platform.system()} {platform.machine()}",
+        f"FEniCSx: {fenicsx if availability.is_available() else 'not installed'}",
+        *(f"extra {extra}: {told}" for extra, told in extras().items()),
+    ]
+
+
+def extras() -> dict[str, str]:
+    """Each extra that palpate's installed metadata names, with what of it is installed."""
+    try:
+        wanted = metadata.requires("palpate") or []
+    except metadata.PackageNotFoundError:
+        return {}
+    found: dict[str, list[str]] = {}
+    for requirement in wanted:
+        extra = re.search(r"extra\s*==\s*['\"](.+?)['\"]", requirement)
+        name = re.match(r"[\w.-]+", requirement)
+        if extra and name:
+            found.setdefault(extra[1], []).append(_told(name[0]))
+    return {extra: ", ".join(packages) for extra, packages in found.items()}
+
+
+def _told(package: str) -> str:
+    try:
+        return f"{package} {metadata.version(package)}"
+    except metadata.PackageNotFoundError:
+        return f"{package} not installed"

@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.fastsim import _core
 from palpate.meshes.files import read_answer, read_mesh, write_surface
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Strain
 from palpate.meshes.tri_surface import TriSurface
+from palpate.reference.availability import is_available
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.evidence.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
@@ -23,9 +25,9 @@ from palpate.validation.report.table_one import state_table
 from palpate.validation.simulators.candidate import result_candidate
 from palpate.validation.simulators.fastsim import run_fastsim
 from palpate.validation.simulators.faults import Fault
-from palpate.validation.states import Verdict
+from palpate.validation.states import ExitCode, Verdict
 from palpate.validation.studies import STUDIES
-from palpate.validation.versions import version_of
+from palpate.validation.versions import extras, version_of
 
 Write = Callable[..., Path]
 
@@ -204,7 +206,28 @@ def test_mesh_graded_towards_a_point(tmp_path: Path) -> None:
 
 def test_the_version_is_told() -> None:
     done = palpate("--version")
-    assert (done.returncode, done.stdout) == (0, f"palpate {version_of('palpate')}\n")
+    assert done.returncode == 0
+    first, core, python, fenicsx, *extras = done.stdout.splitlines()
+    assert first == f"palpate {version_of('palpate')}"
+    assert core.startswith(f"core {_core.__version__}, ")
+    assert f"numpy {np.__version__}" in python
+    assert ("not installed" in fenicsx) == (not is_available())
+    assert all(line.startswith("extra ") for line in extras)
+
+
+def test_an_extra_says_what_of_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = ["numpy>=1.24", "numpy>=2; extra == 'here'", 'no-such.thing; extra == "gone"']
+    monkeypatch.setattr("importlib.metadata.requires", lambda _: wanted)
+    assert extras() == {
+        "here": f"numpy {np.__version__}",
+        "gone": "no-such.thing not installed",
+    }
+
+
+def test_help_ends_with_the_exit_codes() -> None:
+    text = palpate("--help").stdout
+    told = [" ".join(line.split()) for line in text[text.index("Exit codes:") :].splitlines()]
+    assert told[1 : 1 + len(ExitCode)] == [f"{int(code)} {code.meaning}" for code in ExitCode]
 
 
 def test_a_mistyped_fault_is_told_the_one_that_was_meant() -> None:

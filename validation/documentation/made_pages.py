@@ -258,21 +258,9 @@ def faults() -> str:
     )
 
 
-_ENDS = {
-    ExitCode.PASSED: "every check passed",
-    ExitCode.FAILED: "a check failed; also: the candidate diverged, crashed, ran out of time or "
-    "answered NaN",
-    ExitCode.UNUSABLE_INPUT: "the input cannot be used: a bad case or file, a missing or stale "
-    "reference, nothing to check",
-    ExitCode.INCONCLUSIVE: "inconclusive: the reference did not converge, or its error bar does "
-    "not allow a verdict",
-    ExitCode.INTERNAL_ERROR: "an internal error of palpate: never a verdict",
-}
-
-
 def exit_codes() -> str:
     """The exit codes, the same for every command."""
-    rows = [(str(int(code)), _ENDS[code]) for code in ExitCode]
+    rows = [(str(int(code)), code.meaning) for code in ExitCode]
     return (
         "# Exit codes\n\nThe same for every command. With several cases the gravest decides, in "
         "the order 4, 2, 1, 3, 0. A signal ends a command with 128 and its number.\n\n"
@@ -285,6 +273,8 @@ def commands() -> str:
     command = typer.main.get_command(app)
     context = typer.Context(command, info_name="palpate")
     text = get_docs_for_click(obj=command, ctx=context, name="palpate", title="Commands")
+    # Lists of --help, marked by \b, stay lists.
+    text = re.sub(r"\x08\n(.+:)\n((?:  .+\n)+)", r"\1\n\n```text\n\2```\n", text)
     return text.replace("<bool>", "").strip() + "\n"
 
 
