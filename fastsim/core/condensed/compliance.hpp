@@ -34,6 +34,9 @@ class Compliance {
 
     /// C between two touched points: displacement of `i` under a force at `j`.
     [[nodiscard]] CompliancePart part(std::size_t i, std::size_t j) const;
+    /// Displacements of the seen points under a force of 1 along x at a touched one, then along y
+    /// and z: 3 * 3 * num_seen() numbers.
+    void gather_column(std::size_t touched, std::span<double> numbers) const;
     /// Adds the displacement of every seen point under forces at some touched ones.
     void add_response(std::span<const Point> forces, std::span<const std::int32_t> at,
                       std::span<Point> seen) const;

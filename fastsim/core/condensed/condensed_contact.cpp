@@ -68,9 +68,9 @@ double largest(const Point &v) {
 
 CondensedContact::CondensedContact(Compliance compliance, std::vector<Point> places,
                                    std::vector<CondensedTool> tools, bool is_penalty, double reach)
-    : _compliance(compliance), _places(std::move(places)), _tools(std::move(tools)),
-      _is_penalty(is_penalty), _reach(reach), _response(compliance.num_seen()),
-      _forces(compliance.num_touched()), _loads(_tools.size()),
+    : _compliance(compliance), _all_columns(compliance), _places(std::move(places)),
+      _tools(std::move(tools)), _is_penalty(is_penalty), _reach(reach),
+      _response(compliance.num_seen()), _forces(compliance.num_touched()), _loads(_tools.size()),
       _local(compliance.num_touched(), -1) {
     for (const CondensedTool &tool : _tools) {
         _boxes.push_back(box_of(tool.shape));
@@ -358,7 +358,6 @@ bool CondensedContact::change(std::span<const Point> residual) {
 
 /// Pushes, forces and displacements of what has settled.
 void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Point> base) {
-    std::ranges::fill(_response, Point{});
     std::ranges::fill(_forces, Point{});
     std::ranges::fill(_loads, ToolLoad{});
     for (const Entry &entry : _entries) {
@@ -366,7 +365,7 @@ void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Po
         const auto touched = static_cast<std::size_t>(_points[entry.local]);
         _forces[touched] = along(_forces[touched], entry.gap.normal, entry.push);
     }
-    _compliance.add_response(_forces, _points, _response);
+    _all_columns.respond(_forces, _points, _response);
     for (const Entry &entry : _entries) {
         const Point place = place_of(static_cast<std::size_t>(_points[entry.local]), base);
         const Point force = along({}, entry.gap.normal, -entry.push);

@@ -11,6 +11,7 @@
 
 #include "condensed/complementarity.hpp"
 #include "condensed/compliance.hpp"
+#include "condensed/response_columns.hpp"
 #include "contact/tool_shape.hpp"
 
 #include <cstddef>
@@ -82,6 +83,7 @@ class CondensedContact {
     void take_over(std::span<const Pose> poses, std::span<const Point> base);
 
     Compliance _compliance;
+    ResponseColumns _all_columns;
     std::vector<Point> _places;
     std::vector<CondensedTool> _tools;
     std::vector<Box> _boxes; // of the tools, in their own frames

@@ -15,7 +15,7 @@ from palpate.fastsim.condensed import (
 )
 from palpate.fastsim.contact.contact_law import ContactForm, ContactLaw
 from palpate.fastsim.contact.static_contact import solve_contact
-from palpate.meshes.arrays import Floats
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.boundary_conditions import TabularAmplitude
 from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.errors import InputError
@@ -112,6 +112,34 @@ def test_steps_push_and_let_go() -> None:
     again = steps.step(pose_at(-3e-3))
     assert np.allclose(again.forces, state.forces, rtol=1e-8)
     assert not steps.step(pose_at(1e-3)).displacement.any()
+
+
+def test_columns_kept_from_step_to_step_are_those_of_the_compliance() -> None:
+    """A plane pushes more points than columns are kept; a ball on its own way uses them again."""
+    problem = pressed(*TOOLS["plane"])
+    mesh = brick_box((12, 12, 2), (0.04, 0.04, TOP))
+    (plane,) = problem.tools
+    top = side(mesh, 2, TOP)
+    one = dataclasses.replace(plane, contact_facets=top)
+    other = RigidTool(SphereShape(0.01), ToolPath([0.0], [[0.0, 0.0, 1.0]]), contact_facets=top)
+    problem = dataclasses.replace(
+        problem, mesh=mesh, supports=(held(side(mesh, 2, 0.0)),), tools=(one, other)
+    )
+    steps = CondensedSteps(condense(problem))
+    turned = np.diag([1.0, -1.0, -1.0]).ravel()
+    pushed = []
+    for height, x in ((1e-3, 0.01), (-1e-3, 0.01), (1e-3, 0.03), (1e-3, 0.012)):
+        poses = np.array([[0.02, 0.02, TOP + height, *turned],
+                          [x, 0.02, TOP + 9e-3, *np.eye(3).ravel()]])  # fmt: skip
+        state = steps.step(poses)
+        expected = steps.model.compliance.response(steps.contact_forces)
+        assert difference(state.displacement, expected) <= 1e-13
+        pushed.append(state.touching)
+    assert pushed[1] > 64 > pushed[2] >= 1
+
+
+def difference(found: Points, expected: Points) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
 def test_other_forces_and_supports_act_beside_the_tool() -> None:
