@@ -46,10 +46,11 @@ def condense(
 
     Static condensation of eq. 5 and the inverse of what is left (Bro-Nielsen and Cotin 1996,
     "Real-time volumetric deformable models for surgery simulation using finite elements and
-    condensation"; the paper's [7]). Supports move freely afterwards, by columns of their own.
+    condensation"; the paper's [7]). Supports and anchors of springs move freely afterwards, by
+    columns of their own; springs are at full stiffness, as in statics.
 
     Args:
-        problem: Mesh, material, supports and loads; its tools and its time are not read.
+        problem: Mesh, material, supports, loads and springs; its tools and time are not read.
         element: Linear tetrahedra, plain or smoothed.
         touched: Points on which forces may act, none held in all components; None is every such
             point of the boundary.
@@ -119,7 +120,8 @@ def condense(
         blocks=numbers,
         load_displacement=at_seen[0],
         terms=setup.terms,
-        term_displacements=at_seen[1:],
+        term_displacements=at_seen[1 : 1 + len(setup.terms)],
+        anchor_displacements=at_seen[1 + len(setup.terms) :].reshape(-1, 3, len(setup.seen), 3),
         key=setup.key(precision),
         inside=inside,
     )
@@ -189,13 +191,13 @@ def extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Po
     Args:
         model: With its inside.
         touched: Displacement of the touched points [m], shape (num_touched, 3).
-        factors: Of the loads, and of each term.
+        factors: Of the loads, of each term, and displacements of the springs' anchors [m].
     """
     assert model.inside is not None
     problem = model.problem
     supports = HeldPoints(problem)
     fields = held_fields_of(problem, supports, model.terms)
-    held = (fields @ factors).reshape(-1, 3)
+    held = (fields @ factors[: fields.shape[1]]).reshape(-1, 3)
     at_touched = np.zeros_like(problem.mesh.points)
     at_touched[model.touched] = touched
     # Free components follow the elimination; held ones are where their supports put them.

@@ -1,7 +1,8 @@
 """The condensed linear model: what touched and seen points do under forces and supports.
 
-u = u_loads + sum of the supports' columns + C f, with C the compliance of the touched points: small
-strain, so everything adds. Equal to the linear solve on the whole mesh (eq. 5) at these points.
+u = u_loads + the columns of supports and of springs' anchors + C f, with C the compliance of the
+touched points: small strain, so everything adds. Equal to the linear solve on the whole mesh
+(eq. 5) at these points.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Problem
 
 # Of the file; another one is refused.
-_VERSION = 1
+_VERSION = 2
 
 
 class CompliancePrecision(StrEnum):
@@ -81,6 +82,8 @@ class CondensedModel:
         load_displacement: Of the seen points under the problem's loads [m], (num_seen, 3).
         terms: What moves the supports.
         term_displacements: Of the seen points under each term of factor 1 [m], (n, num_seen, 3).
+        anchor_displacements: Of the seen points by the anchor of each spring along x, y, z [m/m],
+            shape (num_springs, 3, num_seen, 3).
         key: Of problem, element and points; a file of another key is refused.
         inside: What the points inside follow by; None where that was not kept.
     """
@@ -94,6 +97,7 @@ class CondensedModel:
     load_displacement: Points
     terms: tuple[SupportTerm, ...]
     term_displacements: Floats
+    anchor_displacements: Floats
     key: str
     inside: Condensed | None = None
 
@@ -106,7 +110,8 @@ class CondensedModel:
     @property
     def num_bytes(self) -> int:
         """Of the compliance and the columns."""
-        return self.blocks.nbytes + self.load_displacement.nbytes + self.term_displacements.nbytes
+        columns = (self.load_displacement, self.term_displacements, self.anchor_displacements)
+        return self.blocks.nbytes + sum(array.nbytes for array in columns)
 
     def displacement(
         self,
@@ -114,6 +119,7 @@ class CondensedModel:
         *,
         load_factor: float = 1.0,
         support_factors: float | Sequence[float] = 1.0,
+        anchors: ArrayLike | None = None,
     ) -> Points:
         """Displacement of the seen points [m], shape (num_seen, 3).
 
@@ -122,6 +128,8 @@ class CondensedModel:
                 None is none. Components that are held take none.
             load_factor: Part of the problem's loads.
             support_factors: Part of the full size of all supports, or one for each.
+            anchors: How far those of the springs are moved [m], shape (num_springs, 3); None is
+                the end of their paths.
 
         Raises:
             InputError: Another shape, or a number that is not finite.
@@ -133,6 +141,8 @@ class CondensedModel:
         found: Points = load_factor * self.load_displacement
         factors = self.term_factors(support_factors)
         found = found + np.tensordot(factors, self.term_displacements, axes=1)
+        if self.problem.springs:
+            found = found + np.tensordot(self.anchors(anchors), self.anchor_displacements, axes=2)
         if forces is not None:
             found = found + self.compliance.response(self._checked(forces))
         return found
@@ -150,12 +160,28 @@ class CondensedModel:
         factors = [t.factor(self.problem, float(each[t.support])) for t in self.terms]
         return np.array(factors, dtype=np.float64)
 
+    def anchors(self, given: ArrayLike | None = None) -> Floats:
+        """How far the springs' anchors are moved [m], (num_springs, 3); None: as in statics."""
+        springs = self.problem.springs
+        if given is None:
+            given = [spring.path.end for spring in springs]
+        moved = np.asarray(given, dtype=np.float64)
+        if moved.size == 0 and not springs:
+            return np.zeros((0, 3))
+        if moved.shape != (len(springs), 3) or not np.isfinite(moved).all():
+            raise InputError(
+                f"anchors of shape {moved.shape}: {len(springs)} springs need "
+                f"({len(springs)}, 3), all finite"
+            )
+        return moved
+
     def whole_displacement(
         self,
         forces: ArrayLike | None = None,
         *,
         load_factor: float = 1.0,
         support_factors: float | Sequence[float] = 1.0,
+        anchors: ArrayLike | None = None,
     ) -> Points:
         """Displacement of all points of the mesh [m], shape (num_points, 3).
 
@@ -163,6 +189,7 @@ class CondensedModel:
             forces: As of `displacement`; the other arguments as well.
             load_factor: Likewise.
             support_factors: Likewise.
+            anchors: Likewise.
 
         Raises:
             NotCondensableError: The model was made without `keep_inside`, or read from a file.
@@ -173,8 +200,12 @@ class CondensedModel:
             )
         from palpate.fastsim.condensed.condense import extend_inside
 
-        factors = np.concatenate([[load_factor], self.term_factors(support_factors)])
-        seen = self.displacement(forces, load_factor=load_factor, support_factors=support_factors)
+        moved = self.anchors(anchors)
+        terms = self.term_factors(support_factors)
+        factors = np.concatenate([[load_factor], terms, moved.ravel()])
+        seen = self.displacement(
+            forces, load_factor=load_factor, support_factors=support_factors, anchors=moved
+        )
         return extend_inside(self, seen[len(self.seen) - len(self.touched) :], factors)
 
     def save(self, path: str | Path) -> None:
@@ -192,6 +223,7 @@ class CondensedModel:
                 load_displacement=self.load_displacement,
                 terms=np.array(self.terms, dtype=np.int64).reshape(-1, 2),
                 term_displacements=self.term_displacements,
+                anchor_displacements=self.anchor_displacements,
             )
 
     def _checked(self, forces: ArrayLike) -> Points:
@@ -234,6 +266,7 @@ def read_fields(path: str | Path) -> dict[str, Any]:
             "load_displacement": fields["load_displacement"],
             "terms": tuple(SupportTerm(int(s), int(k)) for s, k in fields["terms"]),
             "term_displacements": fields["term_displacements"],
+            "anchor_displacements": fields["anchor_displacements"],
         }
     except FileFormatError:
         raise

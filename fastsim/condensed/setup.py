@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from palpate.fastsim.condensed.dissection import Dissection, Graph, dissect
 from palpate.fastsim.condensed.errors import NotCondensableError
 from palpate.fastsim.condensed.model import CompliancePrecision, SupportTerm, model_key
 from palpate.fastsim.forces import external_force, lumped_areas
+from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import HeldPoints, turning
 from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.boundary_conditions import (
@@ -157,6 +159,8 @@ class CondensedSetup:
             slanted = supports.slanted
             body.core.set_frames(slanted.points, slanted.axes.reshape(-1, 9))
         body.core.assemble_tangent(np.zeros_like(problem.mesh.points))
+        springs = PatchSprings(problem.mesh.points, problem.springs)
+        springs.add_to(body.core, 1.0)
         if supports.slanted is not None:
             body.core.turn_matrix()
         row_start, columns, numbers = body.core.matrix()
@@ -180,6 +184,10 @@ class CondensedSetup:
         for field in self.held_fields.T[1:]:
             reaction = body.core.multiply(np.ascontiguousarray(field.reshape(-1, 3)))
             sides.append(np.where(self.is_free != 0, -reaction, 0.0))
+        for pull in _anchor_pulls(problem, springs):
+            sides.append(np.where(self.is_free != 0, supports.to_local(pull), 0.0))
+        anchored = np.zeros((len(self.held_fields), 3 * len(problem.springs)))
+        self.held_fields = np.hstack([self.held_fields, anchored])
         self.right_sides: Floats = np.array(sides).reshape(len(sides), -1).T.copy()
 
 
@@ -240,18 +248,18 @@ def _chosen(given: ArrayLike | None, default: Indices, num_points: int, what: st
     return np.unique(checked).astype(np.int32)
 
 
+def _anchor_pulls(problem: Problem, springs: PatchSprings) -> Iterator[Points]:
+    """Force on the body by 1 m of each anchor along x, y, z [N]; the body is at rest."""
+    at_rest = np.zeros_like(problem.mesh.points)
+    for number in range(len(springs)):
+        for axis in range(3):
+            anchors = np.zeros((len(springs), 3))
+            anchors[number, axis] = 1.0
+            yield springs.force(at_rest, anchors, np.ones(len(springs)))
+
+
 def _require_condensable(problem: Problem) -> None:
-    if problem.springs:
-        raise NotCondensableError(
-            "a spring pulls by where the body is, which the condensed model takes no load by; "
-            "solve by statics, or give its force"
-        )
     require_supported(problem)
-    if problem.springs:
-        raise NotCondensableError(
-            "a spring over a patch makes the body stiffer; the condensed model takes forces that "
-            "do not depend on the displacement"
-        )
     for number, load in enumerate(problem.loads, start=1):
         if not isinstance(load, Traction | Pressure | PointForce | BodyForce):
             raise NotCondensableError(

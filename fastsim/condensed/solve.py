@@ -115,7 +115,7 @@ def require_posable(problem: Problem, strain: Strain) -> None:
     """Refuse what the condensed model cannot be asked, with the reason.
 
     Raises:
-        NotCondensableError: Green strain, a motion, a spring, or a tool that it does not know.
+        NotCondensableError: Green strain, a motion, or a tool that it does not know.
     """
     if strain is not Strain.LINEAR:
         raise NotCondensableError(
@@ -125,11 +125,6 @@ def require_posable(problem: Problem, strain: Strain) -> None:
     if problem.time is not None:
         raise NotCondensableError(
             "the condensed model has no inertia, and this problem is a motion; take statics"
-        )
-    if problem.springs:
-        raise NotCondensableError(
-            "a spring pulls by where the body is, and the condensed model takes forces that do "
-            "not hang on that; solve by statics"
         )
     for number, tool in enumerate(problem.tools, start=1):
         require_known_tool(tool, number)

@@ -118,6 +118,7 @@ class CondensedSteps:
         *,
         load_factor: float = 1.0,
         support_factors: float | Sequence[float] = 1.0,
+        anchors: ArrayLike | None = None,
     ) -> None:
         """What acts besides the tools, from the next step on.
 
@@ -125,12 +126,14 @@ class CondensedSteps:
             forces: On the touched points [N], shape (num_touched, 3); None is none.
             load_factor: Part of the problem's loads.
             support_factors: Part of the full size of all supports, or one for each.
+            anchors: How far those of the springs are moved [m], shape (num_springs, 3); None is
+                the end of their paths.
 
         Raises:
             InputError: Another shape, or a number that is not finite.
         """
         self.base = self.model.displacement(
-            forces, load_factor=load_factor, support_factors=support_factors
+            forces, load_factor=load_factor, support_factors=support_factors, anchors=anchors
         )
 
     def step(self, poses: Sequence[tuple[ArrayLike, ArrayLike]] | Floats) -> StepState:

@@ -32,6 +32,7 @@ from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.errors import FileFormatError, InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.rigid_modes import UnsupportedBodyError
+from palpate.meshes.spring import AnchorPath, Spring
 
 EQUAL = 1e-10  # of the largest displacement
 
@@ -67,6 +68,17 @@ def slanted() -> Problem:
     return Problem(mesh, Material(1e4, 0.3), (wall, clamp), (BodyForce((0.0, 0.0, 900.0)),))
 
 
+def sprung() -> Problem:
+    """The block of `slanted` with springs over two patches, one of them at the slanted plane."""
+    problem = slanted()
+    mesh = problem.mesh
+    springs = (
+        Spring.on(mesh, (0.04, 0.015, 0.03), 0.02, 20.0, AnchorPath([0.0], [[2e-3, 1e-3, 3e-3]])),
+        Spring.on(mesh, (0.02, 0.015, 0.0), 0.015, 40.0, AnchorPath([0.0], [[0.0, 2e-3, 0.0]])),
+    )
+    return dataclasses.replace(problem, springs=springs)
+
+
 def solve(problem: Problem, element: Element) -> Points:
     return solve_static(
         problem, strain=Strain.LINEAR, element=element, relative_tolerance=1e-13
@@ -82,7 +94,7 @@ def with_forces(problem: Problem, points: Points, forces: Points) -> Problem:
 
 
 @pytest.mark.parametrize("element", Element)
-@pytest.mark.parametrize("make", [body, slanted])
+@pytest.mark.parametrize("make", [body, slanted, sprung])
 def test_loads_supports_and_forces_as_the_linear_solve_has_them(
     element: Element, make: Callable[[], Problem]
 ) -> None:
@@ -108,6 +120,22 @@ def test_supports_move_after_condensing() -> None:
     found = model.displacement(support_factors=(1.0, 0.5))
     assert difference(found, expected[model.seen]) <= EQUAL
     assert difference(model.displacement(), expected[model.seen]) > 0.1
+
+
+def test_anchors_of_springs_move_after_condensing() -> None:
+    problem = sprung()
+    model = condense(problem, keep_inside=True)
+    anchors = np.array([[-1e-3, 2e-3, 0.0], [0.0, 0.0, 1e-3]])
+    springs = tuple(
+        dataclasses.replace(spring, path=AnchorPath([0.0], [moved]))
+        for spring, moved in zip(problem.springs, anchors, strict=True)
+    )
+    expected = solve(dataclasses.replace(problem, springs=springs), Element.LINEAR)
+    assert difference(model.displacement(anchors=anchors), expected[model.seen]) <= EQUAL
+    assert difference(model.whole_displacement(anchors=anchors), expected) <= EQUAL
+    assert difference(model.displacement(), expected[model.seen]) > 0.1
+    with pytest.raises(InputError, match="2 springs need"):
+        model.displacement(anchors=anchors[:1])
 
 
 def test_few_touched_points_and_others_that_are_only_seen() -> None:
@@ -148,14 +176,14 @@ def test_memory_is_told_before_any_is_taken() -> None:
 
 
 def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None:
-    problem, file = body(), tmp_path / "model.npz"
+    problem, file = sprung(), tmp_path / "model.npz"
     model = condense(problem)
     model.save(file)
     read = load_condensed(file, problem)
     assert np.array_equal(read.displacement(), model.displacement())
     with pytest.raises(NotCondensableError, match="keep_inside"):
         read.whole_displacement()
-    softer = dataclasses.replace(problem, material=Material(0.99e4, 0.45, 1000.0))
+    softer = dataclasses.replace(problem, material=Material(0.99e4, 0.3))
     with pytest.raises(FileFormatError, match="another problem"):
         load_condensed(file, softer)
     with pytest.raises(FileFormatError, match="another problem"):

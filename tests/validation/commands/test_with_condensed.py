@@ -44,8 +44,9 @@ def test_a_spoiled_answer_turns_its_gate_red(monkeypatch, tmp_path, fault):
     assert verdicts(path)["displacement_l2", "linear", "same_mesh"] == "failed"
 
 
-def test_solve_is_the_linear_solve_and_says_what_it_was_made_of():
-    problem = palpate.load_case("block").problem
+@pytest.mark.parametrize("case", ["block", "pinch"])
+def test_solve_is_the_linear_solve_and_says_what_it_was_made_of(case):
+    problem = palpate.load_case(case).problem
     linear = palpate.solve(problem, strain="linear", element="smoothed")
     state = palpate.solve(problem, with_="condensed", strain="linear", element="smoothed")
     assert state.label == "condensed (smoothed)"
