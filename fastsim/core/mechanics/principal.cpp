@@ -109,8 +109,9 @@ Principal principal_values(const Matrix3 &symmetric) {
                     continue;
                 const double ratio = 0.5 * (m[4 * b] - m[4 * a]) / beside;
                 const double tangent =
-                    (ratio < 0.0 ? -1.0 : 1.0) / (std::abs(ratio) + std::hypot(1.0, ratio));
-                const double cosine = 1.0 / std::hypot(1.0, tangent), sine = tangent * cosine;
+                    (ratio < 0.0 ? -1.0 : 1.0) / (std::abs(ratio) + std::sqrt(1.0 + ratio * ratio));
+                const double cosine = 1.0 / std::sqrt(1.0 + tangent * tangent);
+                const double sine = tangent * cosine;
                 const std::size_t c = 3 - a - b;
                 m[4 * a] -= tangent * beside;
                 m[4 * b] += tangent * beside;
