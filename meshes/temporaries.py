@@ -121,6 +121,8 @@ def _is_own(entry: os.DirEntry[str]) -> bool:
 
 
 def _is_alive(process: int) -> bool:
+    if os.name == "nt":
+        return True  # there the signal 0 is Ctrl-C, not a question
     try:
         os.kill(process, 0)
     except ProcessLookupError:

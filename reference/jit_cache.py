@@ -33,12 +33,13 @@ def cache_folder(dolfinx_version: str) -> Path:
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
     name = f"forms-{palpate.__version__}-dolfinx-{dolfinx_version}-{python}"
-    for parent in (Path(home) / "palpate", Path(tempfile.gettempdir()) / f"palpate-{os.getuid()}"):
+    user = os.getuid() if hasattr(os, "getuid") else 0  # Windows: st_uid is 0 as well
+    for parent in (Path(home) / "palpate", Path(tempfile.gettempdir()) / f"palpate-{user}"):
         folder = parent / name
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             # Code is loaded from here: never from a folder that somebody else owns.
-            if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
+            if os.access(folder, os.W_OK) and folder.stat().st_uid == user:
                 return folder
     return _FOR_THIS_PROCESS.enter_context(scratch_folder("forms"))
 
@@ -55,9 +56,15 @@ def remove_unfinished(folder: Path) -> list[str]:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; waits for another process that is compiling, however long."""
-    import fcntl
+    """Hold the folder's lock; waits for another process that is compiling, however long.
 
+    Windows has no such lock: there two processes that compile the same form disturb each other.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         try:

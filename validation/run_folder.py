@@ -90,6 +90,9 @@ def _swap_in(fresh: Path, target: Path) -> None:
     fresh.chmod(0o777 & ~mask)
     for _ in range(20):
         if not (target / MARKER).exists():
+            if os.name == "nt":  # where a rename takes nobody's place, not even an empty folder's
+                with contextlib.suppress(OSError):
+                    target.rmdir()
             try:
                 fresh.rename(target)  # takes the place of an empty folder too, and of no other
                 return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-import resource
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -255,7 +254,11 @@ def _together(errors: dict[Goal, Floats], needs: Sequence[float]) -> Floats:
 
 
 def _memory() -> float:
-    """Most that this process has held so far [GB]."""
+    """Most that this process has held so far [GB]; 0 where the system (Windows) does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return 0.0
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return used / (1e9 if sys.platform == "darwin" else 1e6)
 

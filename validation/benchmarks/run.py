@@ -216,11 +216,21 @@ def describe_machine() -> dict[str, Any]:
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "memory_mb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20),
-        "load_average": round(os.getloadavg()[0], 2),
+        **_memory_and_load(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
     }
+
+
+def _memory_and_load() -> dict[str, float]:
+    """What of both the system tells; Windows neither, by these calls."""
+    told: dict[str, float] = {}
+    if hasattr(os, "sysconf"):
+        pages = os.sysconf("SC_PHYS_PAGES")
+        told["memory_mb"] = round(os.sysconf("SC_PAGE_SIZE") * pages / 2**20)
+    if hasattr(os, "getloadavg"):
+        told["load_average"] = round(os.getloadavg()[0], 2)
+    return told
 
 
 def _processor() -> str:

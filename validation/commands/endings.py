@@ -76,7 +76,8 @@ def stoppable() -> Iterator[Stop]:
     free = [n for n in _STOPS if signal.getsignal(n) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, stop) for number in free}
     woken, wake = os.pipe()
-    os.set_blocking(wake, False)
+    if hasattr(os, "set_blocking"):  # Windows: from Python 3.12 on
+        os.set_blocking(wake, False)
     before_wake = signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     waiting = threading.Thread(target=_end_if_deaf, args=(woken, answered), daemon=True)
     waiting.start()

@@ -11,7 +11,6 @@ materials are not handed to it here.
 from __future__ import annotations
 
 import re
-import resource
 import shutil
 import subprocess
 import tempfile
@@ -69,9 +68,18 @@ class Static:
         iterations = re.findall(r"^ iteration +\d+", done.stdout, re.MULTILINE)
         return {
             "newton_iterations": max(1, len(iterations)),
-            "peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0,
+            **_memory_of_children(),
             "method": f"Newton, {_SOLVERS[self._solver]}",
         }
+
+
+def _memory_of_children() -> dict[str, float]:
+    """Where the system tells it; Windows does not."""
+    try:
+        import resource
+    except ImportError:
+        return {}
+    return {"peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0}
 
 
 def _input_file(job: dict[str, Any], kind: str, solver: str) -> str:

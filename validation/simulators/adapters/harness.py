@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import resource
 import sys
 import time
 from pathlib import Path
@@ -144,7 +143,7 @@ def peak_memory_mb() -> float:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
         return next(float(x.split()[1]) for x in lines if x.startswith("VmHWM")) / 1024.0
     except (OSError, StopIteration):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        return _most_held_mb("RUSAGE_SELF")
 
 
 def refuse(why: str) -> NoReturn:
@@ -154,13 +153,21 @@ def refuse(why: str) -> NoReturn:
 
 
 def _of_children_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
+    return _most_held_mb("RUSAGE_CHILDREN")
+
+
+def _most_held_mb(whose: str) -> float:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0.0
+    return resource.getrusage(getattr(resource, whose)).ru_maxrss / 1024.0
 
 
 def processor_seconds() -> float:
     """Of this process, all threads, and of the processes it has waited for."""
-    children = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
 
 
 if __name__ == "__main__":

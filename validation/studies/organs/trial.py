@@ -5,6 +5,7 @@ python -m palpate.validation.studies.organs.trial GIVEN.npz MADE.npz
 
 from __future__ import annotations
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -76,7 +77,8 @@ def try_apart(surface: TriSurface, *, distance: float, smallest_shell: float) ->
             done = run_supervised(command, time_limit=_MOST_WALL)
         except subprocess.TimeoutExpired:
             return Trial(Ending.OUT_OF_TIME, f"ended after {_MOST_WALL:g} s")
-        if done.returncode in (-signal.SIGXCPU, 128 + signal.SIGXCPU):
+        of_time = getattr(signal, "SIGXCPU", 0)
+        if of_time and done.returncode in (-of_time, 128 + of_time):
             return Trial(Ending.OUT_OF_TIME, f"ended after {_MOST_CPU} s of processor time")
         if done.returncode != 0 or not made.exists():
             last = (done.stderr.strip().splitlines() or ["nothing was said"])[-1]
@@ -122,10 +124,11 @@ def attempt(surface: TriSurface, *, distance: float, smallest_shell: float) -> T
 
 
 def _main(given: str, made: str) -> None:
-    import resource
+    with contextlib.suppress(ImportError):  # Windows: the time by the clock alone bounds it
+        import resource
 
-    hardest = resource.getrlimit(resource.RLIMIT_CPU)[1]
-    resource.setrlimit(resource.RLIMIT_CPU, (_MOST_CPU, hardest))
+        hardest = resource.getrlimit(resource.RLIMIT_CPU)[1]
+        resource.setrlimit(resource.RLIMIT_CPU, (_MOST_CPU, hardest))
     with np.load(given) as found:
         surface = TriSurface(found["points"], found["facets"])
         distance, smallest_shell = found["choices"].tolist()
