@@ -16,7 +16,7 @@ from rich.text import Text
 from palpate.meshes.atomic_write import write_text_atomically
 from palpate.meshes.problem import Element
 from palpate.validation.diagnosis.explanation import Diagnosis
-from palpate.validation.judging.results import CaseResult, CheckResult, Scope
+from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
 from palpate.validation.states import Precision, Verdict
 from palpate.validation.versions import version_of
@@ -27,6 +27,7 @@ _COLOUR = {
     Verdict.INCONCLUSIVE: "yellow",
     Verdict.SKIPPED: "dim",
 }
+_TONE = {str(verdict): colour for verdict, colour in _COLOUR.items()} | {"narrow": "cyan"}
 # Of a case, in results.json.
 _OF_CASE = (
     "name", "title", "verdict", "scope", "metrics", "unseen", "published", "notes",
@@ -190,21 +191,14 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
         for judged in result.candidates if len(result.candidates) > 1 else ():
             line = f"{result.name}, {judged.name}: {judged.verdict}"
             console.print(Text(for_terminal(line), style=_COLOUR[judged.verdict]))
-        console.print(
-            Text(for_terminal(f"{result.name}: {_outcome(result)}"), style=_style(result))
-        )
+        line = f"{result.name}: {_outcome(result)}"
+        console.print(Text(for_terminal(line), style=_TONE[result.tone]))
 
 
 def _outcome(result: CaseResult) -> str:
     """The verdict, and beside a "passed" what it does not say."""
     caution = result.scope.caution if result.verdict is Verdict.PASSED else ""
     return f"{result.verdict}, {caution}" if caution else str(result.verdict)
-
-
-def _style(result: CaseResult) -> str:
-    """Green is kept for what was held against the truth."""
-    is_narrow = result.verdict is Verdict.PASSED and result.scope is not Scope.TRUTH
-    return "cyan" if is_narrow else _COLOUR[result.verdict]
 
 
 def check_name(check: CheckResult) -> str:

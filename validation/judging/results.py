@@ -173,6 +173,15 @@ class CaseResult:
         reached = {check.scope for check in self.checks if check.verdict is not Verdict.SKIPPED}
         return next((scope for scope in Scope if scope in reached), Scope.OWN)
 
+    @property
+    def tone(self) -> str:
+        """Whose colour the verdict is shown in, everywhere: its own, or "narrow".
+
+        Green is kept for what was held against the truth; what passed without is narrow.
+        """
+        is_narrow = self.verdict is Verdict.PASSED and self.scope is not Scope.TRUTH
+        return "narrow" if is_narrow else str(self.verdict)
+
     def state(self, label: str, strain: Strain) -> State | None:
         """The state with this label and strain, if there is one."""
         for state in self.states:

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,9 @@ def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
     budgets, no_budget = _budgets(result)
     return {
         "trust": trust_of(result),
+        "counts": Counter(check.verdict for check in result.checks).most_common(),
+        # The diagnosis has a heading of its own.
+        "notes": [note for note in result.notes if not note.startswith("Diagnosis, ")],
         "no_budget": no_budget,
         "motion_plot": _drawn(motion_svg, result),
         "budgets": budget_rows(budgets) if budgets else None,

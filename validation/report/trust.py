@@ -6,8 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.record import error_name
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope
+from palpate.validation.report.where_wrong import where_wrong
 from palpate.validation.states import Verdict
 
 # Rows of the scale, the worst first; nobody takes in more at a glance.
@@ -16,6 +19,19 @@ _MOST_ROWS = 6
 _END = 2.0
 # A bar above this part of the limit is worth a word.
 _WIDE = 0.25
+# Words for the first screen; the tables below it have the metrics' names.
+_QUANTITIES = {
+    "displacement_l2": "displacement",
+    "displacement_max": "displacement at the worst point",
+    "max_displacement": "largest displacement",
+    "stress_l2": "stress",
+    "trajectory_l2": "displacement over time",
+    "tool_force": "force on the tool",
+    "traction_resultant": "force through a cut",
+}
+_FIRST = ("displacement_l2", "trajectory_l2")
+# Where nothing was held against the truth, this stands in the place of "passed".
+_NARROW = {Scope.SAME_MESH: "same mesh only", Scope.OWN: "no reference"}
 
 
 @dataclass(frozen=True)
@@ -37,12 +53,13 @@ class Trust:
     """What a person who must decide reads first.
 
     Attributes:
-        css: Class of the verdict's colour: a verdict, or "narrow" of what passed without a truth.
-        word: The verdict, short.
+        css: Class of the verdict's colour, see `CaseResult.tone`.
+        word: The verdict; of what passed without a truth how far it reaches.
         answer: One sentence.
         failures: What did not pass, grouped, a sentence each.
         scale: Distances from the truth beside what the use needs, the worst first.
         context: Context of use, as the case states it.
+        needed: Why that is needed, as the case says; of displacement where that is asked for.
         caveat: The largest.
         explanation: The most probable one of what failed.
     """
@@ -53,6 +70,7 @@ class Trust:
     failures: tuple[str, ...]
     scale: tuple[Row, ...]
     context: str
+    needed: str
     caveat: str
     explanation: str
 
@@ -60,19 +78,19 @@ class Trust:
 def trust_of(result: CaseResult) -> Trust:
     """Sum up a judged case."""
     far = _from_truth(result.checks)
-    is_narrow = result.verdict is Verdict.PASSED and result.scope is not Scope.TRUTH
-    explained = [str(found) for found in result.diagnoses]
+    several = len(result.candidates) > 1
     return Trust(
-        css="narrow" if is_narrow else str(result.verdict),
-        word=str(result.verdict),
+        css=result.tone,
+        word=_NARROW[result.scope] if result.tone == "narrow" else str(result.verdict),
         answer=_answer(result, far),
         failures=tuple(
             _group(result, judged) for judged in result.candidates if _left(result, judged)
         ),
-        scale=tuple(_row(check) for check in far[:_MOST_ROWS]),
+        scale=tuple(_row(check, _name(check, far, several)) for check in far[:_MOST_ROWS]),
         context=str(result.evidence.get("context_of_use") or "not stated"),
+        needed=_needed(far),
         caveat=_caveat(result, far),
-        explanation=explained[0] if explained else "",
+        explanation=_explanation(result),
     )
 
 
@@ -89,24 +107,61 @@ def _used(check: CheckResult) -> float:
 
 
 def _answer(result: CaseResult, far: Sequence[CheckResult]) -> str:
+    if result.tone == "narrow":
+        return result.scope.caution.capitalize() + "."
     if result.verdict is Verdict.PASSED:
-        if result.scope is not Scope.TRUTH:
-            return result.scope.caution.capitalize() + "."
-        return (
-            f"At most {_percent(far[0])} from the truth, where {_limit(far[0])} is needed."
-            if far
-            else ""
-        )
+        return f"Close enough: {_distance(far[0])}." if far else ""
     wrong = [c for c in result.checks if c.verdict is Verdict.FAILED]
-    if result.verdict is Verdict.FAILED and wrong:
-        same = [c for c in wrong if c.against == "same_mesh"]
-        if same:
-            return "It does not solve the case's equations: wrong on the same mesh already."
-        if any(c in far for c in wrong):
-            worst = next(c for c in far if c in wrong)
-            return f"{_percent(worst)} from the truth, where {_limit(worst)} is needed."
+    if result.verdict is not Verdict.FAILED or not wrong:
+        return "The reference does not allow a verdict: it may be close enough, or not."
+    same = [c for c in wrong if c.against == "same_mesh" and c.value is not None]
+    worst = max(same, key=_used, default=None) or next((c for c in far if c in wrong), None)
+    if worst is None:
         return "A check of the answer itself failed."
-    return "The reference does not allow a verdict."
+    who = next((j.name for j in result.candidates if j.element is worst.element), "")
+    if same:
+        off = f"its {_quantity(worst)} is {100.0 * (worst.value or 0.0):.2g} % off"
+        says = f"It does not solve the case's equations: on the same mesh already, {off}."
+    else:
+        says = f"Not close enough: {_distance(worst)}."
+    return f"{who}: {says[0].lower()}{says[1:]}" if len(result.candidates) > 1 else says
+
+
+def _needed(far: Sequence[CheckResult]) -> str:
+    of_displacement = [check for check in far if check.metric in _FIRST]
+    return next((check.reason for check in (*of_displacement, *far)), "")
+
+
+def _distance(check: CheckResult) -> str:
+    return f"{_quantity(check)} is {_percent(check)} from the truth; {_limit(check)} is needed"
+
+
+def _quantity(check: CheckResult) -> str:
+    """What a check is about, in words."""
+    return _QUANTITIES.get(check.metric, check.metric.replace("_", " "))
+
+
+def _name(check: CheckResult, far: Sequence[CheckResult], several: bool) -> str:
+    """Of a row: the quantity, and whatever else tells the rows apart."""
+    words = [_quantity(check)]
+    if len({c.strain for c in far}) > 1:
+        words.append(f"{check.strain} strain")
+    if several:
+        words.append("smoothed" if check.element is Element.SMOOTHED else "linear tetrahedra")
+    return ", ".join(words)
+
+
+def _explanation(result: CaseResult) -> str:
+    """The most probable one, short; the diagnosis below has the whole."""
+    found = [diagnosis for diagnosis in result.diagnoses if diagnosis.explanations]
+    slips = [d.explanations for d in found if d.explanations[0].complexity > 0]
+    if slips:
+        names = [each.name for each in slips[0]]
+        more = f", or {names[1]}" if len(names) > 1 else ""
+        return f"{names[0]}{more}"
+    if found:
+        return "the equations are solved right; the mesh or the element is too coarse for this use"
+    return next((str(diagnosis) for diagnosis in result.diagnoses if diagnosis.tested), "")
 
 
 def _percent(check: CheckResult) -> str:
@@ -133,19 +188,15 @@ def _group(result: CaseResult, judged: Judged) -> str:
     who = f"{judged.name}: " if len(result.candidates) > 1 else ""
     words = "not passed" if any(c.verdict is Verdict.INCONCLUSIVE for c in left) else "failed"
     told = [c for c in left if c.value is not None and c.limit > 0.0]
-    if not told:
-        return f"{who}{len(left)} of {total} checks {words}: {left[0].message}"
-    worst = max(told, key=_used)
-    return (
-        f"{who}{len(left)} of {total} checks {words}. The worst by its limit: {check_name(worst)}, "
-        f"{worst.message}"
-    )
+    first = max(told, key=_used) if told else left[0]
+    where = where_wrong(result, judged) or f"{check_name(first)}, {first.message}"
+    return f"{who}{len(left)} of {total} checks {words}: {where}"
 
 
 def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
     """What a reader must know most, by gravity."""
     if result.scope is Scope.SAME_MESH:
-        return "How far this mesh is from the continuum was not asked."
+        return f"How far this mesh is from the continuum was not asked{_unasked(result)}."
     if result.scope is Scope.OWN:
         return "Nothing independent was compared with."
     if result.unseen:
@@ -163,7 +214,18 @@ def _caveat(result: CaseResult, far: Sequence[CheckResult]) -> str:
     )
 
 
-def _row(check: CheckResult) -> Row:
+def _unasked(result: CaseResult) -> str:
+    """How far it is, where a truth is at hand though no check asks for it."""
+    names = [
+        error_name("truth", Strain.GREEN, j.element, "displacement_l2") for j in result.candidates
+    ]
+    known = [value for name in names if (value := result.metrics.get(name)) is not None]
+    if result.problem.time is not None or not known:
+        return ""
+    return f"; a truth is at hand, and displacement is {100.0 * max(known):.2g} % from it"
+
+
+def _row(check: CheckResult, name: str) -> Row:
     """A check on a scale from 0 to `_END` limits."""
     value, bar = (check.value or 0.0) / check.limit, check.reference_error / check.limit
     known = bar if math.isfinite(bar) else _END
@@ -173,7 +235,7 @@ def _row(check: CheckResult) -> Row:
 
     start, end = at(value - known), at(value + known)
     return Row(
-        name=check_name(check).replace("(truth, ", "(").replace("(own, ", "("),
+        name=name,
         css=str(check.verdict),
         dot=at(value),
         start=start,

@@ -34,7 +34,7 @@ def causes_svg(labels: Sequence[str], scores: Sequence[Score]) -> str:
     height = _TOP + _ROW * len(rows) + 26
     parts = [
         f'<svg viewBox="0 0 {_WIDTH} {height}" role="img" font-size="12" '
-        f'font-family="system-ui, DejaVu Sans, sans-serif" fill="#1c2127">'
+        f'font-family="system-ui, DejaVu Sans, sans-serif" fill="currentColor">'
     ]
     present = [cause for cause in _COLOURS if any(cause in s.causes for _, s in rows)]
     for k, cause in enumerate(present):

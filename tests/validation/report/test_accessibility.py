@@ -1,12 +1,14 @@
 """What a reader without a mouse, with a small screen or weak eyes meets: axe finds nothing grave.
 
-Reports always; the documentation too where PALPATE_DOCS says where it was built.
+Reports and the scoreboard always, on light and dark ground; the documentation too where
+PALPATE_DOCS says where it was built.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +18,18 @@ from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.report import html
+from palpate.validation.scoreboard.board import compute_board
+from palpate.validation.scoreboard.entries import Entry
+from palpate.validation.scoreboard.kept import Kept
+from palpate.validation.scoreboard.page import write_board
 from palpate.validation.simulators.candidate import fastsim_candidate
+from palpate.validation.states import in_silence
 
 pytestmark = pytest.mark.browser
 GRAVE = ("serious", "critical")
 # A phone, a desk.
 WIDTHS = (390, 1400)
+SCHEMES = ("light", "dark")
 DOCS = (
     "index", "start", "made/cases", "made/cases/kidney", "made/keys", "made/judge_my_simulator",
     "api",
@@ -39,16 +47,44 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [folder / name for name in ("block-fine.html", "block.html", "index.html")]
 
 
-def findings(browser: Any, page: Path) -> list[str]:
-    """What axe finds grave on a page, with the element."""
+@pytest.fixture(scope="module")
+def board(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A scoreboard of who answers that nothing moves, who crashes and who refuses, on a case."""
+    folder = tmp_path_factory.mktemp("board")
+    still = folder / "still.py"
+    still.write_text(
+        "import json, sys, numpy as np; from pathlib import Path\n"
+        "points = np.load(Path(sys.argv[1], 'rest.npz'))['points']\n"
+        "key = json.loads(Path(sys.argv[1], 'case.json').read_text('utf-8'))['case_key']\n"
+        "np.savez(sys.argv[2], displacement=0.0 * points, case_key=key)\n",
+        "utf-8",
+    )
+    commands = {
+        "still": f"{sys.executable} {still} {{case}} {{result}}",
+        "crashes": f"{sys.executable} -c 1/0 {{case}} {{result}}",
+        "refuses": f"{sys.executable} -c exit(77) {{case}} {{result}}",
+    }
+    entries = [Entry(name=name, title=name, command=line) for name, line in commands.items()]
+    kept = Kept(folder / "kept")
+    cases = [load_case("block-fine")]
+    made = compute_board(entries, cases, kept, time_limit=60.0, progress=in_silence)
+    write_board(made, folder)
+    return [folder / f"{name}.html" for name in ("index", "simulator-still", "case-block-fine")]
+
+
+def findings(browser: Any, page: Path, scheme: str = "light") -> list[str]:
+    """What axe finds grave on a page, with the element; on dark ground of contrast alone."""
     from axe_selenium_python import Axe
 
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": features})
     browser.get(page.as_uri())
     axe = Axe(browser)
     axe.inject()
+    rules = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
     return [
         f"{found['id']}: {node['html'][:150]}"
-        for found in axe.run()["violations"]
+        for found in axe.run(options=rules if scheme == "dark" else None)["violations"]
         if found["impact"] in GRAVE
         for node in found["nodes"]
     ]
@@ -66,9 +102,12 @@ def overflow(browser: Any, page: Path, width: int) -> int:
     return int(wide) - width
 
 
-def test_reports_have_no_grave_fault_and_fit_the_screen(browser: Any, pages: list[Path]) -> None:
-    for page in pages:
-        assert findings(browser, page) == [], page.name
+def test_reports_and_scoreboard_have_no_grave_fault_and_fit_the_screen(
+    browser: Any, pages: list[Path], board: list[Path]
+) -> None:
+    for page in (*pages, *board):
+        for scheme in SCHEMES:
+            assert findings(browser, page, scheme) == [], (page.name, scheme)
         assert [overflow(browser, page, width) <= 0 for width in WIDTHS] == [True, True], page.name
 
 
@@ -117,7 +156,8 @@ def test_the_measures_see_a_fault(browser: Any, tmp_path: Path) -> None:
     page = tmp_path / "bad.html"
     page.write_text(
         '<html lang="en"><title>bad</title><meta name="viewport" content="width=device-width">'
-        '<main><p style="color: #ccc; width: 900px">pale</p>'
+        "<style>@media (prefers-color-scheme: dark) { b { color: #333; background: #111 } }</style>"
+        '<main><p style="color: #ccc; width: 900px">pale</p><b>black</b>'
         "<img src='data:,'></main></html>",
         "utf-8",
     )
@@ -125,6 +165,8 @@ def test_the_measures_see_a_fault(browser: Any, tmp_path: Path) -> None:
         "color-contrast",
         "image-alt",
     }
+    assert len(findings(browser, page, "dark")) == len(findings(browser, page)) == 2
+    assert any("black" in line for line in findings(browser, page, "dark"))
     assert overflow(browser, page, 390) > 0
 
 

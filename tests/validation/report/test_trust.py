@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import xml.etree.ElementTree as ET
 
+import numpy as np
 import pytest
+from rich.console import Console
 
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.outputs import junit_xml, results_json, summary_markdown
+from palpate.validation.judging.outputs import (
+    junit_xml,
+    print_results,
+    results_json,
+    summary_markdown,
+)
 from palpate.validation.judging.results import CaseResult, Scope
+from palpate.validation.report.looks import looks_of
 from palpate.validation.report.trust import trust_of
+from palpate.validation.report.where_wrong import where_wrong
 from palpate.validation.states import Verdict
 
 
@@ -55,10 +65,14 @@ def test_a_skipped_check_against_the_truth_makes_no_scope(kidney: CaseResult) ->
 
 def test_a_pass_without_a_truth_is_not_green(block: CaseResult) -> None:
     trust = trust_of(block)
-    assert (trust.word, trust.css) == ("passed", "narrow")
+    assert (trust.word, trust.css) == ("same mesh only", "narrow")
     assert "same mesh only" in trust.answer
     assert trust.scale == ()
     assert trust.context == "not stated"
+    # Nothing asks for the distance from the truth; where it is known it is told.
+    away = block.metrics["error.truth.green.displacement_l2"]
+    assert away is not None
+    assert f"displacement is {100 * away:.2g} % from it" in trust.caveat
 
 
 def test_a_failure_against_the_truth_says_how_far_it_is_and_what_is_needed(
@@ -102,3 +116,33 @@ def test_a_wide_bar_and_a_fit_are_caveats(kidney: CaseResult) -> None:
     )
     wide = dataclasses.replace(unfitted, checks=checks)
     assert "50 % of the limit" in trust_of(wide).caveat
+
+
+@pytest.mark.parametrize("scope", list(Scope))
+def test_every_output_takes_its_colour_from_one_place(block: CaseResult, scope: Scope) -> None:
+    against = {Scope.TRUTH: "truth", Scope.SAME_MESH: "same_mesh", Scope.OWN: "candidate"}[scope]
+    check = dataclasses.replace(block.checks[0], against=against)
+    result = dataclasses.replace(block, checks=(check,))
+    is_green = scope is Scope.TRUTH
+    assert result.tone == trust_of(result).css == ("passed" if is_green else "narrow")
+    console = Console(record=True, force_terminal=True, color_system="standard", file=io.StringIO())
+    print_results([result], console)
+    last = console.export_text(styles=True).rstrip().splitlines()[-1]
+    assert ("\x1b[32m" in last, "\x1b[36m" in last) == (is_green, not is_green)  # green, cyan
+
+
+def test_where_an_answer_is_wrong(block: CaseResult) -> None:
+    """Of the block by hand: a tenth too far everywhere, then wrong at its held end alone."""
+    pair = looks_of(block)[0].pairs[0]
+    true, own = block.states[pair[1]], block.states[pair[0]]
+
+    def said(displacement: np.ndarray) -> str:
+        wrong = dataclasses.replace(own, displacement=displacement)
+        states = tuple(wrong if state is own else state for state in block.states)
+        return where_wrong(dataclasses.replace(block, states=states), block.candidates[0])
+
+    assert said(1.1 * true.displacement).startswith("wrong everywhere by about 10 %, most where ")
+    moved = true.displacement.copy()
+    moved[block.problem.supports[0].points[0]] += 0.5
+    assert "most at what is held" in said(moved)
+    assert said(true.displacement) == ""

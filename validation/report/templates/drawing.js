@@ -94,6 +94,7 @@ class Stage {
     this.scale = 1;
     this.offset = [0, 0];
     this.shown = [];
+    this.ground = [1, 1, 1];
   }
 
   // What else stands in a view: nothing here.
@@ -217,7 +218,7 @@ class Stage {
     const wide = Math.max(1, Math.round(canvas.clientWidth * dense)), high = Math.max(1, Math.round(canvas.clientHeight * dense));
     if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
     gl.viewport(0, 0, wide, high);
-    gl.clearColor(1, 1, 1, 1);
+    gl.clearColor(...this.ground, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     // As many columns as make the body largest; each view's words lie in its lower part.

@@ -44,9 +44,11 @@ class Viewer extends Stage {
     if (scene.times) Object.assign(this.slider, { min: 0, max: scene.times.length - 1, step: 1, value: scene.times.length - 1 });
     this.choose();
     this.listen();
+    const dark = matchMedia("(prefers-color-scheme: dark)"), paint = () => { this.ground = dark.matches ? [0.08, 0.094, 0.11] : [1, 1, 1]; this.draw(); };
+    dark.addEventListener("change", paint);
+    paint();
     this.slider.addEventListener("input", () => this.draw());
     this.choice.addEventListener("change", () => { this.choose(); this.draw(); });
-    this.draw();
   }
 
   // Tools, arrows of loads, and the edges of what is held.
