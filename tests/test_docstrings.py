@@ -23,7 +23,8 @@ OFFERED = {
     "fastsim.collision.detection": ["Overlaps", "VertexCellDetector"],
     "fastsim.condensed": [
         *("CondensedModel", "CondensedResult", "CondensedSize", "CondensedSteps", "StepState"),
-        *("condense", "condensed_size", "load_condensed", "solve_condensed"),
+        *("CondensedBody", "condense", "condense_once", "condensed_size", "load_condensed"),
+        "solve_condensed",,
     ],
     "fastsim.contact.contact_law": ["ContactLaw"],
     "fastsim.contact.static_contact": ["ContactResult", "solve_contact"],

@@ -4,13 +4,13 @@ from palpate.fastsim.condensed.condense import (
     MOST_BYTES,
     condense,
     condensed_size,
-    load_condensed,
 )
 from palpate.fastsim.condensed.errors import (
     CondensedTooLargeError,
     NotCondensableError,
     UnsettledContactError,
 )
+from palpate.fastsim.condensed.kept_models import condense_once, load_condensed
 from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
 from palpate.fastsim.condensed.setup import CondensedSize
 from palpate.fastsim.condensed.solve import CondensedResult, solve_condensed
@@ -28,6 +28,7 @@ __all__ = [
     "StepState",
     "UnsettledContactError",
     "condense",
+    "condense_once",
     "condensed_size",
     "load_condensed",
     "solve_condensed",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +14,8 @@ from palpate.fastsim.condensed.elimination import (
     invert_in_place,
 )
 from palpate.fastsim.condensed.errors import CondensedTooLargeError
-from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel, read_fields
+from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
+from palpate.fastsim.condensed.model_files import model_key
 from palpate.fastsim.condensed.setup import (
     COLUMNS,
     CondensedSetup,
@@ -24,7 +24,6 @@ from palpate.fastsim.condensed.setup import (
 )
 from palpate.fastsim.supports import HeldPoints
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element, Problem
 
 # What a model may take while it is made, where nobody says otherwise.
@@ -73,6 +72,28 @@ def condense(
         Engineering strain: wrong where the body turns or strains much.
     """
     setup = CondensedSetup(problem, element, touched, seen)
+    return condense_setup(
+        setup,
+        precision=precision,
+        keep_inside=keep_inside,
+        most_bytes=most_bytes,
+        progress=progress,
+    )
+
+
+def condense_setup(
+    setup: CondensedSetup,
+    *,
+    precision: CompliancePrecision,
+    keep_inside: bool,
+    most_bytes: int,
+    progress: Callable[[str], None] | None,
+) -> CondensedModel:
+    """What `condense` does once it is set up.
+
+    Raises:
+        CondensedTooLargeError: As of `condense`.
+    """
     size = setup.size(precision, keep_inside)
     if size.peak_bytes > most_bytes:
         raise CondensedTooLargeError(size.peak_bytes, most_bytes, str(size))
@@ -99,12 +120,12 @@ def condense(
     rows = setup.rows(numbers)
     if len(setup.others):
         eye = np.eye(columns.shape[1])
-        extended = condensed.extend(columns, problem.mesh.num_points, eye)
+        extended = condensed.extend(columns, setup.problem.mesh.num_points, eye)
         others = components_of(setup.others)
         whole[others] += extended[others]
         for begin in range(0, dense.shape[1], COLUMNS):
             part = dense[:, begin : begin + COLUMNS]
-            response = condensed.extend(part, problem.mesh.num_points)[others]
+            response = condensed.extend(part, setup.problem.mesh.num_points)[others]
             setup.fill_others(rows, response, begin)
     setup.fill_touched(rows, dense)
     in_space = [setup.to_space(whole[:, k].reshape(-1, 3)) for k in range(whole.shape[1])]
@@ -112,8 +133,8 @@ def condense(
     # The matrix itself has become its inverse; it is not asked for again.
     inside = dataclasses.replace(condensed, stiffness=np.zeros((0, 0))) if keep_inside else None
     return CondensedModel(
-        problem=problem,
-        element=element,
+        problem=setup.problem,
+        element=setup.element,
         precision=precision,
         touched=setup.touched,
         seen=setup.seen,
@@ -122,7 +143,7 @@ def condense(
         terms=setup.terms,
         term_displacements=at_seen[1 : 1 + len(setup.terms)],
         anchor_displacements=at_seen[1 + len(setup.terms) :].reshape(-1, 3, len(setup.seen), 3),
-        key=setup.key(precision),
+        key=model_key(setup, precision),
         inside=inside,
     )
 
@@ -153,36 +174,6 @@ def condensed_size(
         UnsupportedBodyError, NotCondensableError: As of `condense`.
     """
     return CondensedSetup(problem, element, touched, seen).size(precision, keep_inside)
-
-
-def load_condensed(
-    path: str | Path,
-    problem: Problem,
-    *,
-    element: Element = Element.LINEAR,
-    touched: ArrayLike | None = None,
-    seen: ArrayLike | None = None,
-) -> CondensedModel:
-    """Read a model that `CondensedModel.save` wrote, for the same problem and arguments.
-
-    Args:
-        path: Of the file.
-        problem: As of `condense`; the other arguments as well.
-        element: Likewise.
-        touched: Likewise.
-        seen: Likewise.
-
-    Returns:
-        The model, without its inside.
-
-    Raises:
-        FileFormatError: No such file, no model, or one of another problem, element or points.
-    """
-    fields = read_fields(path)
-    setup = CondensedSetup(problem, element, touched, seen)
-    if fields["key"] != setup.key(fields["precision"]):
-        raise FileFormatError(path, "is the model of another problem; condense this one anew")
-    return CondensedModel(problem=problem, **fields)
 
 
 def extend_inside(model: CondensedModel, touched: Points, factors: Floats) -> Points:

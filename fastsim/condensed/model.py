@@ -7,14 +7,12 @@ touched points: small strain, so everything adds. Equal to the linear solve on t
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +21,8 @@ from palpate.fastsim import _core
 from palpate.fastsim.condensed.elimination import Condensed
 from palpate.fastsim.condensed.errors import NotCondensableError
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.atomic_write import atomic_path
-from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem
-
-# Of the file; another one is refused.
-_VERSION = 2
 
 
 class CompliancePrecision(StrEnum):
@@ -192,7 +186,7 @@ class CondensedModel:
             anchors: Likewise.
 
         Raises:
-            NotCondensableError: The model was made without `keep_inside`, or read from a file.
+            NotCondensableError: The model was made without `keep_inside`.
         """
         if self.inside is None:
             raise NotCondensableError(
@@ -209,22 +203,10 @@ class CondensedModel:
         return extend_inside(self, seen[len(self.seen) - len(self.touched) :], factors)
 
     def save(self, path: str | Path) -> None:
-        """Write the model to an .npz, whole or not at all; the inside is left out."""
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file,
-                version=_VERSION,
-                key=self.key,
-                precision=self.precision.value,
-                element=self.element.value,
-                touched=self.touched,
-                seen=self.seen,
-                blocks=self.blocks,
-                load_displacement=self.load_displacement,
-                terms=np.array(self.terms, dtype=np.int64).reshape(-1, 2),
-                term_displacements=self.term_displacements,
-                anchor_displacements=self.anchor_displacements,
-            )
+        """Write the model to an .npz, whole or not at all, with its inside where that was kept."""
+        from palpate.fastsim.condensed.model_files import write_model
+
+        write_model(path, self)
 
     def _checked(self, forces: ArrayLike) -> Points:
         f = np.ascontiguousarray(forces, dtype=np.float64)
@@ -234,41 +216,3 @@ class CondensedModel:
                 f"({len(self.touched)}, 3), all finite"
             )
         return f
-
-
-def model_key(arrays: Sequence[NDArray[Any]], words: Sequence[str]) -> str:
-    """SHA-256 over words, and type, shape and bytes of arrays."""
-    digest = hashlib.sha256("|".join((str(_VERSION), *words)).encode())
-    for array in arrays:
-        digest.update(f"|{array.dtype.str}|{array.shape}|".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def read_fields(path: str | Path) -> dict[str, Any]:
-    """What `CondensedModel.save` wrote.
-
-    Raises:
-        FileFormatError: No such file, or one of another version.
-    """
-    try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            fields = {name: file[name] for name in file.files}
-        if int(fields["version"]) != _VERSION:
-            raise FileFormatError(path, f"is of version {int(fields['version'])}, not {_VERSION}")
-        return {
-            "key": str(fields["key"]),
-            "precision": CompliancePrecision(str(fields["precision"])),
-            "element": Element(str(fields["element"])),
-            "touched": fields["touched"],
-            "seen": fields["seen"],
-            "blocks": fields["blocks"],
-            "load_displacement": fields["load_displacement"],
-            "terms": tuple(SupportTerm(int(s), int(k)) for s, k in fields["terms"]),
-            "term_displacements": fields["term_displacements"],
-            "anchor_displacements": fields["anchor_displacements"],
-        }
-    except FileFormatError:
-        raise
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise FileFormatError(path, f"is no condensed model ({error})") from error

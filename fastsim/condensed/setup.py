@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.fastsim.body import Body
 from palpate.fastsim.condensed.dissection import Dissection, Graph, dissect
 from palpate.fastsim.condensed.errors import NotCondensableError
-from palpate.fastsim.condensed.model import CompliancePrecision, SupportTerm, model_key
+from palpate.fastsim.condensed.model import CompliancePrecision, SupportTerm
 from palpate.fastsim.forces import external_force, lumped_areas
 from palpate.fastsim.springs import PatchSprings
 from palpate.fastsim.supports import HeldPoints, turning
@@ -70,7 +70,7 @@ class CondensedSetup:
     ) -> None:
         _require_condensable(problem)
         mesh = problem.mesh
-        self._problem, self._element = problem, element
+        self.problem, self.element = problem, element
         self._supports = HeldPoints(problem)
         self.is_free = self._supports.is_free
         is_movable = self.is_free.any(axis=1)
@@ -98,19 +98,19 @@ class CondensedSetup:
         order, t = self.dissection, len(self.touched)
         keeps = keep_inside or len(self.others) > 0
         factors = order.factor_bytes if keeps else 0
-        at_once = 3 * self._problem.mesh.num_points * min(3 * t, COLUMNS) * 8
+        at_once = 3 * self.problem.mesh.num_points * min(3 * t, COLUMNS) * 8
         extending = 8 * 9 * t * t + model + (2 * at_once if len(self.others) else 0)
         matrix = self.blocks.nbytes + self.right_sides.nbytes
         peak = matrix + factors + max(order.peak_bytes, extending)
         return CondensedSize(t, len(self.seen), model, peak, order.operations)
 
-    def key(self, precision: CompliancePrecision) -> str:
-        """By which the model is known again."""
-        arrays: list[NDArray[Any]] = [
-            self.graph.row_start, self.graph.columns, self.blocks, self.right_sides,
-            self.held_fields, self.touched, self.seen,
-        ]  # fmt: skip
-        return model_key(arrays, (self._element.value, precision.value))
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """All that the model follows from, besides element and precision."""
+        return (
+            self.problem.mesh.points, self.graph.row_start, self.graph.columns, self.blocks,
+            self.right_sides, self.held_fields, self.touched, self.seen,
+        )  # fmt: skip
 
     def to_space(self, vectors: Points) -> Points:
         """Components along x, y, z of points' own ones."""
@@ -148,13 +148,13 @@ class CondensedSetup:
         slanted = self._supports.slanted
         if slanted is None:
             return None
-        turns = np.tile(np.eye(3), (self._problem.mesh.num_points, 1, 1))
+        turns = np.tile(np.eye(3), (self.problem.mesh.num_points, 1, 1))
         turns[slanted.points] = slanted.axes
         return turns
 
     def _assemble(self) -> None:
-        problem, supports = self._problem, self._supports
-        body = Body.of(problem, Strain.LINEAR, element=self._element)
+        problem, supports = self.problem, self._supports
+        body = Body.of(problem, Strain.LINEAR, element=self.element)
         if supports.slanted is not None:
             slanted = supports.slanted
             body.core.set_frames(slanted.points, slanted.axes.reshape(-1, 9))

@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from palpate.fastsim.condensed.condense import MOST_BYTES, condense
 from palpate.fastsim.condensed.errors import NotCondensableError, UnsettledContactError
+from palpate.fastsim.condensed.kept_models import condense_once
 from palpate.fastsim.condensed.model import CondensedModel
 from palpate.fastsim.condensed.setup import surface_points
 from palpate.fastsim.condensed.steps import CondensedSteps, StepState, require_known_tool
@@ -56,6 +59,7 @@ def solve_condensed(
     element: Element = Element.LINEAR,
     contact: ContactLaw | None = None,
     most_bytes: int = MOST_BYTES,
+    folder: Path | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> CondensedResult:
     """Answer a static problem by its condensed model: what `solve_static` finds by linear strain.
@@ -69,6 +73,7 @@ def solve_condensed(
         element: Linear tetrahedra, plain or smoothed.
         contact: How tools are kept out: None is the constraint.
         most_bytes: Memory allowed.
+        folder: That keeps models, and from which they are taken: see `condense_once`; None is none.
         progress: Called with one line now and then.
 
     Returns:
@@ -89,7 +94,8 @@ def solve_condensed(
         touched = np.union1d(touched, _touched_by_tools(problem)).astype(np.int32)
     if not len(touched):
         touched = surface[:1]
-    model = condense(
+    make = condense if folder is None else partial(condense_once, folder)
+    model = make(
         _with_the_rest(problem, pushed),
         element=element,
         touched=touched,

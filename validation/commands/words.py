@@ -59,7 +59,11 @@ ChosenElements = Annotated[
 ]
 ChosenEngine = Annotated[
     Simulator,
-    typer.Option("--with", help="condensed: fastsim's condensed linear model; linear strain"),
+    typer.Option(
+        "--with",
+        help="condensed: fastsim's condensed linear model; linear strain; kept in the folder that "
+        "PALPATE_CONDENSED names",
+    ),
 ]
 Device = Annotated[
     str,

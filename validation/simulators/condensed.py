@@ -1,11 +1,14 @@
 """The condensed linear model of fastsim as a candidate: the body as its compliance, linear strain.
 
-What it cannot pose, it refuses as an input, with the reason: nobody has failed there.
+What it cannot pose, it refuses as an input, with the reason: nobody has failed there. Where the
+environment variable PALPATE_CONDENSED names a folder, models are kept there from run to run.
 """
 
 from __future__ import annotations
 
+import os
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from palpate.validation.metrics import make_state
 from palpate.validation.states import CandidateFailedError, CellStresses, Progress, State
 
 CONDENSED = "condensed"
+FOLDER_VARIABLE = "PALPATE_CONDENSED"
 
 
 def condensed_name(element: Element) -> str:
@@ -45,7 +49,9 @@ def run_condensed(
     progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        found = solve_condensed(problem, strain=strain, element=element, progress=progress)
+        found = solve_condensed(
+            problem, strain=strain, element=element, folder=_folder(), progress=progress
+        )
     except FastsimError as error:
         raise CandidateFailedError(f"{name}: {error}") from error
     except np.linalg.LinAlgError as error:
@@ -69,3 +75,8 @@ def run_condensed(
         },
         tool_forces=found.tool_forces if problem.tools else None,
     )
+
+
+def _folder() -> Path | None:
+    name = os.environ.get(FOLDER_VARIABLE, "")
+    return Path(name) if name else None

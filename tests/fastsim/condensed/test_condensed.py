@@ -5,15 +5,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.fastsim.condensed import (
     CompliancePrecision,
+    CondensedModel,
     CondensedTooLargeError,
     NotCondensableError,
     condense,
+    condense_once,
     condensed_size,
     load_condensed,
 )
@@ -191,6 +194,37 @@ def test_a_saved_model_is_read_for_its_own_problem_alone(tmp_path: Path) -> None
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(FileFormatError, match="no condensed model"):
         load_condensed(file, problem)
+
+
+def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) -> None:
+    problem, folder = sprung(), tmp_path / "kept"
+    forces = np.ones((len(condense(problem).touched), 3)) * 1e-2
+
+    def told(**options: Any) -> tuple[CondensedModel, str]:
+        lines: list[str] = []
+        model = condense_once(folder, problem, progress=lines.append, **options)
+        return model, " ".join(lines)
+
+    first, said = told(keep_inside=True)
+    assert "kept for the next time" in said
+    again, said = told(keep_inside=True)
+    assert "condensed before" in said
+    assert "condensing" not in said
+    assert np.array_equal(again.whole_displacement(forces), first.whole_displacement(forces))
+    # What the key is made of asks for another file; what is spoiled is made anew.
+    told(precision=CompliancePrecision.SINGLE)
+    assert len(list(folder.iterdir())) == 2
+    for file in folder.iterdir():
+        fields = dict(np.load(file))
+        np.savez(file, **{**fields, "blocks": fields["blocks"][:-1]})
+    again, said = told(keep_inside=True)
+    assert "no condensed model (blocks is of shape" in said
+    assert np.array_equal(again.displacement(forces), first.displacement(forces))
+    # A model without its inside is no answer to who asks for it.
+    told(element=Element.SMOOTHED)
+    model, said = told(element=Element.SMOOTHED, keep_inside=True)
+    assert "kept for the next time" in said
+    assert model.inside is not None
 
 
 def test_what_cannot_be_condensed_is_refused() -> None:

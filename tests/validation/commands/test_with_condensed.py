@@ -82,6 +82,17 @@ def test_the_reference_is_no_candidate(monkeypatch, capsys):
     assert "no candidate" in capsys.readouterr().err
 
 
+def test_a_folder_keeps_the_model_from_run_to_run(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("PALPATE_CONDENSED", str(tmp_path / "kept"))
+    said = []
+    for _ in range(2):
+        assert run(monkeypatch, "gate", "press", "--with", "condensed") == 0
+        said.append(" ".join(capsys.readouterr().err.split()))
+    assert "kept for the next time" in said[0]
+    assert "condensed before" in said[1]
+    assert "condensing" not in said[1]
+
+
 def test_a_sweep_has_it_beside_fastsim(monkeypatch, tmp_path):
     folder = tmp_path / "out"
     vary = ("--vary", "load[0].factor=0.5,1", "--with", "condensed")
