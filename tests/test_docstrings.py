@@ -24,7 +24,7 @@ OFFERED = {
     "fastsim.condensed": [
         *("CondensedModel", "CondensedResult", "CondensedSize", "CondensedSteps", "StepState"),
         *("CondensedBody", "condense", "condense_once", "condensed_size", "load_condensed"),
-        "solve_condensed",,
+        "solve_condensed",
     ],
     "fastsim.contact.contact_law": ["ContactLaw"],
     "fastsim.contact.static_contact": ["ContactResult", "solve_contact"],

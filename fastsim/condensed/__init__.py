@@ -11,6 +11,7 @@ from palpate.fastsim.condensed.errors import (
     UnsettledContactError,
 )
 from palpate.fastsim.condensed.kept_models import condense_once, load_condensed
+from palpate.fastsim.condensed.live import CondensedBody
 from palpate.fastsim.condensed.model import CompliancePrecision, CondensedModel
 from palpate.fastsim.condensed.setup import CondensedSize
 from palpate.fastsim.condensed.solve import CondensedResult, solve_condensed
@@ -19,6 +20,7 @@ from palpate.fastsim.condensed.steps import CondensedSteps, StepState
 __all__ = [
     "MOST_BYTES",
     "CompliancePrecision",
+    "CondensedBody",
     "CondensedModel",
     "CondensedResult",
     "CondensedSize",

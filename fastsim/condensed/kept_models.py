@@ -70,6 +70,9 @@ def condense_once(
         most_bytes: Likewise.
         progress: Likewise.
 
+    Returns:
+        The model, with its inside where that is asked for.
+
     Raises:
         UnsupportedBodyError, CondensedTooLargeError, NotCondensableError: As of `condense`.
         OSError: The folder cannot be written.
