@@ -7,8 +7,9 @@ python="$1" folder="$2"
 work="$(mktemp -d)"
 trap 'rm -rf "$work"' EXIT
 cp -r validation/documentation/. "$work"
-"$python" validation/documentation/made_pages.py "$work"
-"$python" -m sphinx -q -W --keep-going -b html "$work" "$folder"
+PYTHONPATH="$PWD/validation/documentation${PYTHONPATH:+:$PYTHONPATH}" \
+    "$python" -m making "$work"
+"$python" -m sphinx -q -W --keep-going -j auto -b html "$work" "$folder"
 # The same list of commands as a man page: palpate.1.
 mkdir "$work/man"
 cp "$work/made/commands.md" "$work/man"

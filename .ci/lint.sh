@@ -7,4 +7,4 @@ bin="${VENV:-.venv}/bin"
 "$bin/ruff" format --check .
 git ls-files '*.cpp' '*.hpp' | xargs "$bin/clang-format" --dry-run -Werror
 bash .ci/view.sh "$bin/python" -DPALPATE_WERROR=ON
-MYPYPATH=build/view "$bin/mypy" -p palpate
+MYPYPATH=build/view:validation/documentation "$bin/mypy" -p palpate -p making

@@ -4,58 +4,34 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import re
 import shlex
 import subprocess
-import sys
 import tomllib
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import typer
+from making.blocks import Block, blocks_of
+from making.run_blocks import BlockFailedError, run_blocks, with_outputs
 
 from palpate.validation.cli import app
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "validation" / "documentation").rglob("*.md"))]
-RUN = "<!-- run -->"
 # What a page shows without saying that it can be typed.
 SHOWN = ("", "text", "{toctree}", "{eval-rst}")
+BLOCKS = [(page, block) for page in PAGES for block in blocks_of(page.read_text("utf-8"))]
 
 
-@dataclass(frozen=True)
-class Block:
-    """A fenced block: where, in which language, and whether it is marked to be run."""
-
-    page: Path
-    line: int
-    kind: str
-    text: str
-    is_run: bool
-
-    def __str__(self) -> str:
-        return f"{self.page.relative_to(ROOT)}:{self.line}"
+def name_of(page: Path) -> str:
+    """Of a page, or of a block in it."""
+    return str(page.relative_to(ROOT))
 
 
-def blocks() -> list[Block]:
-    """Of all pages."""
-    found = []
-    for page in PAGES:
-        lines, start, mark = page.read_text("utf-8").splitlines(), None, False
-        for number, line in enumerate(lines):
-            if start is None and line.startswith("```"):
-                start, mark = number, number > 0 and lines[number - 1].strip() == RUN
-            elif start is not None and line == "```":
-                text = "\n".join(lines[start + 1 : number])
-                found.append(Block(page, start + 1, lines[start][3:].strip(), text, mark))
-                start = None
-        assert start is None, f"{page}: a block that begins in line {start} has no end"
-    return found
-
-
-BLOCKS = blocks()
+def ids(blocks: list[tuple[Path, Block]]) -> list[str]:
+    """Where each stands."""
+    return [f"{name_of(page)}:{block.line}" for page, block in blocks]
 
 
 def palpate_commands(text: str) -> list[list[str]]:
@@ -83,8 +59,11 @@ def wrong_words(words: list[str]) -> list[str]:
     return [option for option in options if option not in known | {"--help"}]
 
 
-@pytest.mark.parametrize("block", [b for b in BLOCKS if b.kind not in SHOWN], ids=str)
-def test_a_block_is_what_it_says_it_is(block: Block) -> None:
+CHECKED = [(page, block) for page, block in BLOCKS if block.kind not in SHOWN]
+
+
+@pytest.mark.parametrize(("page", "block"), CHECKED, ids=ids(CHECKED))
+def test_a_block_is_what_it_says_it_is(page: Path, block: Block) -> None:
     if block.kind == "sh":
         read = subprocess.run(
             ["bash", "-n"], input=block.text, text=True, capture_output=True, check=False
@@ -102,26 +81,86 @@ def test_a_block_is_what_it_says_it_is(block: Block) -> None:
         yaml = pytest.importorskip("yaml")
         assert isinstance(yaml.safe_load(block.text), dict)
     else:
-        pytest.fail(f"{block}: nobody checks a block of {block.kind!r}")
+        pytest.fail(f"{page}:{block.line}: nobody checks a block of {block.kind!r}")
 
 
-@pytest.mark.parametrize("block", [b for b in BLOCKS if b.is_run], ids=str)
-def test_a_marked_block_runs(block: Block, tmp_path: Path) -> None:
-    shim = tmp_path / "bin" / "palpate"
-    shim.parent.mkdir()
-    shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m palpate.validation.cli "$@"\n', "utf-8")
-    shim.chmod(0o755)
-    command = {"sh": ["bash", "-euo", "pipefail", "-c"], "python": [sys.executable, "-c"]}
-    environment = {**os.environ, "PATH": f"{shim.parent}:{os.environ['PATH']}"}
-    done = subprocess.run(
-        [*command[block.kind], block.text],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_what_the_readme_marks_runs() -> None:
+    """What the pages mark is run by `make docs`, in the same way."""
+    readme = PAGES[0]
+    blocks = [block for page, block in BLOCKS if page == readme]
+    assert any(block.is_run for block in blocks)
+    run_blocks(readme.name, blocks)
 
 
-def test_there_is_something_to_run_and_a_wrong_option_is_seen() -> None:
-    assert sum(block.is_run for block in BLOCKS) >= 4
+NIGHTLY = sorted({page for page, block in BLOCKS if block.is_nightly})
+
+
+@pytest.mark.nightly
+@pytest.mark.dolfinx
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("page", NIGHTLY, ids=map(name_of, NIGHTLY))
+def test_what_takes_long_on_a_page_runs(page: Path) -> None:
+    run_blocks(name_of(page), [block for of_page, block in BLOCKS if of_page == page])
+
+
+def test_a_wrong_option_is_seen() -> None:
     assert wrong_words(["gate", "kidney", "--elemnt", "both"]) == ["--elemnt"]
     assert wrong_words(["gat", "kidney"]) == ["gat"]
     assert wrong_words(["gate", "kidney", "--element", "both", "--expected"]) == []
+
+
+PAGE = """# A page
+<!-- file two.py -->
+```python
+print(2)
+```
+
+<!-- run -->
+```sh
+python two.py; touch here
+```
+
+Then, in the same folder:
+
+<!-- run: 3 -->
+```sh
+test -e here && exit 3
+```
+
+<!-- run quietly -->
+```sh
+echo quiet
+```
+"""
+
+
+def test_a_page_is_run_in_one_folder_and_shows_what_was_printed() -> None:
+    lines = with_outputs("page", PAGE).splitlines()
+    assert lines[lines.index(":class: output") + 1 :][:2] == ["2", "```"]
+    assert sum(line == ":class: output" for line in lines) == 2
+    assert "quiet" not in lines
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("exit 3", "exit 0", "page:15 ended with 0, not with 3"),
+        ("python two.py", "python three.py", "page:8 ended with 2, not with 0"),
+    ],
+)
+def test_a_block_that_ends_otherwise_ends_the_making(old: str, new: str, said: str) -> None:
+    with pytest.raises(BlockFailedError, match=re.escape(said)):
+        with_outputs("page", PAGE.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("page", "said"),
+    [
+        ("<!-- rnu -->\n```sh\ntrue\n```", "what does '<!-- rnu -->' ask for?"),
+        ("<!-- run loudly -->\n```sh\ntrue\n```", "what does '<!-- run loudly -->' ask for?"),
+        ("```sh\ntrue\n", "has no end"),
+    ],
+)
+def test_a_mark_that_nobody_knows_is_refused(page: str, said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        list(blocks_of(page))

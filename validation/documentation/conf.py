@@ -14,7 +14,7 @@ copyright = f"2026, {author}"
 release = version = metadata.version("palpate")
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
-exclude_patterns = ["conf.py", "mathml.py", "made_pages.py"]
+exclude_patterns = ["conf.py", "mathml.py", "making"]
 html_theme = "furo"
 html_title = f"palpate {release}"
 html_static_path = ["static"]

@@ -77,7 +77,7 @@ double determinant(const Matrix3 &m);
 /// I + H.
 Matrix3 deformation_gradient(const Matrix3 &gradient_of_displacement);
 
-/// (H + H^T) / 2, plus H^T H / 2 for Green strain.
+/// (H + H^T) / 2, plus H^T H / 2 for Green strain: eq. 3-4 and 6-7.
 Matrix3 strain_tensor(const Matrix3 &gradient_of_displacement, StrainMeasure strain);
 
 /// Gradients of all four shape functions; they sum to zero.
