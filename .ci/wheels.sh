@@ -27,17 +27,26 @@ try_wheel() { # try_wheel WHEEL PYTHON
     wheel="$(realpath "$1")"
     room="$(mktemp -d)"
     "$python" -m venv "$room/venv"
-    bare() { env -i HOME="$room" PATH="$room/venv/bin" LANG=C.UTF-8 "$@"; }
-    started=$SECONDS
-    bare "$room/venv/bin/python" -m pip install -q --disable-pip-version-check "$wheel"
-    echo "installed in $((SECONDS - started)) s with $("$python" --version)"
-    if bare "$room/venv/bin/python" -c 'import dolfinx' 2>/dev/null; then
-        echo "dolfinx can be imported: this environment is not bare" >&2
+    bare() { # nothing on the path but this environment: no compiler, no shell's tools
+        env -i HOME="$room" PATH="$room/venv/bin" LANG=C.UTF-8 PALPATE="$wheel" "$@"
+    }
+    if bare /bin/sh -c 'command -v cc || command -v c++ || command -v gcc || command -v clang'; then
+        echo "a compiler is on the path: this environment is not bare" >&2
         return 1
     fi
     cp -r validation/examples/gate_your_simulator "$room/mysim"
     (
         cd "$room/mysim"
+        # As the example's workflow does, word for word.
+        install='pip install "$PALPATE"'
+        grep -qF -- "- run: $install" .github/workflows/palpate.yml
+        started=$SECONDS
+        bare PIP_QUIET=1 PIP_DISABLE_PIP_VERSION_CHECK=1 /bin/sh -c "$install"
+        echo "installed in $((SECONDS - started)) s with $("$python" --version)"
+        if bare "$room/venv/bin/python" -c 'import dolfinx' 2>/dev/null; then
+            echo "dolfinx can be imported: this environment is not bare" >&2
+            exit 1
+        fi
         bare "$room/venv/bin/palpate" --version
         bare "$room/venv/bin/palpate" gate block-fine --element smoothed >/dev/null
         bare "$room/venv/bin/palpate" gate bar.toml --simulator "python toy_simulator.py {case} {result}" >/dev/null

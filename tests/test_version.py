@@ -16,10 +16,14 @@ ROOT = Path(__file__).parent.parent
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 
 
-def test_the_citation_and_the_changelog_name_the_version_of_the_package() -> None:
+def test_citation_changelog_recipe_and_example_name_the_version_of_the_package() -> None:
     citation = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.M)
     assert citation is not None
     assert citation[1] == VERSION
+    recipe = (ROOT / ".ci" / "conda" / "recipe.yaml").read_text("utf-8")
+    assert f'version: "{VERSION}"' in recipe
+    workflow = ROOT / "validation/examples/gate_your_simulator/.github/workflows/palpate.yml"
+    assert f"PALPATE: palpate=={VERSION} " in workflow.read_text("utf-8")
     titles = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.M)
     # What is not released yet comes first; the newest that is bears the number.
     assert titles[0] in ("Unreleased", VERSION)
