@@ -8,6 +8,7 @@ import subprocess
 import sys
 import sysconfig
 import venv
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -78,6 +79,25 @@ def test_a_second_repository_gates_its_simulator(python: Path, tmp_path: Path) -
     (repository / "references" / "bar.npz").unlink()
     missing = gate("toy_simulator.py")
     assert missing.returncode == 2, missing.stdout + missing.stderr
+
+
+@pytest.mark.once
+@pytest.mark.timeout(0)
+@pytest.mark.slow
+def test_the_wheel_holds_what_is_needed_and_the_notices_of_what_is_linked_in(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+        notices = [name for name in names if name.endswith("THIRD_PARTY_LICENSES.txt")]
+        told = archive.read(notices[0]).decode("utf-8")
+    suffixes = {Path(name).suffix for name in names if ".dist-info/" not in name}
+    assert suffixes == {
+        ".py", ".pyi", ".typed", ".so", ".toml", ".npz", ".vtu",
+        ".j2", ".css", ".js", ".md", ".yml",
+    }  # fmt: skip
+    assert [".dist-info/licenses/" in name for name in notices] == [True]
+    assert "nanobind" in told
+    assert "robin-map" in told
+    assert not any("/tests/" in name or "/documentation/" in name for name in names)
 
 
 def test_the_workflow_file_says_the_one_command_and_pins_its_permissions() -> None:
