@@ -13,7 +13,8 @@ import palpate
 from palpate.fastsim import _core
 
 ROOT = Path(__file__).parent.parent
-VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+VERSION = PROJECT["version"]
 
 
 def test_citation_changelog_recipe_and_example_name_the_version_of_the_package() -> None:
@@ -28,6 +29,14 @@ def test_citation_changelog_recipe_and_example_name_the_version_of_the_package()
     # What is not released yet comes first; the newest that is bears the number.
     assert titles[0] in ("Unreleased", VERSION)
     assert [title for title in titles if title != "Unreleased"][:1] in ([], [VERSION])
+
+
+def test_the_recipe_for_conda_asks_for_what_the_package_asks_for() -> None:
+    text = (ROOT / ".ci" / "conda" / "recipe.yaml").read_text("utf-8")
+    run = re.findall(r"^    - (.+)$", text[text.index("  run:") : text.index("  run_con")], re.M)
+    wanted = {line.replace(">=", " >=") for line in PROJECT["dependencies"]}
+    wanted = {line.replace("matplotlib ", "matplotlib-base ") for line in wanted}
+    assert set(run) == wanted | {"python " + PROJECT["requires-python"]}
 
 
 def test_the_package_and_its_core_are_of_one_build() -> None:
