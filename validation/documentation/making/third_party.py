@@ -7,8 +7,9 @@ import tomllib
 from importlib import metadata
 from pathlib import Path
 
-from making.tables import table
 from packaging.requirements import Requirement
+
+from making.tables import table
 
 ROOT = Path(__file__).parents[3]
 # Not known to pip everywhere: Debian and conda bring them.
