@@ -15,6 +15,8 @@ import numpy as np
 from palpate.meshes.arrays import Floats
 
 _BITS = 20
+# Where a body takes no more, the tool goes back so many times as fast as it may come.
+RETREAT = 5
 
 
 @dataclass(frozen=True)
@@ -86,11 +88,12 @@ class Hand:
         """Where the tool is to be at the end of the next tick.
 
         Args:
-            is_too_much: A cell is near its end: the tool goes back on its own way.
+            is_too_much: The body takes no more: the tool goes back on its own way.
         """
         self.is_held_back = is_too_much and bool(self._behind)
         if self.is_held_back:
-            self.place, self._goals = self._behind.pop(), []
+            *self._behind, self.place = self._behind[: 1 - RETREAT] or self._behind[:1]
+            self._goals = []
             return self.place
         while self._goals:
             way = self._goals[0] - self.place

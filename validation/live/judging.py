@@ -17,12 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.fastsim.contact.contact_law import half_thickness
-from palpate.fastsim.contact.tool_contact import POSE, ToolContact, gaps_at
-from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem
 from palpate.meshes.supervised import supervised
 from palpate.meshes.untrusted_text import parse_toml
 from palpate.reference import availability
@@ -36,8 +33,6 @@ Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"
 # Each answer is waited for so long after what was before it [s].
 LIMITS = {SAME_MESH: 120.0, TRUTH: 60.0}
-# Between vertices the surface may be so deep in the tool, of half its thickness, unmentioned.
-_DEEP = 0.1
 _ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
 _CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
 _COLOUR = {
@@ -139,43 +134,6 @@ def write_pose(
             element=np.array([pane.element.value for pane in panes]),
         )
     return path, answers
-
-
-def depth_between_vertices(problem: Problem, place: Floats, displacement: Points) -> float:
-    """How deep the body's flat facets are in the tool [m], >= 0, which only vertices touch.
-
-    Args:
-        problem: With the tool, turned as it is at the start.
-        place: Of the tool [m], shape (3,).
-        displacement: Of the body [m], shape (num_points, 3).
-    """
-    mesh = problem.mesh
-    corners = (mesh.points + displacement)[mesh.boundary_facets]
-    middles = 0.5 * (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3)
-    pose = np.zeros(1, POSE)
-    pose["position"] = place
-    pose["rotation"] = problem.tools[0].path.pose_at(0.0)[1]
-    shape = ToolContact(problem, problem.tools[0]).shape
-    gaps = gaps_at(shape, np.vstack([middles, corners.mean(axis=1)]), pose).distances
-    return max(0.0, -float(gaps.min()))
-
-
-def warn_between_vertices(problem: Problem, place: Floats, displacements: Sequence[Points]) -> str:
-    """What to say where a body's facets are deep in the tool between its vertices; else nothing.
-
-    Args:
-        problem: See `depth_between_vertices`.
-        place: Likewise.
-        displacements: Of each body [m], shape (num_points, 3).
-    """
-    deep = max(depth_between_vertices(problem, place, u) for u in displacements)
-    if deep <= _DEEP * half_thickness(problem.tools[0].shape):
-        return ""
-    return (
-        f"between its vertices the surface is up to {1e3 * deep:.2g} mm inside the tool, "
-        "which only vertices touch: there may be several equilibria, and failed may mean "
-        "that the reference found another; take a finer mesh or a larger tool"
-    )
 
 
 class Judging(threading.Thread):

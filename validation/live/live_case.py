@@ -32,8 +32,9 @@ TICK = 1.0 / 120.0
 # Loads of a static case come within this time [s].
 _RAMP = 0.5
 # Where the case has no tool: of the body's longest side, and at least of the largest gap between
-# vertices, for those are kept out, and a smaller ball would slip between them.
-_RADIUS, _GAPS = 0.12, 1.02
+# vertices, for those are kept out: a ball of 1.5 gaps sinks in by a quarter of a gap and a little,
+# a smaller one by far more.
+_RADIUS, _GAPS = 0.12, 1.5
 # Of a case's own tool, what the hand takes.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
 # How far from the body the tool begins, of the longest side.
@@ -121,7 +122,7 @@ def tool_table(case: Case, shape: str | None, radius: float | None) -> dict[str,
         case: Beside whose file a surface lies.
         shape: "sphere", "capsule" (six times as long as thick), or a file of a closed surface.
         radius: In the case's unit; None takes 0.12 of the body's longest side,
-            or the largest gap between vertices where that is larger.
+            or 1.5 times the largest gap between vertices where that is larger.
 
     Raises:
         InputError: A radius that is none, or that goes with a surface.

@@ -15,10 +15,14 @@ from palpate.meshes.problem import Element, Inclusion, Problem, Strain
 from palpate.meshes.rigid_tool import ToolError
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.live.between_vertices import BetweenVertices
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
-# A cell of less than this part of its volume takes no more: the law softens there, and inverts.
-LEAST_DET_F = 0.35
+# A cell of less than this part of its volume takes no more, nor one that will have lost so much
+# in two ticks: the law softens there, and a cell inverts within a few steps.
+_LEAST_DET_F, _SOON = 0.6, 0.5
+# Between vertices is looked every so many ticks.
+_LOOK = 6
 
 
 class Surface:
@@ -111,6 +115,7 @@ class Pane:
         self._surface, self._skin = surface, surface.body(strain)
         self._rest = problem.mesh.points
         self._first = self.body.springs
+        self._between = BetweenVertices(problem)
         self._volume = surface.volume(self._rest[surface.used])
         self.reset()
 
@@ -119,6 +124,12 @@ class Pane:
         """Of the tool, up to which vertices can follow [m/s]."""
         tools = self.body.tools
         return float("inf") if tools is None else min(tools.largest_speeds)
+
+    @property
+    def takes_no_more(self) -> bool:
+        """A cell is near its end, or the tool on its way through the surface."""
+        soon = self.smallest_det_f - 2.0 * self._fall
+        return min(self.smallest_det_f - _LEAST_DET_F, soon - _SOON) < 0.0 or self._is_through
 
     def reset(self) -> None:
         """To rest, at time 0, the tool at its start."""
@@ -129,6 +140,9 @@ class Pane:
         self.body.set_state(np.zeros_like(self._rest), velocity)
         self.trouble = ""
         self.smallest_det_f = 1.0
+        self._is_through = self._touches = False
+        self._fall = 0.0
+        self._ticks = 0
         self._impulse, self._since = np.zeros(3), 0.0
         self._force = np.zeros(3)
         self.seconds = self.cpu_seconds = 0.0
@@ -156,18 +170,25 @@ class Pane:
                 end = (self.body.steps + num_steps) * self.body.time_step
                 self.body.springs.send(len(self.body.springs) - 1, anchor, now, end)
             self.body.step(num_steps)
-            self._note(num_steps)
+            self._note(place, num_steps)
         except (FastsimError, ToolError) as error:
             self.trouble = str(error)
         self.seconds = time.perf_counter() - begin
         self.cpu_seconds = time.thread_time() - cpu
 
-    def _note(self, num_steps: int) -> None:
+    def _note(self, place: Floats, num_steps: int) -> None:
         record = self.body.take_tool_records()[0]
+        self._touches = bool(np.any(record["impulse"]))
         self._impulse += record["impulse"]
         self._since += num_steps * self.body.time_step
         if self.strain is Strain.GREEN:
+            before = self.smallest_det_f
             self.smallest_det_f = self.body.elastic.smallest_det_f(self.body.displacement)[0]
+            self._fall = before - self.smallest_det_f
+        self._ticks += 1
+        if self._ticks % _LOOK == 0:
+            depth = self._between.depth(place, self.body.displacement) if self._touches else 0.0
+            self._is_through = self._between.is_through(depth)
 
     def pull(self) -> Floats:
         """Of the body on the hand that holds it by a spring, now [N], shape (3,)."""

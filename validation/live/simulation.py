@@ -17,12 +17,13 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
+from palpate.validation.live.between_vertices import warn_between_vertices
 from palpate.validation.live.frames import Look, Pace
 from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
-from palpate.validation.live.hand import Hand
-from palpate.validation.live.judging import Judging, warn_between_vertices, write_pose
+from palpate.validation.live.hand import RETREAT, Hand
+from palpate.validation.live.judging import Judging, write_pose
 from palpate.validation.live.live_case import LiveCase, Touch, live_case
-from palpate.validation.live.pane import LEAST_DET_F, Pane, Surface, make_panes
+from palpate.validation.live.pane import Pane, Surface, make_panes
 from palpate.validation.live.recording import free_name, write_recording
 from palpate.validation.live.settling import Settling
 
@@ -33,8 +34,8 @@ MOST_RATE = 2.8e6
 _PATCH = 0.15
 # The tool crosses the body in a second at least, however fast the pointer.
 _SIDES_PER_SECOND = 1.0
-# Of the speed that vertices can follow.
-_SPEED_SAFETY = 0.8
+# Of the speed that vertices can follow, also where the tool goes back.
+_SPEED_SAFETY = 0.8 / RETREAT
 # Behind by more than this, the bodies' time does not catch up [s].
 _LOST = 0.1
 _LONGEST_RECORDING = 30.0
@@ -197,7 +198,7 @@ class Simulation(threading.Thread):
 
     def _tick(self) -> None:
         clock = self.live.clock
-        is_too_much = min(pane.smallest_det_f for pane in self.panes) < LEAST_DET_F
+        is_too_much = any(pane.takes_no_more for pane in self.panes)
         place = self.hand.next_place(is_too_much=is_too_much)
         metres = self._metres(place)
         begin = time.perf_counter()

@@ -39,9 +39,10 @@ def test_the_tool_goes_no_faster_than_it_may_and_arrives() -> None:
 def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
     one = hand()
     one.send(np.array([0.0, 0.0, 0.0]))
-    way = [one.next_place(is_too_much=False).copy() for _ in range(6)]
-    back = [one.next_place(is_too_much=True).copy() for _ in range(3)]
-    np.testing.assert_array_equal(back, way[4:1:-1])
+    way = [one.next_place(is_too_much=False).copy() for _ in range(9)]
+    back = [one.next_place(is_too_much=True).copy() for _ in range(2)]
+    # Five times as fast as it came, and not beyond where it began.
+    np.testing.assert_array_equal(back, [way[3], [0.0, 0.0, 10.0]])
     assert one.is_held_back
     one.next_place(is_too_much=False)
     assert not one.is_held_back

@@ -13,7 +13,8 @@ import pytest
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.live import verdict
-from palpate.validation.live.judging import LIMITS, Judging, depth_between_vertices
+from palpate.validation.live.between_vertices import BetweenVertices
+from palpate.validation.live.judging import LIMITS, Judging
 from palpate.validation.live.live_case import Touch, live_case
 
 # Answers on the same mesh, then does what stands in LATER.
@@ -83,7 +84,8 @@ def test_a_tool_between_the_vertices_is_measured() -> None:
     still = np.zeros_like(live.problem.mesh.points)
     radius = live.data["tool"][0]["radius"] * 1e-3
     outside = np.array([0.041 + radius, 0.0125, 0.01])
-    assert depth_between_vertices(live.problem, outside, still) == 0.0
+    between = BetweenVertices(live.problem)
+    assert between.depth(outside, still) == 0.0
     inside = outside - [0.003, 0.0, 0.0]
-    found = depth_between_vertices(live.problem, inside, still)
+    found = between.depth(inside, still)
     assert 0.0 < found <= 0.002 + 1e-12

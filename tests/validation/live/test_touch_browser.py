@@ -78,22 +78,22 @@ def dragged(browser: Any, right: int, down: int) -> None:
     hand.move_by_offset(right, down).release().perform()
 
 
-def dragged_from_a_view(browser: Any, right: int) -> None:
-    """From the middle of the first view, whose words lie below it."""
+# Middle of the first view's body, in pixels from the canvas's middle.
+MIDDLE = """
+const s = window.palpate.stage, { w, h, pixels, dense, centre } = s.layout, sum = [0, 0, 0];
+s.points.forEach((x, k) => { sum[k % 3] += x / s.count; });
+const [right, up] = s.axes().map((axis) => axis[0] * sum[0] + axis[1] * sum[1] + axis[2] * sum[2]);
+return [(w / 2 + (right - centre[0]) * pixels) / dense - s.canvas.clientWidth / 2,
+  (h / 2 - (up - centre[1]) * pixels) / dense - s.canvas.clientHeight / 2];
+"""
+
+
+def dragged_from_a_body(browser: Any, right: int) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
 
     canvas = browser.find_element("css selector", ".stage canvas")
-    first, places = (
-        browser.execute_script(f"return {script}")
-        for script in (
-            "(({ w, h, dense }) => [w / dense, h / dense])(window.palpate.stage.layout)",
-            "[arguments[0].clientWidth, arguments[0].clientHeight]".replace(
-                "arguments[0]", "window.palpate.stage.canvas"
-            ),
-        )
-    )
-    x, y = first[0] / 2 - places[0] / 2 - 20, (first[1] - 46) / 2 - places[1] / 2
-    hand = ActionChains(browser, duration=50).move_to_element_with_offset(canvas, x, y)
+    hand = ActionChains(browser, duration=50)
+    hand.move_to_element_with_offset(canvas, *map(int, browser.execute_script(MIDDLE)))
     hand.click_and_hold().move_by_offset(right, 0).release().perform()
 
 
@@ -116,11 +116,103 @@ def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -
     # Taken hold of in the middle and drawn to the right, the bodies pull back to the left.
     browser.execute_script("document.getElementById('keep').checked = true")
     browser.find_element("id", "mode-drag").click()
-    dragged_from_a_view(browser, 40)
+    dragged_from_a_body(browser, 40)
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] < -0.001)")
     browser.find_element("id", "keep").click()
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) === 0)")
     assert serious(browser) == []
+
+
+@pytest.mark.usefixtures("page")
+def test_fingers_push_as_a_mouse_does(browser: Any) -> None:
+    point = browser.execute_script(
+        "const b = document.querySelector('.stage canvas').getBoundingClientRect();"
+        "return [b.x + b.width / 2, b.y + b.height / 2]"
+    )
+    touch = lambda kind, *at: browser.execute_cdp_cmd(  # noqa: E731
+        "Input.dispatchTouchEvent",
+        {"type": kind, "touchPoints": [{"x": x, "y": point[1]} for x in at]},
+    )
+    touch("touchStart", point[0])
+    for part in range(1, 7):
+        touch("touchMove", point[0] - 20 * part)
+    touch("touchEnd")
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
+    assert serious(browser) == []
+
+
+@pytest.mark.usefixtures("page")
+def test_all_that_is_promised_is_shown(browser: Any) -> None:
+    dragged(browser, -120, 0)
+    wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
+    wait(browser, "document.getElementById('latency').textContent.endsWith('ms')")
+    wait(browser, "Number(document.querySelector('#numbers td:nth-child(2)').textContent) > 0.01")
+    rows = browser.execute_script(
+        "return [...document.querySelectorAll('#numbers tbody tr, #pace dt')]"
+        ".map((n) => [n.firstElementChild ? n.firstElementChild.textContent : n.textContent,"
+        "n.nextElementSibling?.matches('dd') ? n.nextElementSibling.textContent : n.textContent])"
+    )
+    told = dict(rows)
+    assert list(told) == [
+        "force [N]", "volume change [%]", "energy [mJ]", "smallest det F", "real-time factor",
+        "time of the bodies", "time step", "frames per second", "latency, hand to picture",
+        "of it the server's",
+    ]  # fmt: skip
+    assert all(any(letter.isdigit() for letter in rest) for rest in told.values())
+    inked = browser.execute_script(
+        "const c = document.getElementById('chart');"
+        "return new Set(c.getContext('2d').getImageData(0, 0, c.width, c.height).data).size"
+    )
+    assert inked > 10
+    for name, said in (
+        ("strain", "equivalent strain"),
+        ("stress", "von Mises stress"),
+        ("displacement", "displacement"),
+    ):
+        browser.execute_script(
+            "const s = document.getElementById('colour'); s.value = arguments[0];"
+            "s.dispatchEvent(new Event('change'))",
+            name,
+        )
+        wait(browser, f"document.getElementById('quantity').textContent === 'colour: {said}'")
+
+
+def findings(browser: Any) -> list[str]:
+    """What axe finds grave, with the element."""
+    from axe_selenium_python import Axe
+
+    axe = Axe(browser)
+    axe.inject()
+    return [
+        f"{found['id']}: {node['html'][:150]}"
+        for found in axe.run()["violations"]
+        if found["impact"] in ("serious", "critical")
+        for node in found["nodes"]
+    ]
+
+
+@pytest.mark.usefixtures("page")
+def test_the_page_has_no_grave_fault_and_fits_the_screen(browser: Any) -> None:
+    """By day and by night, on a phone and a desk."""
+    try:
+        for scheme, paper in (("dark", "rgb(20, 24, 29)"), ("light", "rgb(255, 255, 255)")):
+            features = [{"name": "prefers-color-scheme", "value": scheme}]
+            browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+            wait(browser, f"getComputedStyle(document.body).backgroundColor === '{paper}'")
+            for width in (390, 1400):
+                size = {"width": width, "height": 844, "deviceScaleFactor": 1}
+                browser.execute_cdp_cmd(
+                    "Emulation.setDeviceMetricsOverride", {**size, "mobile": width < 600}
+                )
+                wait(browser, f"innerWidth === {width}")
+                assert findings(browser) == [], (scheme, width)
+                wide = browser.execute_script("return document.documentElement.scrollWidth")
+                assert wide <= width
+        browser.execute_script("document.getElementById('about').style.color = '#ccc'")
+        assert [line.partition(":")[0] for line in findings(browser)] == ["color-contrast"]
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_pause_record_reset_and_a_second_window(

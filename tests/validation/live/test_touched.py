@@ -15,7 +15,9 @@ from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
 from palpate.validation.live.client import Client, connected
+from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import Touch, live_case, problem_of
+from palpate.validation.live.pane import Pane, Surface
 from palpate.validation.live.server import PageServer
 from palpate.validation.live.simulation import Simulation
 from palpate.validation.solving import solve
@@ -91,6 +93,26 @@ def test_the_pull_of_a_hand_that_drags_is_that_of_statics(serving: Serving) -> N
             0.0,
             0.0,
         ]
+
+
+@pytest.mark.parametrize("radius", [8.9, 13.0], ids=["slips", "crushes"])
+def test_a_tool_that_is_driven_through_the_body_is_held_back(radius: float) -> None:
+    """A ball towards the clamp: a small one parts the vertices, a large one inverts cells."""
+    ball = {"shape": "sphere", "radius": radius}
+    live = live_case(load_case("block"), Touch(ball, mass_damping=100.0), (Element.LINEAR,))
+    pane = Pane(live.problem, Surface(live.problem), Strain.GREEN, Element.LINEAR)
+    hand = Hand(live.start, live.outwards, 40.0 * live.clock.tick, digits=6)
+    hand.send(live.start - 30.0 * live.outwards)
+    held = 0
+    for _ in range(150):
+        place = hand.next_place(is_too_much=pane.takes_no_more)
+        held += hand.is_held_back
+        pane.advance(place * 1e-3, None, live.clock.steps)
+        assert not pane.trouble
+    assert held
+    assert pane.smallest_det_f > 0.2
+    assert hand.place[0] > 40.0
+    assert pane.mean_force()[0] > 0.0
 
 
 def test_pause_stops_the_bodies_and_reset_brings_them_back(serving: Serving) -> None:

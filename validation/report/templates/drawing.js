@@ -20,7 +20,7 @@ out vec4 colour;
 void main() {
   if (mode == 2) { colour = plain; return; }
   vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
-  float light = 0.35 + 0.65 * abs(dot(normal, normalize(vec3(0.25, 0.35, 1.0))));
+  float light = 0.55 + 0.45 * abs(dot(normal, normalize(vec3(0.25, 0.35, 1.0))));
   vec3 base = plain.rgb;
   if (mode == 1) base = texture(colours, vec2(clamp(shade, 0.0, 1.0), 0.5)).rgb;
   else if (shade < -0.5) base = vec3(0.71, 0.2, 0.18);
@@ -222,10 +222,10 @@ class Stage {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     // As many columns as make the body largest; each view's words lie in its lower part.
-    const count = this.shown.length, words = 56 * dense;
+    const count = this.shown.length, words = 56 * dense, head = (this.headroom ?? 0) * dense;
     const fits = [...new Set([count, Math.ceil(count / 2), Math.ceil(count / 3), 1])].filter((columns) => columns === 1 || wide >= 150 * dense * columns).map((columns) => {
       const w = wide / columns, h = high / Math.ceil(count / columns);
-      return { columns, w, h, size: Math.min(w / this.half[0], (h - words) / this.half[1]) };
+      return { columns, w, h, size: Math.min(w / this.half[0], (h - words - head) / this.half[1]) };
     });
     const { columns, w, h } = fits.reduce((best, fit) => (fit.size > best.size ? fit : best));
     const rows = Math.ceil(count / columns);
@@ -233,10 +233,10 @@ class Stage {
       Object.assign(view.style, { left: `${100 * (k % columns) / columns}%`, width: `${100 / columns}%`,
         bottom: `${100 * (rows - 1 - Math.floor(k / columns)) / rows}%` });
     });
-    const pixels = 0.46 * this.scale * Math.min(w / this.half[0], (h - words) / this.half[1]);
+    const pixels = 0.46 * this.scale * Math.min(w / this.half[0], (h - words - head) / this.half[1]);
     gl.uniformMatrix3fv(this.uniform.turn, false, this.turn());
     gl.uniform2f(this.uniform.zoom, 2 * pixels / w, 2 * pixels / h);
-    const centre = [this.middle[0] + this.offset[0], this.middle[1] + this.offset[1] - 0.5 * words / pixels];
+    const centre = [this.middle[0] + this.offset[0], this.middle[1] + this.offset[1] - 0.5 * (words - head) / pixels];
     gl.uniform2f(this.uniform.centre, ...centre);
     gl.uniform1f(this.uniform.depth, 0.2 / this.radius);
     // Where things are on the screen, for whoever points at them.

@@ -1,12 +1,17 @@
 // The live page: bodies streamed by the server, and one hand for all of them. After drawing.js.
 
-const HAND_COLOURS = ["#3b6ba0", "#b5332e", "#2f8f4e"];
-const STEEL = [0.45, 0.5, 0.56, 1];
 const RED = [0.8, 0.25, 0.2, 1];
 const UNITS = { displacement: "mm", strain: "", stress: "kPa" };
 const FACTORS = { displacement: 1e3, strain: 1, stress: 1e-3 };
+const QUANTITIES = { displacement: "displacement", strain: "equivalent strain", stress: "von Mises stress" };
+const HINTS = { push: "Drag in the picture: the tool follows. Wheel, W and S: away from you and towards you.",
+  drag: "Take hold of the surface in the picture and pull it by a spring.",
+  turn: "Drag turns the view, with Shift moves it; the wheel zooms." };
 
 const $ = (id) => document.getElementById(id);
+// A colour of the page's style, as text or as parts of 1.
+const styled = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const parts = (colour) => [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16) / 255);
 const add = (a, b, s = 1) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 
 class Touch extends Stage {
@@ -21,6 +26,7 @@ class Touch extends Stage {
     this.colours = scene.colours;
     this.yaw += 0.3;
     this.pitch = Math.min(this.pitch + 0.15, Math.PI / 2 - 0.5);
+    this.headroom = 24;
     this.mode = "push";
     this.number = 0;
     this.asked = new Map();
@@ -35,6 +41,11 @@ class Touch extends Stage {
     if (!this.views) {
       this.makeViews(told.panes.length);
       this.makeColours(this.colours);
+      for (const view of this.views) {
+        const force = document.createElement("div");
+        force.className = "force";
+        view.querySelector(".name").after(force);
+      }
     }
     this.shown = told.panes.map((name) => ({ name, mode: 1, motion: this.still, shade: new Float32Array(this.count) }));
     this.views.forEach((view, k) => { view.querySelector(".name").textContent = told.panes[k]; });
@@ -99,7 +110,7 @@ class Touch extends Stage {
   // The tool, and where the anchor of a grip is, in every view.
   drawBeside() {
     if (!this.toolAt) return;
-    this.drawSolid(this.tool, this.tool.points.map((x, k) => x + this.toolAt[k % 3]), STEEL);
+    this.drawSolid(this.tool, this.tool.points.map((x, k) => x + this.toolAt[k % 3]), [...this.steel, 1]);
     const held = this.head.grip && this.grip ? 3 * this.grip.point : -1;
     if (held >= 0) this.drawSolid(this.anchor, this.anchor.points.map((x, k) => x + this.points[held + k % 3] + this.head.grip[k % 3]), RED);
     this.fill("rest", this.points);
@@ -192,6 +203,7 @@ class Touch extends Stage {
     this.mode = mode;
     this.canvas.classList.toggle("turning", mode === "turn");
     for (const name of ["push", "drag", "turn"]) $(`mode-${name}`).setAttribute("aria-pressed", String(name === mode));
+    $("hint").textContent = HINTS[mode];
   }
 
   listen() {
@@ -248,13 +260,27 @@ class Chart {
     const c = this.canvas, dense = window.devicePixelRatio || 1, g = c.getContext("2d");
     c.width = c.clientWidth * dense; c.height = c.clientHeight * dense;
     if (!this.rows.length) return;
-    const end = Math.max(10, this.rows[this.rows.length - 1].time), most = Math.max(1e-3, ...this.rows.flatMap((r) => r.forces)) * 1.1;
+    const last = this.rows[this.rows.length - 1].time, most = Math.max(1e-3, ...this.rows.flatMap((r) => r.forces));
+    const left = 4 * dense, foot = 18 * dense, top = 18 * dense, high = c.height - foot - top;
+    const x = (t) => c.width - left - (last - t) / 10 * (c.width - 2 * left), y = (f) => top + high * (1 - f / most);
     g.font = `${11 * dense}px system-ui, sans-serif`;
-    g.fillStyle = "#5c6670";
-    g.fillText(`${digits(most / 1.1)} N`, 4 * dense, 12 * dense);
-    const x = (t) => (t - end + 10) / 10 * c.width, y = (f) => c.height * (1 - f / most) - 1;
+    g.lineWidth = dense;
+    g.strokeStyle = styled("line");
+    g.fillStyle = styled("soft");
+    for (const part of [0, 0.5, 1]) {
+      g.beginPath();
+      g.moveTo(left, y(part * most));
+      g.lineTo(c.width - left, y(part * most));
+      g.stroke();
+      if (part) g.fillText(digits(part * most), left, y(part * most) - 3 * dense);
+    }
+    for (const [ago, align] of [[10, "left"], [5, "center"], [0, "right"]]) {
+      g.textAlign = align;
+      g.fillText(ago ? `${ago} s ago` : "now", x(last - ago), c.height - 5 * dense);
+    }
+    g.textAlign = "left";
     this.rows[0].forces.forEach((_, k) => {
-      g.strokeStyle = HAND_COLOURS[k % HAND_COLOURS.length];
+      g.strokeStyle = styled(`hand-${k % 4}`);
       g.lineWidth = 1.5 * dense;
       g.beginPath();
       this.rows.forEach((r, i) => (i ? g.lineTo(x(r.time), y(r.forces[k])) : g.moveTo(x(r.time), y(r.forces[k]))));
@@ -274,7 +300,10 @@ class Page {
     this.frames = [];
     this.connect();
     this.listen();
-    document.querySelectorAll("#numbers thead th").forEach((cell, k) => { if (k) cell.style.color = HAND_COLOURS[(k - 1) % 3]; });
+    this.stage.setMode("push");
+    const scheme = matchMedia("(prefers-color-scheme: dark)"), paper = () => { Object.assign(this.stage, { ground: parts(styled("stage")), steel: parts(styled("steel")) }); this.stage.draw(); this.chart.paint(); };
+    scheme.addEventListener("change", paper);
+    paper();
   }
 
   connect() {
@@ -296,8 +325,9 @@ class Page {
       if (!$("patch").value) $("patch").value = note.patch.toPrecision(2);
       this.stage.begin(note);
       this.status("");
-      $("about").textContent = `${note.cells} cells, step ${digits(1e3 * note.time_step)} ms, damping ${digits(note.damping)} /s.`;
-      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to a third of its volume the tool is held back. ${note.notes.join(" ")}`;
+      $("about").textContent = `${note.cells} cells, mass damping ${digits(note.damping)} /s.`;
+      $("step").textContent = `${digits(1e3 * note.time_step)} ms`;
+      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to 0.6 of its volume, or the tool parts the surface's vertices, it is held back. ${note.notes.join(" ")}`;
       if ($("loads")) $("loads").checked = note.has_loads;
     } else if (note.kind === "judged") {
       // An answer that was not found takes nothing from the one before it.
@@ -338,14 +368,14 @@ class Page {
     }
     const sizes = head.panes.map((pane) => Math.hypot(...pane.force));
     this.chart.add(head.time, sizes);
-    if (head.frame % 6 === 0) this.numbers(head, sizes);
+    if (!(now - this.toldAt < 100)) { this.toldAt = now; this.numbers(head, sizes); }
     const troubled = head.panes.some((pane) => pane.trouble);
     $("warning").hidden = !head.held_back && !head.paused;
     $("warning").textContent = head.paused ? "paused" : "the tissue takes no more here: the tool is held back";
     if (!stage.errors) stage.views.forEach((view, k) => {
       view.querySelector(".name").textContent = `${stage.shown[k].name}${head.panes[k].trouble ? ": stopped; reset to go on" : ""}`;
       view.querySelector(".name").classList.toggle("trouble", Boolean(head.panes[k].trouble));
-      view.querySelector(".most").textContent = `${digits(head.most * FACTORS[head.colour])} ${UNITS[head.colour]}`;
+      view.querySelector(".most").textContent = `${digits(head.most * FACTORS[head.colour])} ${UNITS[head.colour]}`.trim();
     });
     $("pause").setAttribute("aria-pressed", String(head.paused));
     $("record").setAttribute("aria-pressed", String(head.recording));
@@ -356,15 +386,21 @@ class Page {
   numbers(head, sizes) {
     const rows = $("numbers").tBodies[0].rows;
     head.panes.forEach((pane, k) => {
-      rows[0].cells[k + 1].textContent = `${sizes[k].toFixed(3)} N`;
-      rows[1].cells[k + 1].textContent = `${(100 * pane.volume).toFixed(2)} %`;
-      rows[2].cells[k + 1].textContent = `${(1e3 * pane.energy).toFixed(3)} mJ`;
-      rows[3].cells[k + 1].textContent = stageIsLinear(this.stage.shown[k].name) ? "–" : `${(100 * pane.det_f).toFixed(0)} %`;
+      rows[0].cells[k + 1].textContent = sizes[k].toFixed(3);
+      rows[1].cells[k + 1].textContent = (100 * pane.volume).toFixed(2);
+      rows[2].cells[k + 1].textContent = (1e3 * pane.energy).toFixed(3);
+      rows[3].cells[k + 1].textContent = stageIsLinear(this.stage.shown[k].name) ? "–" : pane.det_f.toFixed(2);
+      this.stage.views[k].querySelector(".force").textContent = `${sizes[k].toFixed(3)} N`;
     });
     this.chart.paint();
-    $("pace").classList.toggle("slow", head.pace < 0.9);
-    $("pace").textContent = `${head.pace < 0.9 && !head.paused ? "Slower than real time here. " : ""}time ${head.time.toFixed(2)} s; ${head.factor.toFixed(2)} times real time possible, ${head.pace.toFixed(2)} held; `
-      + `${this.frames.length} frames/s; hand to picture ${this.latency === undefined ? "–" : `${this.latency.toFixed(0)} ms (server ${(1e3 * this.serverLatency).toFixed(0)} ms)`}`;
+    $("quantity").textContent = this.stage.errors ? "colour: error of displacement" : `colour: ${QUANTITIES[head.colour]}`;
+    const slow = head.pace < 0.9 && !head.paused;
+    $("pace").classList.toggle("slow", slow);
+    $("factor").textContent = `${head.factor.toFixed(2)}${slow ? `; slower than real time: ${head.pace.toFixed(2)}` : ""}`;
+    $("time").textContent = `${head.time.toFixed(2)} s`;
+    $("frames").textContent = `${this.frames.length}`;
+    $("latency").textContent = this.latency === undefined ? "–" : `${this.latency.toFixed(0)} ms`;
+    $("server").textContent = this.latency === undefined ? "–" : `${(1e3 * this.serverLatency).toFixed(0)} ms`;
   }
 
   listen() {
