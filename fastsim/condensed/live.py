@@ -193,6 +193,11 @@ class CondensedBody:
         self.step()
 
     @property
+    def contact_forces(self) -> Points:
+        """Of the tools on the model's touched points in the last step [N], (num_touched, 3)."""
+        return self._steps.contact_forces
+
+    @property
     def displacement(self) -> Points:
         """Of `points` now [m], shape (num_seen, 3): read-only, always the same array."""
         return self._moved

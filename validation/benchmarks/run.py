@@ -77,8 +77,9 @@ class Benchmark:
 
 # Names on the command line, and of modules with a `BENCHMARK`.
 NAMES = ("steps", "static", "truth", "delaunay", "mesh", "collision")
-# The live page's server under a client: ours alone.
-TOUCH = "touch"
+# Ours alone, modules with `rows`, `summary` and `TABLE`: the live page's server under a client, and
+# the condensed model under a ball.
+ALONE = ("touch", "condensed")
 
 
 def run_benchmark(
@@ -91,7 +92,7 @@ def run_benchmark(
     """Time a benchmark.
 
     Args:
-        name: Of `NAMES`.
+        name: Of `NAMES` or `ALONE`.
         sizes: Problem sizes, of those the benchmark has; None times them all.
         device: On which ours is timed as well; "cpu" is the compiled core, which always is.
         progress: Called with one line per row.
@@ -104,10 +105,10 @@ def run_benchmark(
     Raises:
         InputError: No such benchmark, or it does not have such a size or runs on no device.
     """
-    if name == TOUCH:
-        return _touched(sizes, device, progress or in_silence)
+    if name in ALONE:
+        return _alone(name, sizes, device, progress or in_silence)
     if name not in NAMES:
-        raise InputError(f"no benchmark {name!r}; there are {', '.join((*NAMES, TOUCH))}")
+        raise InputError(f"no benchmark {name!r}; there are {', '.join((*NAMES, *ALONE))}")
     module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
     benchmark: Benchmark = module.BENCHMARK
     device = check_device(device)
@@ -131,18 +132,20 @@ def run_benchmark(
     }
 
 
-def _touched(sizes: Sequence[int] | None, device: str, progress: Progress) -> dict[str, Any]:
-    from palpate.validation.benchmarks import touch
-
+def _alone(
+    name: str, sizes: Sequence[int] | None, device: str, progress: Progress
+) -> dict[str, Any]:
+    module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
     if check_device(device) != CORE:
-        raise InputError("benchmark touch runs on no device; --device goes with steps")
+        raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
+    rows = module.rows(sizes, progress)
     return {
-        "bench": TOUCH,
+        "bench": name,
         "machine": describe_machine(),
-        "rows": touch.rows(sizes, progress),
+        "rows": rows,
         "left_out": {},
-        "summary": [],
-        "table": list(touch.TABLE),
+        "summary": module.summary(rows),
+        "table": list(module.TABLE),
     }
 
 

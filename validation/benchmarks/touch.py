@@ -75,6 +75,11 @@ def rows(sizes: Sequence[int] | None, progress: Progress) -> list[Row]:
     return found
 
 
+def summary(_rows: Sequence[Row]) -> list[str]:
+    """Nothing beside the table."""
+    return []
+
+
 def measured(mesh: TetMesh, folder: Path, progress: Progress, seconds: float = SECONDS) -> Row:
     """Serve a body of tissue [m] to a client that moves a hand, and read the clocks.
 

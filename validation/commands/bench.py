@@ -15,7 +15,8 @@ _TOLD_ONCE = ("version", "rate_unit")
 
 def bench(
     name: Annotated[
-        str, typer.Argument(help="steps, static, truth, delaunay, mesh, collision or touch")
+        str,
+        typer.Argument(help="steps, static, truth, delaunay, mesh, collision, touch or condensed"),
     ],
     json: Annotated[Path | None, typer.Option(help="file for the rows")] = None,
     size: Annotated[list[int] | None, typer.Option(help="only this size; repeatable")] = None,

@@ -47,7 +47,8 @@ CompliancePart Compliance::part(std::size_t i, std::size_t j) const {
     return found;
 }
 
-void Compliance::gather_column(std::size_t touched, std::span<double> numbers) const {
+template <typename Real>
+void Compliance::gather_column(std::size_t touched, std::span<Real> numbers) const {
     const std::size_t size = 3 * num_seen();
     std::visit(
         [&](const auto &all) {
@@ -55,18 +56,21 @@ void Compliance::gather_column(std::size_t touched, std::span<double> numbers) c
             for (std::size_t s = 0; s <= _num_only_seen + touched; ++s, row += 9)
                 for (std::size_t b = 0; b < 3; ++b)
                     for (std::size_t a = 0; a < 3; ++a)
-                        numbers[b * size + 3 * s + a] = static_cast<double>(row[3 * b + a]);
+                        numbers[b * size + 3 * s + a] = static_cast<Real>(row[3 * b + a]);
             for (std::size_t i = touched + 1; i < _num_touched; ++i) {
                 const auto *block =
                     all.data() + row_start(i, _num_only_seen) + 9 * (_num_only_seen + touched);
                 for (std::size_t b = 0; b < 3; ++b)
                     for (std::size_t a = 0; a < 3; ++a)
                         numbers[b * size + 3 * (_num_only_seen + i) + a] =
-                            static_cast<double>(block[3 * a + b]);
+                            static_cast<Real>(block[3 * a + b]);
             }
         },
         _numbers);
 }
+
+template void Compliance::gather_column(std::size_t, std::span<float>) const;
+template void Compliance::gather_column(std::size_t, std::span<double>) const;
 
 void Compliance::add_response(std::span<const Point> forces, std::span<const std::int32_t> at,
                               std::span<Point> seen) const {

@@ -28,6 +28,8 @@ class Compliance {
     static std::size_t num_blocks(std::size_t num_only_seen, std::size_t num_touched) {
         return num_touched * num_only_seen + num_touched * (num_touched + 1) / 2;
     }
+    /// Whether the numbers are kept in single precision.
+    [[nodiscard]] bool is_single() const { return _numbers.index() == 0; }
     [[nodiscard]] std::size_t num_only_seen() const { return _num_only_seen; }
     [[nodiscard]] std::size_t num_touched() const { return _num_touched; }
     [[nodiscard]] std::size_t num_seen() const { return _num_only_seen + _num_touched; }
@@ -36,7 +38,7 @@ class Compliance {
     [[nodiscard]] CompliancePart part(std::size_t i, std::size_t j) const;
     /// Displacements of the seen points under a force of 1 along x at a touched one, then along y
     /// and z: 3 * 3 * num_seen() numbers.
-    void gather_column(std::size_t touched, std::span<double> numbers) const;
+    template <typename Real> void gather_column(std::size_t touched, std::span<Real> numbers) const;
     /// Adds the displacement of every seen point under forces at some touched ones.
     void add_response(std::span<const Point> forces, std::span<const std::int32_t> at,
                       std::span<Point> seen) const;

@@ -60,6 +60,13 @@ std::vector<Pose> between(std::span<const Pose> from, std::span<const Pose> to, 
     return poses;
 }
 
+std::variant<ResponseColumns<float>, ResponseColumns<double>>
+columns_of(const Compliance &compliance) {
+    if (compliance.is_single())
+        return ResponseColumns<float>(compliance);
+    return ResponseColumns<double>(compliance);
+}
+
 double largest(const Point &v) {
     return std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
 }
@@ -68,7 +75,7 @@ double largest(const Point &v) {
 
 CondensedContact::CondensedContact(Compliance compliance, std::vector<Point> places,
                                    std::vector<CondensedTool> tools, bool is_penalty, double reach)
-    : _compliance(compliance), _all_columns(compliance), _places(std::move(places)),
+    : _compliance(compliance), _all_columns(columns_of(compliance)), _places(std::move(places)),
       _tools(std::move(tools)), _is_penalty(is_penalty), _reach(reach),
       _response(compliance.num_seen()), _forces(compliance.num_touched()), _loads(_tools.size()),
       _local(compliance.num_touched(), -1) {
@@ -365,7 +372,7 @@ void CondensedContact::take_over(std::span<const Pose> poses, std::span<const Po
         const auto touched = static_cast<std::size_t>(_points[entry.local]);
         _forces[touched] = along(_forces[touched], entry.gap.normal, entry.push);
     }
-    _all_columns.respond(_forces, _points, _response);
+    std::visit([&](auto &columns) { columns.respond(_forces, _points, _response); }, _all_columns);
     for (const Entry &entry : _entries) {
         const Point place = place_of(static_cast<std::size_t>(_points[entry.local]), base);
         const Point force = along({}, entry.gap.normal, -entry.push);

@@ -17,6 +17,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <variant>
 #include <vector>
 
 namespace fastsim {
@@ -83,7 +84,7 @@ class CondensedContact {
     void take_over(std::span<const Pose> poses, std::span<const Point> base);
 
     Compliance _compliance;
-    ResponseColumns _all_columns;
+    std::variant<ResponseColumns<float>, ResponseColumns<double>> _all_columns;
     std::vector<Point> _places;
     std::vector<CondensedTool> _tools;
     std::vector<Box> _boxes; // of the tools, in their own frames

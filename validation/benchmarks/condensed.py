@@ -1,0 +1,207 @@
+"""`palpate bench condensed`: the condensed linear model under a ball, tick by tick.
+
+A kidney held on its back; a ball is pressed 5 mm into it and drawn in a circle, 0.03 mm a tick.
+Rows have, over the ticks of the circle: seconds (processor time of a tick, median) with rate, its
+reciprocal; contacts (median); tick_99_ms; share_above the limit of LIMIT_MS. Besides: late_of_1khz,
+the share of ticks not done in their millisecond by the clock, which feels what else the machine
+does; build_seconds; said_mb, the memory told beforehand, found_mb, by how much the process grew
+while the model was made, and kept_mb; full_seconds, of a linear solve on the whole mesh under the
+last tick's forces, and times_full; difference of the two answers, over the largest displacement.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.fastsim.condensed import CondensedBody, condense, condensed_size
+from palpate.fastsim.mesher import mesh_surface
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import PointForce, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
+from palpate.validation.states import Progress
+from palpate.validation.versions import version_of
+
+Row = dict[str, Any]
+# Points that may be touched, about -> length of edges [m].
+SIZES = {1_000: 5.15e-3, 2_000: 3.64e-3, 3_000: 2.98e-3}
+TABLE = (
+    "contacts", "tick_99_ms", "share_above", "late_of_1khz", "build_seconds", "said_mb",
+    "found_mb", "times_full", "difference",
+)  # fmt: skip
+# A tick of a haptic device is 1 ms; this is what contact may take of it.
+LIMIT_MS = 0.3
+# Ticks of one circle; as many as a quarter of it press the ball in.
+TICKS = 1_600
+# By the clock, one a millisecond.
+CLOCKED = 3_000
+_RADIUS, _DEPTH, _CIRCLE = 12e-3, 5e-3, 8e-3  # [m]
+
+
+def rows(sizes: Sequence[int] | None, progress: Progress) -> list[Row]:
+    """A row for each size.
+
+    Raises:
+        InputError: No such size.
+    """
+    if unknown := [size for size in sizes or () if size not in SIZES]:
+        known = ", ".join(map(str, SIZES))
+        raise InputError(f"benchmark condensed has no size {unknown[0]}; it has {known}")
+    return [
+        measured(kidney(SIZES[size]), progress, num_ticks=TICKS, clocked=CLOCKED)
+        for size in sizes or SIZES
+    ]
+
+
+def summary(found: Sequence[Row]) -> list[str]:
+    """What the limit is, and what a tick takes beside the full solve."""
+    return [
+        f"{row['size']} points: {1e3 * row['seconds']:.3f} ms a tick (median), "
+        f"{row['tick_99_ms']:.3f} ms at 99 %, {row['share_above']:.2%} above {LIMIT_MS} ms, "
+        f"by processor time; {row['late_of_1khz']:.2%} late at 1 kHz by the clock; "
+        f"{row['times_full']:.0f} times quicker than a solve on the whole mesh"
+        for row in found
+    ]
+
+
+def kidney(edge_length: float) -> Problem:
+    """A kidney held on its back, a ball above its front.
+
+    Args:
+        edge_length: [m].
+    """
+    mesh = mesh_surface(shape_kidney(edge_length=edge_length))
+    surface = np.unique(mesh.boundary_facets)
+    held = surface[mesh.points[surface, 1] < -0.024].astype(np.int32)
+    middle = surface[np.hypot(*mesh.points[surface][:, ::2].T) < 1.5 * edge_length]
+    start = np.array([[0.0, mesh.points[middle, 1].max() + _RADIUS, 0.0]])
+    ball = RigidTool(SphereShape(_RADIUS), ToolPath(np.zeros(1), start))
+    return Problem(mesh, Material(1e4, 0.45, 1000.0), (Support(held),), (), tools=(ball,))
+
+
+def way(start: Points, num_ticks: int) -> Points:
+    """Where the ball is, tick by tick: a quarter of them down, all of them round [m]."""
+    down = _DEPTH * np.linspace(0.0, 1.0, num_ticks // 4)
+    turned = np.linspace(0.0, 2.0 * np.pi, num_ticks)
+    places = np.tile(start, (len(down) + num_ticks, 1))
+    places[: len(down), 1] -= down
+    places[len(down) :, 1] -= _DEPTH
+    places[len(down) :, 0] += _CIRCLE * np.sin(turned)
+    places[len(down) :, 2] += _CIRCLE * (1.0 - np.cos(turned))
+    return places
+
+
+def measured(
+    problem: Problem, progress: Progress, *, num_ticks: int, clocked: int
+) -> Row:
+    """Condense a body, and touch it.
+
+    Args:
+        problem: With one tool, on the surface.
+        progress: Told what is done.
+        num_ticks: Of one circle.
+        clocked: Ticks by the clock, one a millisecond.
+    """
+    size = condensed_size(problem)
+    before = _memory(peak=False)
+    begin = time.process_time()
+    model = condense(problem, progress=progress)
+    build = time.process_time() - begin
+    grown = (_memory(peak=True) - before) / 1e6 if before else None
+    body = CondensedBody(model)
+    (ball,) = body.tools
+    places = way(ball.position, num_ticks)
+    num_down = len(places) - num_ticks
+    progress(f"{len(places)} ticks of {size.num_touched} points")
+    spent, contacts = np.zeros(len(places)), np.zeros(len(places))
+    # The first time round fills caches and gathers columns, as a hand's first second does.
+    for _ in range(2):
+        for tick, place in enumerate(places):
+            begin = time.thread_time()
+            ball.move_to(place)
+            body.step()
+            force = ball.force
+            spent[tick] = time.thread_time() - begin
+            contacts[tick] = body.touching
+    circle = 1e3 * spent[num_down:]
+    progress(f"{clocked} ticks by the clock, one a millisecond")
+    late = _late(body, places, clocked)
+    progress("a linear solve on the whole mesh under the same forces")
+    forces = body.contact_forces
+    begin = time.process_time()
+    pushed = (PointForce(model.touched, forces),)
+    full = solve_static(
+        Problem(problem.mesh, problem.material, problem.supports, pushed),
+        strain=Strain.LINEAR,
+        relative_tolerance=1e-12,
+    ).displacement[body.points]
+    full_seconds = time.process_time() - begin
+    median = float(np.median(circle))
+    return {
+        "tool": "palpate",
+        "version": version_of("palpate"),
+        "size": size.num_touched,
+        "threads": 1,
+        "precision": "float64",
+        "seconds": 1e-3 * median,
+        "rate": 1e3 / median,
+        "rate_unit": "ticks per second",
+        "cells": problem.mesh.num_cells,
+        "contacts": float(np.median(contacts[num_down:])),
+        "most_contacts": int(contacts.max()),
+        "tick_99_ms": float(np.percentile(circle, 99.0)),
+        "worst_tick_ms": float(circle.max()),
+        "share_above": float(np.mean(circle > LIMIT_MS)),
+        "late_of_1khz": late,
+        "build_seconds": build,
+        "said_mb": size.peak_bytes / 1e6,
+        "found_mb": grown,
+        "kept_mb": model.num_bytes / 1e6,
+        "full_seconds": full_seconds,
+        "times_full": 1e3 * full_seconds / median,
+        "difference": float(np.abs(body.displacement - full).max() / np.abs(full).max()),
+        "force": float(np.linalg.norm(force)),
+    }
+
+
+def _late(body: CondensedBody, places: Points, count: int) -> float:
+    """The share of ticks that are not done when the next one begins, one a millisecond."""
+    (ball,) = body.tools
+    late = 0
+    begin = time.perf_counter()
+    for tick in range(count):
+        due = begin + 1e-3 * tick
+        while (left := due - time.perf_counter()) > 0.0:
+            # Sleep ends late by up to a tenth of a millisecond.
+            if left > 4e-4:
+                time.sleep(left - 3e-4)
+        # There and back, so that no tick jumps.
+        step = tick % (2 * len(places))
+        ball.move_to(places[-1 - min(step, 2 * len(places) - 1 - step)])
+        body.step()
+        late += time.perf_counter() > due + 1e-3
+    return late / count
+
+
+def _memory(*, peak: bool) -> int:
+    """Of this process [bytes], 0 where the system does not tell; else the peak since the last."""
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+        if not peak:
+            # Linux: forget the peak so far.
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    except OSError:
+        return 0
+    name = "VmHWM:" if peak else "VmRSS:"
+    for line in status.splitlines():
+        if line.startswith(name):
+            return 1024 * int(line.split()[1])
+    return 0
