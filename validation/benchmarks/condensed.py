@@ -11,6 +11,7 @@ last tick's forces, and times_full; difference of the two answers, over the larg
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from palpate.fastsim.condensed import CondensedBody, condense, condensed_size
+from palpate.fastsim.condensed import (
+    CompliancePrecision,
+    CondensedBody,
+    CondensedModel,
+    condense,
+    condensed_size,
+)
 from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
@@ -55,16 +62,17 @@ def rows(sizes: Sequence[int] | None, progress: Progress) -> list[Row]:
     if unknown := [size for size in sizes or () if size not in SIZES]:
         known = ", ".join(map(str, SIZES))
         raise InputError(f"benchmark condensed has no size {unknown[0]}; it has {known}")
-    return [
-        measured(kidney(SIZES[size]), progress, num_ticks=TICKS, clocked=CLOCKED)
-        for size in sizes or SIZES
-    ]
+    found: list[Row] = []
+    for size in sizes or SIZES:
+        problem = kidney(SIZES[size])
+        found += measured(problem, progress, num_ticks=TICKS, clocked=CLOCKED)
+    return found
 
 
 def summary(found: Sequence[Row]) -> list[str]:
     """What the limit is, and what a tick takes beside the full solve."""
     return [
-        f"{row['size']} points: {1e3 * row['seconds']:.3f} ms a tick (median), "
+        f"{row['size']} points, {row['precision']}: {1e3 * row['seconds']:.3f} ms a tick (median), "
         f"{row['tick_99_ms']:.3f} ms at 99 %, {row['share_above']:.2%} above {LIMIT_MS} ms, "
         f"by processor time; {row['late_of_1khz']:.2%} late at 1 kHz by the clock; "
         f"{row['times_full']:.0f} times quicker than a solve on the whole mesh"
@@ -99,10 +107,8 @@ def way(start: Points, num_ticks: int) -> Points:
     return places
 
 
-def measured(
-    problem: Problem, progress: Progress, *, num_ticks: int, clocked: int
-) -> Row:
-    """Condense a body, and touch it.
+def measured(problem: Problem, progress: Progress, *, num_ticks: int, clocked: int) -> list[Row]:
+    """Condense a body, and touch it: a row for each precision of the compliance.
 
     Args:
         problem: With one tool, on the surface.
@@ -116,11 +122,27 @@ def measured(
     model = condense(problem, progress=progress)
     build = time.process_time() - begin
     grown = (_memory(peak=True) - before) / 1e6 if before else None
+    about = {
+        "size": size.num_touched,
+        "cells": problem.mesh.num_cells,
+        "build_seconds": build,
+        "said_mb": size.peak_bytes / 1e6,
+        "found_mb": grown,
+    }
+    rounded = dataclasses.replace(
+        model,
+        precision=CompliancePrecision.SINGLE,
+        blocks=model.blocks.astype(CompliancePrecision.SINGLE.dtype),
+    )
+    return [{**about, **_touched(each, progress, num_ticks, clocked)} for each in (model, rounded)]
+
+
+def _touched(model: CondensedModel, progress: Progress, num_ticks: int, clocked: int) -> Row:
     body = CondensedBody(model)
     (ball,) = body.tools
     places = way(ball.position, num_ticks)
     num_down = len(places) - num_ticks
-    progress(f"{len(places)} ticks of {size.num_touched} points")
+    progress(f"{len(places)} ticks of {len(model.touched)} points, {model.precision} precision")
     spent, contacts = np.zeros(len(places)), np.zeros(len(places))
     # The first time round fills caches and gathers columns, as a hand's first second does.
     for _ in range(2):
@@ -135,41 +157,40 @@ def measured(
     progress(f"{clocked} ticks by the clock, one a millisecond")
     late = _late(body, places, clocked)
     progress("a linear solve on the whole mesh under the same forces")
-    forces = body.contact_forces
     begin = time.process_time()
-    pushed = (PointForce(model.touched, forces),)
-    full = solve_static(
-        Problem(problem.mesh, problem.material, problem.supports, pushed),
-        strain=Strain.LINEAR,
-        relative_tolerance=1e-12,
-    ).displacement[body.points]
+    full = _solved_in_full(model, body.contact_forces)[body.points]
     full_seconds = time.process_time() - begin
     median = float(np.median(circle))
     return {
         "tool": "palpate",
         "version": version_of("palpate"),
-        "size": size.num_touched,
         "threads": 1,
-        "precision": "float64",
+        "precision": str(model.precision.dtype),
         "seconds": 1e-3 * median,
         "rate": 1e3 / median,
         "rate_unit": "ticks per second",
-        "cells": problem.mesh.num_cells,
         "contacts": float(np.median(contacts[num_down:])),
         "most_contacts": int(contacts.max()),
         "tick_99_ms": float(np.percentile(circle, 99.0)),
         "worst_tick_ms": float(circle.max()),
         "share_above": float(np.mean(circle > LIMIT_MS)),
         "late_of_1khz": late,
-        "build_seconds": build,
-        "said_mb": size.peak_bytes / 1e6,
-        "found_mb": grown,
         "kept_mb": model.num_bytes / 1e6,
         "full_seconds": full_seconds,
         "times_full": 1e3 * full_seconds / median,
         "difference": float(np.abs(body.displacement - full).max() / np.abs(full).max()),
         "force": float(np.linalg.norm(force)),
     }
+
+
+def _solved_in_full(model: CondensedModel, forces: Points) -> Points:
+    problem = model.problem
+    pushed = (PointForce(model.touched, forces),)
+    return solve_static(
+        Problem(problem.mesh, problem.material, problem.supports, pushed),
+        strain=Strain.LINEAR,
+        relative_tolerance=1e-12,
+    ).displacement
 
 
 def _late(body: CondensedBody, places: Points, count: int) -> float:

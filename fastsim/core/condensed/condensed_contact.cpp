@@ -110,11 +110,17 @@ bool CondensedContact::add_near(std::span<const Pose> poses, std::span<const Poi
         const Box box = posed_box(_boxes[t], poses[t], margin);
         for (std::size_t v = 0; v < tool.vertices.size(); ++v) {
             const auto touched = static_cast<std::size_t>(tool.vertices[v]);
-            const Point place = place_of(touched, base);
             const double push = _pushes[t][v];
-            if (push <= 0.0 &&
-                (!is_in(box, place) || gap_at(tool.shape, poses[t], place).distance >= margin))
-                continue;
+            if (push <= 0.0) {
+                // Most are far away along the first axis already.
+                const std::size_t seen = _compliance.num_only_seen() + touched;
+                const double x = _places[touched][0] + base[seen][0] + _response[seen][0];
+                if (x < box.low[0] || x > box.high[0])
+                    continue;
+                const Point place = place_of(touched, base);
+                if (!is_in(box, place) || gap_at(tool.shape, poses[t], place).distance >= margin)
+                    continue;
+            }
             const auto is_it = [&](const Entry &e) { return e.tool == t && e.vertex == v; };
             if (std::any_of(_entries.begin(),
                             _entries.begin() + static_cast<std::ptrdiff_t>(before), is_it))

@@ -20,8 +20,10 @@ def test_a_row_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(condensed, "TICKS", 40)
     monkeypatch.setattr(condensed, "CLOCKED", 20)
     document = run_benchmark("condensed", sizes=[2_000])
-    (row,) = document["rows"]
+    row, single = document["rows"]
     assert set(document["table"]) <= set(row)
+    assert 1e-10 < single["difference"] <= 1e-5
+    assert single["kept_mb"] < 0.6 * row["kept_mb"]
     size = condensed_size(condensed.kidney(SMALL))
     assert row["size"] == size.num_touched > 100
     assert row["said_mb"] == size.peak_bytes / 1e6
@@ -31,7 +33,7 @@ def test_a_row_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     assert row["difference"] <= 1e-10
     assert 0.0 <= row["share_above"] <= 1.0
     assert 0.0 <= row["late_of_1khz"] <= 1.0
-    assert f"{row['size']} points" in document["summary"][0]
+    assert f"{row['size']} points, float64" in document["summary"][0]
 
 
 def test_a_spoiled_compliance_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,7 +42,7 @@ def test_a_spoiled_compliance_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         return dataclasses.replace(model, blocks=1.02 * model.blocks)
 
     monkeypatch.setattr(condensed, "condense", softer)
-    row = condensed.measured(condensed.kidney(SMALL), in_silence, num_ticks=20, clocked=5)
+    row, _ = condensed.measured(condensed.kidney(SMALL), in_silence, num_ticks=20, clocked=5)
     assert row["difference"] > 1e-2
 
 
