@@ -23,6 +23,7 @@ from palpate.validation.commands.words import (
     is_condensed,
     progress_lines,
 )
+from palpate.validation.report.figure_form import FigureForm
 from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.solving import Simulator
 
@@ -43,6 +44,9 @@ def report(
         bool, typer.Option(help="1 where a built-in verdict is not the one expected of fastsim")
     ] = False,
     pdf: Annotated[bool, typer.Option(help="print the pages as PDF too; needs Chromium")] = False,
+    figures: Annotated[
+        FigureForm | None, typer.Option(help="each figure for a paper too, in a column's width")
+    ] = None,
 ) -> None:
     """Solve with both, judge, and write the report with everything beside it.
 
@@ -88,7 +92,7 @@ def report(
     ]
     with run_folder(output, inputs=inputs) as fresh:
         progress("drawing the report")
-        page = write_report(results, fresh)
+        page = write_report(results, fresh, figures=figures)
         if pdf:
             for written in sorted(fresh.glob("*.html")):
                 print_pdf(written)

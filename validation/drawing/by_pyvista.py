@@ -1,4 +1,4 @@
-"""Child process: pictures by pyvista, off-screen. Arguments: panels.pickle, folder."""
+"""Child process: pictures by pyvista, off-screen. Arguments: panels.pickle, folder, "png"."""
 
 from __future__ import annotations
 
@@ -66,6 +66,7 @@ def _draw(plotter: Any, panel: Panel, panels: Sequence[Panel]) -> None:
     plotter.add_axes(color="black", line_width=3)
     # Along y the body stands upright; looked at from above, y points up.
     up = (0.0, 1.0, 0.0) if abs(panel.side[2]) > 0.9 else (0.0, 0.0, 1.0)
+    plotter.enable_parallel_projection()
     plotter.view_vector(panel.side, up, render=False)
     plotter.reset_camera(render=False, bounds=_bounds(*extent(panels)))
 
@@ -77,7 +78,13 @@ def _bounds(low: Any, high: Any) -> list[float]:
 def _add_surface(plotter: Any, surface: Surface) -> None:
     body = pyvista.PolyData.from_regular_faces(surface.points, surface.facets)
     if surface.is_wireframe:
-        plotter.add_mesh(body, style="wireframe", color=surface.colour, opacity=surface.opacity)
+        wires = plotter.add_mesh(
+            body, style="wireframe", color=surface.colour, opacity=surface.opacity, line_width=1.5
+        )
+        # Before the facets in whose plane they lie.
+        wires.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        wires.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(-2.0, -2.0)
+        wires.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
         return
     if surface.values is None:
         look: dict[str, Any] = {"color": surface.colour}

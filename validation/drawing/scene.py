@@ -24,6 +24,10 @@ GREEN, BLUE, RED, GREY, TAN, OCHRE = (
     "#2f8f4e", "#30558f", "#b5332e", "#d9d9d9", "#e3d9d0", "#c98a12",
 )  # fmt: skip
 DRAWN_BY = ("pyvista", "matplotlib")
+# What a picture can be: .png by either, the others by matplotlib, as lines and text.
+FORMS = ("png", "pdf", "svg")
+# A tool may reach beyond the bodies by this part of their size before the frame cuts it.
+BEYOND = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,7 @@ class Surface:
         colours: Name of matplotlib's map.
         opacity: 0..1.
         is_wireframe: Edges only, in the colour.
+        is_beside: A tool, which may reach beyond the frame: it widens that by `BEYOND` at most.
     """
 
     points: Points
@@ -51,6 +56,7 @@ class Surface:
     colours: str = "viridis"
     opacity: float = 1.0
     is_wireframe: bool = False
+    is_beside: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,22 +91,29 @@ class Panel:
 
     @property
     def reached(self) -> Points:
-        """Every place that is drawn, (n, 3)."""
+        """Every place that is drawn, but what stands beside, (n, 3)."""
         heads = [m.points + m.vectors for m in self.marks if m.vectors is not None]
         places = [m.points for m in self.marks]
-        return np.vstack([*(s.points for s in self.surfaces), *places, *heads])
+        return np.vstack([*(s.points for s in self.surfaces if not s.is_beside), *places, *heads])
 
 
 def extent(panels: Sequence[Panel]) -> tuple[Points, Points]:
-    """Lowest and highest corner of all that is drawn."""
+    """Lowest and highest corner of all that is drawn, of tools as far as the frame follows them."""
     reached = np.vstack([panel.reached for panel in panels])
-    return reached.min(axis=0), reached.max(axis=0)
+    low, high = reached.min(axis=0), reached.max(axis=0)
+    beyond = BEYOND * float((high - low).max())
+    beside = [s.points for panel in panels for s in panel.surfaces if s.is_beside]
+    for points in beside:
+        low = np.minimum(low, np.maximum(points.min(axis=0), reached.min(axis=0) - beyond))
+        high = np.maximum(high, np.minimum(points.max(axis=0), reached.max(axis=0) + beyond))
+    return low, high
 
 
 def draw(
     pictures: Mapping[str, Sequence[Panel]],
     *,
     by: Sequence[str] = DRAWN_BY,
+    form: str = "png",
     time_limit: float = 180.0,
 ) -> dict[str, bytes]:
     """Draw each picture, its panels side by side.
@@ -108,25 +121,26 @@ def draw(
     Args:
         pictures: By name.
         by: Who may draw, in the order in which they are tried.
+        form: One of `FORMS`; of a paper's two columns in width where it is not "png".
         time_limit: Of each [s].
 
     Returns:
-        The .png of every picture that came about; none where nobody managed.
+        The bytes of every picture that came about; none where nobody managed.
     """
     with scratch_folder("pictures") as scratch:
         source = scratch / "panels.pickle"
         source.write_bytes(pickle.dumps(dict(pictures)))
-        for name in by:
+        for name in by if form == "png" else ("matplotlib",):
             module = f"palpate.validation.drawing.by_{name}"
             try:
                 done = run_supervised(
-                    [sys.executable, "-m", module, source, scratch],
+                    [sys.executable, "-m", module, source, scratch, form],
                     time_limit=time_limit,
                     env={**os.environ, "PYVISTA_OFF_SCREEN": "true"},
                 )
             except (subprocess.SubprocessError, OSError):
                 continue
-            made = {path.stem: path.read_bytes() for path in sorted(scratch.glob("*.png"))}
+            made = {path.stem: path.read_bytes() for path in sorted(scratch.glob(f"*.{form}"))}
             if done.returncode == 0 and made:
                 return made
     return {}

@@ -16,6 +16,7 @@ from rich.text import Text
 from palpate.meshes.atomic_write import write_text_atomically
 from palpate.meshes.problem import Element
 from palpate.validation.diagnosis.explanation import Diagnosis
+from palpate.validation.judging.citation import citation
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
 from palpate.validation.states import Precision, Verdict
@@ -58,6 +59,7 @@ def results_json(results: Sequence[CaseResult], version: str) -> str:
     cases = [
         {name: getattr(result, name) for name in _OF_CASE}
         | {
+            "citation": citation(result),
             "candidates": [dataclasses.asdict(judged) for judged in result.candidates],
             "checks": [dataclasses.asdict(check) for check in result.checks],
             "diagnosis": [row for found in result.diagnoses for row in _diagnosis_rows(found)],

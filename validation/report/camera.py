@@ -9,6 +9,8 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.validation.exchange.facets import area_vectors
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.looks import Look, looks_of
 
 # Level and turn of the eye [degrees], none along an axis of the case.
 _PITCHES = (18.0, 35.0, -18.0)
@@ -18,6 +20,23 @@ _AXES_APART = 10
 _BEFORE, _BESIDE = 0.03, 0.04
 # A look from below has to show this much more.
 _BELOW = 0.25
+
+
+def first_eye(result: CaseResult) -> tuple[float, float]:
+    """Turn and level of the eye [rad] from which a case is first seen, on pages and in pictures."""
+    mesh, looks = result.problem.mesh, looks_of(result)
+    seen = _worst_errors(result, looks[0]) if looks else np.zeros(mesh.num_points)
+    first = result.states[0] if result.states else None
+    moved = mesh.points + (first.displacement if first else 0.0)
+    return choose_camera(moved, mesh.boundary_facets, seen)
+
+
+def _worst_errors(result: CaseResult, look: Look) -> Floats:
+    """The largest error at each point [m], of all pairs of a look and all times."""
+    moved = [state.displacements for state in result.states]
+    apart = [np.linalg.norm(moved[one] - moved[other], axis=2) for one, other in look.pairs]
+    worst: Floats = np.concatenate(apart).max(axis=0)
+    return worst
 
 
 def choose_camera(points: Points, facets: Indices, errors: Floats) -> tuple[float, float]:
@@ -42,7 +61,7 @@ def choose_camera(points: Points, facets: Indices, errors: Floats) -> tuple[floa
     breadth = float(np.linalg.norm(areas, axis=1).sum()) / 4.0 or 1.0
 
     def marks(yaw: float, pitch: float) -> float:
-        eye = _eye(yaw, pitch)
+        eye = way_to_eye(yaw, pitch)
         faces = np.maximum(areas @ eye, 0.0)
         apart = points - points[worst]
         depth = apart @ eye
@@ -59,7 +78,7 @@ def choose_camera(points: Points, facets: Indices, errors: Floats) -> tuple[floa
     return max(pairs, key=lambda pair: marks(*pair))
 
 
-def _eye(yaw: float, pitch: float) -> Points:
-    """Unit vector from the body to the eye."""
+def way_to_eye(yaw: float, pitch: float) -> Points:
+    """Unit vector from the body to the eye, (3,)."""
     level = math.cos(pitch)
     return np.array([level * math.sin(yaw), -level * math.cos(yaw), math.sin(pitch)])

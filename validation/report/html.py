@@ -27,16 +27,20 @@ from palpate.validation.evidence.error_budget import (
     motion_budgets,
 )
 from palpate.validation.exchange.conventions import describe_conventions
+from palpate.validation.judging.citation import citation
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import OF_ELEMENT
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.environment import page_environment, script_of
+from palpate.validation.report.figure_form import FigureForm
 from palpate.validation.report.looks import looks_of
 from palpate.validation.report.motion_plot import motion_svg
+from palpate.validation.report.paper_figures import write_figures
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import budget_svg, checks_svg
-from palpate.validation.report.table_one import state_table, state_table_csv
+from palpate.validation.report.table_one import state_table
+from palpate.validation.report.tables import write_tables
 from palpate.validation.report.trust import trust_of
 from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.states import Verdict, gravest
@@ -48,20 +52,27 @@ _CHEAP_MOTION = 2e7
 _SMALL = 480
 
 
-def write_report(results: Sequence[CaseResult], folder: Path) -> Path:
+def write_report(
+    results: Sequence[CaseResult], folder: Path, *, figures: FigureForm | None = None
+) -> Path:
     """Write the pages with their pictures and tables into a folder that exists.
 
     One case gives report.html; several give NAME.html each, and index.html that links them. A
     picture that cannot be drawn is said so in its place; the verdict never depends on it.
+
+    Args:
+        results: Of one case or several.
+        folder: Where they go.
+        figures: In which form each figure is written for a paper too.
 
     Returns:
         The page to open first.
     """
     environment = report_environment()
     if len(results) == 1:
-        return _write_case(environment, results[0], folder / "report.html", "")
+        return _write_case(environment, results[0], folder / "report.html", "", figures)
     for result in results:
-        _write_case(environment, result, folder / f"{result.name}.html", INDEX)
+        _write_case(environment, result, folder / f"{result.name}.html", INDEX, figures)
     path = folder / INDEX
     page = environment.get_template("index.html.j2").render(
         results=results, verdict=gravest([r.verdict for r in results]), closest=_closest,
@@ -81,7 +92,13 @@ def report_environment() -> Environment:
     return environment
 
 
-def _write_case(environment: Environment, result: CaseResult, path: Path, index: str) -> Path:
+def _write_case(
+    environment: Environment,
+    result: CaseResult,
+    path: Path,
+    index: str,
+    figures: FigureForm | None,
+) -> Path:
     """One page; its CSP admits the one script of ours, by hash, and nothing from elsewhere."""
     script, script_hash = script_of("drawing.js", "viewer.js")
     page = environment.get_template("report.html.j2").render(
@@ -89,23 +106,26 @@ def _write_case(environment: Environment, result: CaseResult, path: Path, index:
         index=index,
         script=script,
         script_hash=script_hash,
-        **_case_view(result, path.parent),
+        **_case_view(result, path.parent, figures),
     )
     path.write_text(page, encoding="utf-8")
     return path
 
 
-def _case_view(result: CaseResult, folder: Path) -> dict[str, Any]:
+def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> dict[str, Any]:
     pictures = draw_pictures(result, folder)
-    (folder / f"{result.name}-states.csv").write_text(state_table_csv(result), encoding="utf-8")
     problem = result.problem
     budgets, no_budget = _budgets(result)
+    tables = write_tables(result, folder, budgets)
+    drawn = write_figures(result, folder, figures, budgets) if figures else []
     return {
         "trust": trust_of(result),
         "counts": Counter(check.verdict for check in result.checks).most_common(),
         # The diagnosis has a heading of its own.
         "notes": [note for note in result.notes if not note.startswith("Diagnosis, ")],
         "no_budget": no_budget,
+        "citation": citation(result),
+        "files": [path.name for path in (*tables, *drawn)],
         "motion_plot": _drawn(motion_svg, result),
         "budgets": budget_rows(budgets) if budgets else None,
         "budget_plots": [

@@ -15,7 +15,7 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.motion import swinging_most
 from palpate.validation.report.colours import OCHRE
 from palpate.validation.report.looks import STRAIN_NAMES, colours_of, looks_of
-from palpate.validation.report.plots import figure_svg, plot_style, tidy
+from palpate.validation.report.plots import PAGE, Medium, figure_svg, plot_style, tidy
 from palpate.validation.states import State
 
 _MILLI = 1e3
@@ -23,56 +23,68 @@ _MILLI = 1e3
 
 def motion_svg(result: CaseResult) -> str:
     """Displacement over time and its error as SVG text; empty where nothing moves over time."""
+    with plot_style():
+        figure = motion_figure(result)
+        return "" if figure is None else figure_svg(figure, "Displacement and error over time")
+
+
+def motion_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figure | None:
+    """The same as a figure, within a `plot_style`; None where nothing moves over time."""
     moving = [state for state in result.states if state.trajectory is not None]
     references = [s for s in moving if s.is_reference and s.strain is Strain.GREEN]
     candidates = [s for s in moving if not s.is_reference]
     if not candidates:
-        return ""
+        return None
     # The truth, where there is one, says where to look.
     leading = sorted(references, key=_is_on_mesh) or candidates
     assert leading[0].trajectory is not None
     point, axis = swinging_most(leading[0].trajectory)
     place = ", ".join(f"{x * _MILLI:.4g}" for x in result.problem.mesh.points[point])
-    along = ", ".join(f"{a:.2f}" for a in axis)
+    along = ", ".join(f"{round(a, 2) + 0.0:.2f}" for a in axis)
     has_tools = bool(result.problem.tools)
-    with plot_style():
-        figure, panels = pyplot.subplots(
-            2 + has_tools, 1, figsize=(8.4, 4.6 + 1.9 * has_tools), sharex=True,
-            height_ratios=(2, 1, 1.4)[: 2 + has_tools],
-        )  # fmt: skip
-        above, below = panels[:2]
-        colours, looks = colours_of(result), looks_of(result)
-        compared = [
-            (result.states[one], result.states[other])
-            for look in looks
-            if look.strain is Strain.GREEN
-            for one, other in look.pairs
-        ]
-        for state in (*references, *candidates):
-            name = f"{state.label}, {STRAIN_NAMES[state.strain]}"
-            style = _style(state, colours, compared)
-            above.plot(*_path(state, point, axis), **style, label=name)
-            if has_tools:
-                _draw_forces(panels[2], state, name, style)
-        # Of several candidates the truth's distances, which rounding errors would flatten.
-        true = [pair for pair in compared if not _is_on_mesh(pair[1])] if len(colours) > 1 else []
-        for candidate, reference in true or compared:
-            _draw_error(below, candidate, reference, point, colours)
-        above.set_ylabel("displacement [mm]")
-        below.set_ylabel("error [mm]")
-        below.set_yscale("linear" if true else "log")
+    size, is_page = medium.row, medium is PAGE
+    columns = 1 if not is_page else 4 if len(colours_of(result)) == 1 else 3
+    # In a column each entry of a legend has a line of its own.
+    extra = 0 if is_page else len(moving)
+    high = (4.6 + 1.9 * has_tools + 0.2 * extra) * size
+    figure, panels = pyplot.subplots(
+        2 + has_tools, 1, figsize=(medium.width, high), sharex=True,
+        height_ratios=(2, 1, 1.4)[: 2 + has_tools],
+    )  # fmt: skip
+    above, below = panels[:2]
+    colours, looks = colours_of(result), looks_of(result)
+    compared = [
+        (result.states[one], result.states[other])
+        for look in looks
+        if look.strain is Strain.GREEN
+        for one, other in look.pairs
+    ]
+    for state in (*references, *candidates):
+        name = f"{state.label}, {STRAIN_NAMES[state.strain]}"
+        style = _style(state, colours, compared)
+        above.plot(*_path(state, point, axis), **style, label=name)
         if has_tools:
-            panels[2].set_ylabel("force on tool [N]")
-        panels[-1].set_xlabel(f"time [s]; at ({place}) mm along ({along})")
-        for axes in panels:
-            tidy(axes)
-            if axes.get_legend_handles_labels()[0]:
-                axes.legend(
-                    frameon=False, fontsize=8, ncols=4 if len(colours) == 1 else 3,
-                    loc="lower center", bbox_to_anchor=(0.5, 0.98),
-                )  # fmt: skip
-        figure.tight_layout()
-        return figure_svg(figure)
+            _draw_forces(panels[2], state, name, style)
+    # Of several candidates the truth's distances, which rounding errors would flatten.
+    true = [pair for pair in compared if not _is_on_mesh(pair[1])] if len(colours) > 1 else []
+    for candidate, reference in true or compared:
+        _draw_error(below, candidate, reference, point, colours)
+    above.set_ylabel("displacement [mm]")
+    below.set_ylabel("error [mm]")
+    below.set_yscale("linear" if true else "log")
+    if has_tools:
+        panels[2].set_ylabel("force on tool [N]")
+    panels[-1].set_xlabel(f"time [s]{'; ' if is_page else chr(10)}at ({place}) mm along ({along})")
+    for axes in panels:
+        tidy(axes)
+        is_told = not is_page and axes is not above and axes is not below
+        if axes.get_legend_handles_labels()[0] and not is_told:
+            axes.legend(
+                frameon=False, fontsize=8 * size, ncols=columns,
+                loc="lower center", bbox_to_anchor=(0.5, 0.98),
+            )  # fmt: skip
+    figure.tight_layout()
+    return figure
 
 
 def _is_on_mesh(reference: State) -> bool:

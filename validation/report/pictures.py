@@ -8,23 +8,40 @@ from pathlib import Path
 import numpy as np
 
 from palpate.meshes.arrays import Indices, Points
-from palpate.meshes.problem import Strain
-from palpate.validation.drawing.scene import GREEN, Panel, Surface, boundary, draw, joined
+from palpate.meshes.problem import Problem, Strain
+from palpate.validation.drawing.scene import (
+    BLUE,
+    GREEN,
+    RED,
+    Marks,
+    Panel,
+    Surface,
+    boundary,
+    draw,
+    joined,
+)
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.looks import Look, error_top, looks_of
+from palpate.validation.report.camera import first_eye, way_to_eye
+from palpate.validation.report.looks import STRAIN_NAMES, Look, error_top, looks_of
+from palpate.validation.report.surroundings import arrows_around, tools_placed
 
 _MILLI = 1e3
 
 
-def draw_pictures(result: CaseResult, folder: Path) -> dict[str, Path]:
-    """Draw the states and the errors of a case.
+def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[str, Path]:
+    """Draw the states and the errors of a case, seen as the page's 3-D view begins.
+
+    Args:
+        result: With the states.
+        folder: Where they go, that exists.
+        form: As of `drawing.scene.draw`.
 
     Returns:
         Path of each picture that came about, by name ("states", "errors"); none is required.
     """
     made = {}
-    for name, picture in draw(_pictures(result)).items():
-        made[name] = folder / f"{result.name}-{name}.png"
+    for name, picture in draw(_pictures(result), form=form).items():
+        made[name] = folder / f"{result.name}-{name}.{form}"
         made[name].write_bytes(picture)
     return made
 
@@ -45,22 +62,36 @@ def _pictures(result: CaseResult) -> dict[str, list[Panel]]:
     else:
         shown = sorted(candidates, key=lambda state: state.strain is Strain.GREEN)
     moved = [state.displacement * _MILLI for state in shown]
-    side = _side(np.vstack([points, *(points + u for u in moved)]))
+    x, y, z = way_to_eye(*first_eye(result))
+    side = (float(x), float(y), float(z))
     largest = max((float(np.linalg.norm(u, axis=1).max()) for u in moved), default=1.0)
     held = joined([support.facets for support in problem.supports])
-    pushed = joined([getattr(load, "facets", None) for load in problem.loads])
+    pushed = [*problem.springs, *problem.loads]
+    red = joined([getattr(load, "facets", None) for load in pushed])
     original = Surface(points, facets, GREEN, opacity=0.55, is_wireframe=True)
     words = "original (blue: held, red: pushed)"
-    panels = [Panel(words, boundary(points, facets, held, pushed), side)]
+    marks, single = _arrows(problem), [s.points for s in problem.supports if not len(s.facets)]
+    dots = [Marks(points[np.concatenate(single)], BLUE)] if single else []
+    tools, ended = (tools_placed(problem, at_end=at_end) for at_end in (False, True))
+    panels = [Panel(words, [*boundary(points, facets, held, red), *tools], side, [*marks, *dots])]
+
+    def around(u: Points) -> list[Surface]:
+        return [Surface(points + u, held, BLUE, is_wireframe=True), *ended]
+
     for column, (state, u) in enumerate(zip(shown, moved, strict=True)):
         lengths = np.linalg.norm(u, axis=1)
         # Bars of one picture need names of their own.
         name = f"displacement [mm]{' ' * column}"
         coloured = Surface(points + u, facets, values=lengths, values_name=name, largest=largest)
-        title = f"{state.label if several else f'{state.strain} strain'} (green: original)"
-        panels.append(Panel(title, [coloured, original], side))
+        title = f"{state.label if several else STRAIN_NAMES[state.strain]} (wires: original)"
+        panels.append(Panel(title, [coloured, original, *around(u)], side, marks))
     errors = [
-        Panel(f"{states[one].label} - {states[other].label}", [surface], side)
+        Panel(
+            f"{states[one].label} - {states[other].label}",
+            [surface, *around(states[one].displacement * _MILLI)],
+            side,
+            marks,
+        )
         for (one, other), surface in _errors(result, _best(looks), facets)
     ]
     return {"states": panels} | ({"errors": errors} if errors else {})
@@ -96,11 +127,7 @@ def _errors(
             column += 1
 
 
-def _side(everything: Points) -> tuple[float, float, float]:
-    """Along the axis in which body and motion reach least, a little from beside."""
-    axis = int(np.argmin(np.ptp(everything, axis=0)))
-    side = [0.0, 0.0, 0.0]
-    side[axis] = -1.0 if axis == 1 else 1.0
-    side[1 if axis == 0 else 0] = 0.18
-    x, y, z = side
-    return (x, y, z)
+def _arrows(problem: Problem) -> list[Marks]:
+    """Loads, and the ways of springs' anchors [mm]."""
+    pairs = arrows_around(problem, np.zeros(3))
+    return [Marks(pairs[:, 0], RED, vectors=pairs[:, 1])] if len(pairs) else []

@@ -1,4 +1,4 @@
-"""What stands around a body in the page's 3-D view: rigid tools where they are, loads as arrows."""
+"""What stands around a body in a report: rigid tools where they are, loads as arrows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import RigidTool
+from palpate.validation.drawing.scene import OCHRE, Surface
 from palpate.validation.preview.acting import acting
 from palpate.validation.preview.picture import force_arrows, spring_arrow, tool_surface
 
@@ -37,6 +38,19 @@ def tools_around(
         if tool.drive is None:
             own, facets = tool_surface(tool, reach)
             found.append((own * _MILLI, facets, _poses(tool, centre, times)))
+    return found
+
+
+def tools_placed(problem: Problem, *, at_end: bool) -> list[Surface]:
+    """The same tools as see-through surfaces of a picture [mm], where they start or end."""
+    everything = tools_around(problem, np.zeros(3), None)
+    placed = [tool for tool in problem.tools if tool.drive is None]
+    found = []
+    for (points, facets, last), tool in zip(everything, placed, strict=True):
+        pose = last if at_end else _poses(tool, np.zeros(3), np.array(tool.path.times[:1]))
+        turn, place = pose[0, :9].reshape(3, 3), pose[0, 9:]
+        surface = Surface(points @ turn.T + place, facets, OCHRE, opacity=0.35, is_beside=True)
+        found.append(surface)
     return found
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.camera import choose_camera
-from palpate.validation.report.looks import STRAIN_NAMES, Look, error_top, looks_of
+from palpate.validation.report.camera import first_eye
+from palpate.validation.report.looks import STRAIN_NAMES, error_top, looks_of
 from palpate.validation.report.surroundings import arrows_around, tools_around
 from palpate.validation.states import State
 
@@ -31,10 +31,6 @@ def viewer_json(result: CaseResult) -> str:
     points = mesh.points[used] * _MILLI
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     times = _times(result)
-    first = result.states[0] if result.states else None
-    looks = looks_of(result)
-    seen = _worst_errors(result, looks[0]) if looks else np.zeros(mesh.num_points)
-    moved = mesh.points + (first.displacement if first else 0.0)
     scene = {
         "points": packed(points - centre, np.float32),
         "facets": packed(facets.reshape(-1, 3), np.uint32),
@@ -56,7 +52,7 @@ def viewer_json(result: CaseResult) -> str:
         "arrows": packed(arrows_around(result.problem, centre), np.float32),
         "colours": colour_table(),
         "radius": 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))),
-        "eye": choose_camera(moved, mesh.boundary_facets, seen),
+        "eye": first_eye(result),
     }
     # "</script>" in a name must not end the element.
     return json.dumps(scene, allow_nan=False).replace("<", "\\u003c")
@@ -143,14 +139,6 @@ def _marks(result: CaseResult, used: NDArray[Any]) -> NDArray[Any]:
         marks[support.points] = 1
     chosen: NDArray[Any] = marks[used]
     return chosen
-
-
-def _worst_errors(result: CaseResult, look: Look) -> NDArray[Any]:
-    """The largest error at each point [m], of all pairs of a look and all times."""
-    moved = [state.displacements for state in result.states]
-    apart = [np.linalg.norm(moved[one] - moved[other], axis=2) for one, other in look.pairs]
-    worst: NDArray[Any] = np.concatenate(apart).max(axis=0)
-    return worst
 
 
 def colour_table() -> list[list[float]]:
