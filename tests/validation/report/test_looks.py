@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import re
 
+import numpy as np
 import pytest
 
 from palpate.meshes.problem import Element, Strain
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.case import load_case
+from palpate.validation.drawing.scene import BLUE as SUPPORT
+from palpate.validation.drawing.scene import Panel, Surface, extent
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.camera import way_to_eye
 from palpate.validation.report.colours import BLUE, OCHRE, RED
 from palpate.validation.report.looks import colours_of, looks_of
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import _pictures
+from palpate.validation.report.surroundings import arrows_around
+from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.simulators.candidate import fastsim_candidate
 
 BOTH = [fastsim_candidate(element=element) for element in Element]
@@ -50,7 +59,7 @@ def test_pictures_show_both_and_the_reference_on_one_scale(block: CaseResult) ->
     pictures = _pictures(block)
     titles = [panel.title for panel in pictures["states"]]
     assert titles[1:] == [
-        f"{name} (green: original)"
+        f"{name} (wires: original)"
         for name in ("fastsim", "fastsim (smoothed)", "reference P2, refined")
     ]
     assert len({panel.surfaces[0].largest for panel in pictures["states"][1:]}) == 1
@@ -91,5 +100,40 @@ def test_a_candidate_alone_looks_as_ever() -> None:
     assert {BLUE, OCHRE} <= lines_of(svg)
     assert "to reference P1" in svg
     assert [panel.title for panel in _pictures(alone)["states"]][1:] == [
-        "linear strain (green: original)", "green strain (green: original)",
+        "linear strain (wires: original)", "Green strain (wires: original)",
     ]  # fmt: skip
+
+
+def test_pictures_stand_as_the_3d_view_begins_with_tools_supports_and_loads(
+    block: CaseResult,
+) -> None:
+    path = ToolPath([0.0, 1.0], [[0.0, 0.0, 0.03], [0.01, 0.0, 0.03]])
+    tool = RigidTool(SphereShape(0.004), path)
+    problem = dataclasses.replace(block.problem, tools=(tool,))
+    result = dataclasses.replace(block, problem=problem)
+    yaw, pitch = json.loads(viewer_json(result))["eye"]
+    pictures = _pictures(result)
+    assert {panel.side for panels in pictures.values() for panel in panels} == {
+        tuple(map(float, way_to_eye(yaw, pitch)))
+    }
+    arrows = arrows_around(problem, np.zeros(3))
+    for panel in (*pictures["states"], *pictures["errors"]):
+        (ball,) = (part for part in panel.surfaces if part.is_beside)
+        # Where it starts beside the original, where it ends beside the others; millimetres.
+        x = 0.0 if panel is pictures["states"][0] else 10.0
+        assert ball.points.mean(axis=0) == pytest.approx((x, 0.0, 30.0), abs=0.2)
+        assert np.array_equal(panel.marks[0].vectors, arrows[:, 1])
+        held = [part.colour == SUPPORT for part in panel.surfaces]
+        assert any(held), panel.title
+
+
+def test_a_tool_widens_a_picture_by_a_part_of_the_body_at_most() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 2.0]])
+    facets = np.array([[0, 1, 2]], dtype=np.int32)
+    body = Surface(corners, facets)
+    plane = Surface(100.0 * (corners - 0.5), facets, is_beside=True)
+    near = Surface(corners + 0.1, facets, is_beside=True)
+    low, high = extent([Panel("", [body, plane], (1.0, 0.0, 0.0))])
+    assert (low, high) == (pytest.approx([-0.6] * 3), pytest.approx((1.6, 1.6, 2.6)))
+    low, high = extent([Panel("", [body, near], (1.0, 0.0, 0.0))])
+    assert (low, high) == (pytest.approx([0.0] * 3), pytest.approx((1.1, 1.1, 2.1)))
