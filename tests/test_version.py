@@ -31,6 +31,14 @@ def test_citation_changelog_recipe_and_example_name_the_version_of_the_package()
     assert [title for title in titles if title != "Unreleased"][:1] in ([], [VERSION])
 
 
+def test_no_version_of_the_changelog_says_a_thing_twice() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    for section in re.split(r"^## ", text, flags=re.M)[1:]:
+        lines = [line for line in section.splitlines() if line.startswith(("### ", "- "))]
+        twice = {line for line in lines if lines.count(line) > 1}
+        assert not twice, f"twice under {section.splitlines()[0]}: {sorted(twice)}"
+
+
 def test_the_recipe_for_conda_asks_for_what_the_package_asks_for() -> None:
     text = (ROOT / ".ci" / "conda" / "recipe.yaml").read_text("utf-8")
     run = re.findall(r"^    - (.+)$", text[text.index("  run:") : text.index("  run_con")], re.M)
