@@ -96,6 +96,7 @@ def gate(
     from palpate.validation.evidence.self_test import run_self_test
     from palpate.validation.judging import outputs
     from palpate.validation.judging.annotations import github_annotations
+    from palpate.validation.judging.askable import askable_cases
     from palpate.validation.judging.expectation import (
         FILE,
         expected_toml,
@@ -165,6 +166,8 @@ def gate(
         inputs=input_files(loaded, since, command=" ".join(filter(None, (simulator, versus)))),
     )
     progress = progress_lines()
+    if every or quick:
+        loaded = askable_cases(loaded, candidates, progress)
     if self_test:
         trials = [run_self_test(progress, cases=loaded, candidate=one) for one in candidates]
         results = [together(trials)]

@@ -54,6 +54,7 @@ def report(
     """
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
+    from palpate.validation.judging.askable import askable_cases
     from palpate.validation.judging.expectation import read_expected, unexpected
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files
@@ -86,6 +87,8 @@ def report(
         Stepping(integrator, time_step, iterations),
         is_condensed=is_condensed(with_),
     )
+    if every:
+        loaded = askable_cases(loaded, candidates, progress)
     results = [
         judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)
         for c in loaded

@@ -14,6 +14,7 @@ from palpate.reference import availability
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.diagnosis import Diagnosis, diagnose
+from palpate.validation.judging.askable import is_answered, missing_check
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.checks import skipped_check
 from palpate.validation.judging.own_steps import (
@@ -81,12 +82,8 @@ def judge_case(
     given = fastsim_candidate() if candidate is None else candidate
     everybody = [given] if isinstance(given, Candidate) else list(given)
     for judged in everybody:
-        if not any(_is_answered(spec, case, judged) for spec in case.checks):
-            (asked,) = judged.strains_of(case.strain)
-            raise InputError(
-                f"{case.path.name}: no check for {asked} strain, for which {judged.name} is asked; "
-                "add one"
-            )
+        if missing := missing_check(case, judged):
+            raise InputError(f"{case.path.name}: {missing}; add one")
     elements = {judged.element for judged in everybody}
     references = find_references(case, live=live, elements=elements, progress=progress)
     return together(
@@ -224,11 +221,6 @@ def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnos
     )
 
 
-def _is_answered(spec: CheckSpec, case: Case, candidate: Candidate) -> bool:
-    """Whether a candidate is asked for the strain measure that a check is about."""
-    return (spec.strain or case.strain) in candidate.strains_of(case.strain)
-
-
 def _judged(
     judge: CaseJudge,
     spec: CheckSpec,
@@ -238,7 +230,7 @@ def _judged(
 ) -> CheckResult:
     """One check of a candidate, or why it is left out, and whether it says anything."""
     strain = judge.strain_of(spec)
-    if not _is_answered(spec, judge.case, candidate):
+    if not is_answered(spec, judge.case, candidate):
         (asked,) = candidate.strains_of(judge.case.strain)
         why = f"{candidate.name} is asked for {asked} strain only"
         return skipped_check(spec, strain, why)

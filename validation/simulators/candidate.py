@@ -24,7 +24,11 @@ from palpate.validation.exchange.result_files import (
     room_for_answer,
 )
 from palpate.validation.quoting import visible
-from palpate.validation.simulators.condensed import condensed_name, run_condensed
+from palpate.validation.simulators.condensed import (
+    condensed_name,
+    condensed_refusal,
+    run_condensed,
+)
 from palpate.validation.simulators.fastsim import Way, name_of, run_fastsim
 from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.simulators.result_states import state_of_result
@@ -96,6 +100,7 @@ class Candidate:
         element: What its tetrahedra are, where it does not say another in its answer.
         only_strain: The one strain measure that it knows, whatever the case's; None asks for the
             case's.
+        refusal: Why it cannot be asked a problem; empty where it can.
         steps_without_lock: Whether its motions let go of Python's lock, so that both strain
             measures may be stepped side by side.
     """
@@ -107,6 +112,7 @@ class Candidate:
     can_be_asked: bool = True
     element: Element = Element.LINEAR
     only_strain: Strain | None = None
+    refusal: Callable[[Problem], str] = lambda _problem: ""
     steps_without_lock: bool = False
 
     def strains_of(self, case_strain: Strain) -> tuple[Strain, ...]:
@@ -155,7 +161,13 @@ def condensed_candidate(*, element: Element = Element.LINEAR) -> Candidate:
         element: Linear tetrahedra, plain or smoothed.
     """
     solve = partial(run_condensed, element=element)
-    return Candidate(condensed_name(element), solve, element=element, only_strain=Strain.LINEAR)
+    return Candidate(
+        condensed_name(element),
+        solve,
+        element=element,
+        only_strain=Strain.LINEAR,
+        refusal=condensed_refusal,
+    )
 
 
 def linear_candidate(element: Element) -> Candidate:

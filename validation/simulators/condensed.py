@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
-from palpate.fastsim.condensed import solve_condensed
+from palpate.fastsim.condensed import NotCondensableError, solve_condensed
+from palpate.fastsim.condensed.solve import require_posable
 from palpate.fastsim.errors import FastsimError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
@@ -27,6 +28,15 @@ FOLDER_VARIABLE = "PALPATE_CONDENSED"
 def condensed_name(element: Element) -> str:
     """What the condensed model with an element is called."""
     return CONDENSED if element is Element.LINEAR else f"{CONDENSED} ({element})"
+
+
+def condensed_refusal(problem: Problem) -> str:
+    """Why the condensed model cannot pose a problem by linear strain; empty where it can."""
+    try:
+        require_posable(problem, Strain.LINEAR)
+    except NotCondensableError as error:
+        return str(error)
+    return ""
 
 
 def run_condensed(

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
 
 import palpate
+from palpate.validation.case import QUICK
 from palpate.validation.cli import main
+from palpate.validation.judging.askable import askable_cases
 from palpate.validation.simulators.candidate import condensed_candidate
 
 
@@ -80,6 +83,29 @@ def test_what_it_cannot_be_asked_is_refused_with_the_reason(
 def test_the_reference_is_no_candidate(monkeypatch, capsys):
     assert run(monkeypatch, "gate", "block", "--with", "reference") == 2
     assert "no candidate" in capsys.readouterr().err
+
+
+def test_of_many_cases_those_that_it_cannot_be_asked_are_left_out_with_the_reason(
+    monkeypatch, tmp_path, capsys
+):
+    path = tmp_path / "r.json"
+    code = run(monkeypatch, "gate", "--quick", "--with", "condensed", "--json", path)
+    said = capsys.readouterr().err
+    judged = {case["name"] for case in json.loads(path.read_text("utf-8"))["cases"]}
+    left_out = set(re.findall(r"left out: ([\w-]+): \w+", said))
+    assert judged == {"block"}
+    assert left_out == set(QUICK) - judged
+    assert "has friction" in said
+    assert code == 0
+
+
+def test_where_none_can_be_asked_that_is_said():
+    cases = [palpate.load_case("block-motion"), palpate.load_case("wave")]
+    told = []
+    with pytest.raises(palpate.InputError, match="none of these cases"):
+        askable_cases(cases, [condensed_candidate()], told.append)
+    assert "no check for linear strain" in told[0]
+    assert "has no inertia" in told[1]
 
 
 def test_a_folder_keeps_the_model_from_run_to_run(monkeypatch, tmp_path, capsys):
