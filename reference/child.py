@@ -50,6 +50,8 @@ def run_task(
 ) -> Answer:
     """Do a task in a child process; under mpirun on all its ranks, in this process.
 
+    One that cannot be spread over ranks has a child of rank 0's, for which the others wait.
+
     Args:
         task: What to do.
         problem: With what.
@@ -67,7 +69,7 @@ def run_task(
         ReferenceCrashedError: The child died, or left no answer.
     """
     require_available()
-    if num_ranks() > 1:
+    if num_ranks() > 1 and not task.needs_one_rank:
         answered: Answer = solve_on_ranks(
             task, problem, time_limit=time_limit, progress=progress or say_nothing
         )

@@ -208,6 +208,12 @@ class DiscreteProblem(ElasticBody):
         strain: Strain measure.
         degree: Polynomial degree of the displacement.
         element: See `ElasticBody`.
+
+    Attributes:
+        held: Degrees of freedom that supports hold.
+        free: The others of this rank.
+        free_displacements: Those of them that are no pressures.
+        num_pressures: Over all ranks.
     """
 
     num_pressures = 0
@@ -226,6 +232,7 @@ class DiscreteProblem(ElasticBody):
         self.held = hold(space, problem.supports)
         self.frames = self.held.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
+        self.free_displacements = self.free
         loads = apply_loads(space, problem.loads, self.u, self.v, strain)
         self.dead_force = self.to_local(loads.dead)
         self.contacts = create_contacts(problem, space, self.held.dofs)

@@ -29,8 +29,9 @@ from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import fenicsx, hyperelastic
+from palpate.reference.contact.tool_contact import Unknowns, create_contacts
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.kinematics import cofactor, deformation_gradient, strain_tensor
@@ -61,8 +62,7 @@ class MixedProblem(DiscreteProblem):
         element: LINEAR, which is any that is not smoothed.
 
     Raises:
-        InputError: Degree 1, smoothed tetrahedra, a tool, Poisson's ratio not above 0, or more
-            than one rank.
+        InputError: Degree 1, smoothed tetrahedra, or Poisson's ratio not above 0.
     """
 
     formulation = Formulation.MIXED
@@ -81,9 +81,6 @@ class MixedProblem(DiscreteProblem):
             )
         if degree < 2:
             raise InputError("the mixed form needs degree 2 or 3: with degree 1 it locks as well")
-        if fenicsx.COMM.size > 1:
-            raise InputError("the mixed form runs on one rank; leave mpirun out")
-        require_no_tools(problem, "the mixed form")
         materials = (problem.material, *(i.material for i in problem.inclusions))
         if not all(m.poissons_ratio > 0.0 for m in materials):
             raise InputError("the mixed form needs Poisson's ratios above 0; use the plain form")
@@ -97,7 +94,9 @@ class MixedProblem(DiscreteProblem):
         self.num_dofs = int(self._mixed.dofmap.index_map.size_local)
         pressures, self._pressure_dofs = fenicsx.part_of_space(self._mixed, 1)
         self._pressures = map_points(transferred, degree - 1, pressures)
-        self.num_pressures = len(self._pressure_dofs)
+        # A node is owned by the same rank in each of the three spaces.
+        self._own_dofs = self._dofs[: 3 * self.space.num_blocks]
+        self.num_pressures = fenicsx.total(self.num_dofs - len(self._own_dofs))
 
         self.lame = lmbda, mu = lame_by_cell(transferred, problem.material, problem.inclusions)
         self._unknown = fem.Function(self._mixed)
@@ -149,16 +148,19 @@ class MixedProblem(DiscreteProblem):
             self.virtual_work += work * dx
         self._force = fenicsx.form(self.virtual_work)
 
-        self.held = hold(self.space, problem.supports).renumbered(self._dofs)
+        held = hold(self.space, problem.supports)
+        self.held = held.renumbered(self._dofs)
         self.frames = self.held.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
+        self.free_displacements = np.setdiff1d(self._own_dofs, self.held.dofs)
 
         followers = [x for x in problem.loads if isinstance(x, Pressure) and strain is Strain.GREEN]
         dead = [x for x in problem.loads if x not in followers]
         plain = apply_loads(self.space, dead, None, ufl.TestFunction(displacements), strain)
         self.dead_force = self.from_nodal(plain.dead)
         works = apply_loads(self.space, followers, self.u, v, strain).followers
-        self.contacts = ()
+        unknowns = Unknowns(self.num_dofs, self._dofs)
+        self.contacts = create_contacts(problem, self.space, held.dofs, unknowns)
         trial = ufl.TrialFunction(self._mixed)
         springs = spring_forces(
             self.space, problem.springs, u=self.u, v=v, unknown=self._unknown, trial=trial
@@ -171,13 +173,13 @@ class MixedProblem(DiscreteProblem):
 
     def of_displacement(self, values: Floats) -> Floats:
         """The part of a flat vector that belongs to displacements, in the order of `space`."""
-        part: Floats = self.to_global(values)[self._dofs]
+        part: Floats = self.to_global(values)[self._own_dofs]
         return part
 
     def from_nodal(self, forces: Floats) -> Floats:
         """See `DiscreteProblem`; nothing acts on pressures."""
         both = np.zeros(self.num_dofs)
-        both[self._dofs] = forces
+        both[self._own_dofs] = forces
         return self.to_local(both)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:

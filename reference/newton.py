@@ -241,10 +241,11 @@ class Newton:
 
         Nodes that touch or stick in one iterate and not in the next go to and fro for ever by full
         steps. Contact and friction have a potential, so that what is sought is its least along the
-        step.
+        step. Where pressures are unknown too they go along with the displacement: it is the
+        potential of that alone which has a least.
         """
         eq = self._discrete
-        free, low, high, part = eq.free, 0.0, 1.0, 1.0
+        free, low, high, part = eq.free_displacements, 0.0, 1.0, 1.0
         first = at_low = fenicsx.total(float(residual[free] @ du[free]))
         at_high = 0.0
         for trial in range(_MOST_TRIALS):

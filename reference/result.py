@@ -41,8 +41,8 @@ NEARLY_INCOMPRESSIBLE = 0.49
 def formulation_for(problem: Problem, degree: int) -> Formulation:
     """The formulation that a problem is solved with where nobody says another.
 
-    MIXED from Poisson's ratios of 0.49 on, wherever that form can be used: degree 2 or 3, all
-    ratios above 0, and no tools.
+    MIXED from Poisson's ratios of 0.49 on, wherever that form can be used: degree 2 or 3, and all
+    ratios above 0.
 
     Args:
         problem: The problem.
@@ -51,7 +51,7 @@ def formulation_for(problem: Problem, degree: int) -> Formulation:
     materials = (problem.material, *(one.material for one in problem.inclusions))
     ratios = [material.poissons_ratio for material in materials]
     is_asked = max(ratios) >= NEARLY_INCOMPRESSIBLE
-    is_possible = degree > 1 and min(ratios) > 0.0 and not problem.tools
+    is_possible = degree > 1 and min(ratios) > 0.0
     return Formulation.MIXED if is_asked and is_possible else Formulation.DISPLACEMENT
 
 

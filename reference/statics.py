@@ -55,8 +55,7 @@ def solve_static(
             linear tetrahedra elsewhere; 2 is the truth they are judged by.
         relative_tolerance: Out-of-balance nodal forces over the external or internal ones [-],
             between 1e-14 and 1e-2.
-        formulation: MIXED for Poisson's ratios of 0.49 and more: degree 2 or 3, frictionless tools
-            and mpirun not among what it can.
+        formulation: MIXED for Poisson's ratios of 0.49 and more: degree 2 or 3.
         element: SMOOTHED averages strains over edges and nodes: degree 1, and mpirun not among
             what it can.
         progress: Called with one line of text now and then.

@@ -33,17 +33,35 @@ Answer = TypeVar("Answer", covariant=True)
 
 
 class Task(Protocol[Answer]):
-    """What is done with a problem; `answer` is the class of what comes out."""
+    """What is done with a problem.
+
+    Attributes:
+        answer: The class of what comes out.
+        needs_one_rank: Whether it cannot be spread over the ranks of mpirun.
+    """
 
     @property
     def answer(self) -> type[Answer]: ...  # noqa: D102  (above)
 
+    @property
+    def needs_one_rank(self) -> bool: ...  # noqa: D102  (above)
+
     def __call__(self, problem: Problem, progress: Progress) -> Answer: ...  # noqa: D102
+
+
+class _OfElement:
+    """Averages of smoothed tetrahedra need all cells at an edge: those of other ranks are not there."""
+
+    element: Element
+
+    @property
+    def needs_one_rank(self) -> bool:
+        return self.element is Element.SMOOTHED
 
 
 # The fields of a task are the options of what it calls, which says what they mean.
 @dataclass(frozen=True)
-class StaticTask:
+class StaticTask(_OfElement):
     """`palpate.reference.statics.solve_static`."""
 
     strain: Strain = Strain.GREEN
@@ -90,6 +108,7 @@ class AdaptiveTask:
     part_supports: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
     answer = AdaptiveResult
+    needs_one_rank = False
 
     def __call__(self, problem: Problem, progress: Progress) -> AdaptiveResult:
         """Solve, estimate, refine."""
@@ -132,6 +151,7 @@ class AuditTask:
     degree: int = 2
 
     answer = Audit
+    needs_one_rank = False
 
     def __call__(self, problem: Problem, progress: Progress) -> Audit:
         """Audit."""
@@ -151,6 +171,7 @@ class ImplicitTask:
     relative_tolerance: float = 1e-9
 
     answer = ImplicitResult
+    needs_one_rank = False
 
     def __call__(self, problem: Problem, progress: Progress) -> ImplicitResult:
         """Simulate."""
@@ -160,7 +181,7 @@ class ImplicitTask:
 
 
 @dataclass(frozen=True)
-class ExplicitTask:
+class ExplicitTask(_OfElement):
     """`palpate.reference.explicit.simulate_explicit`, from rest."""
 
     strain: Strain = Strain.GREEN
@@ -177,7 +198,7 @@ class ExplicitTask:
 
 
 @dataclass(frozen=True)
-class SteppedTask:
+class SteppedTask(_OfElement):
     """`palpate.reference.integrators.stepping.simulate_by`, from rest."""
 
     integrator: Integrator

@@ -58,7 +58,7 @@ def solve(
             solves no equations.
         formulation: Of the reference's equilibrium: displacements alone, or pressure beside them,
             degree 2 or 3, for tissue near incompressibility. Where None, with pressure from
-            Poisson's ratios of 0.49 on, if the degree is 2 or 3 and there are no tools.
+            Poisson's ratios of 0.49 on, if the degree is 2 or 3.
         element: Linear tetrahedra, plain, or smoothed over edges and nodes: nearer the truth on
             the same mesh; of the reference with degree 1.
         device: Of fastsim's explicit steps, a motion's or relaxation's: "cpu" is the compiled core;

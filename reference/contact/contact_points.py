@@ -27,23 +27,27 @@ class ContactPoints:
 
     Attributes:
         nodes: Blocked dofs, of this rank's own, shape (n,).
+        dofs: Where their displacements stand in a flat vector of all unknowns, shape (n, 3).
         rest: Rest places [m], shape (n, 3).
         areas: Part of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
         facet_size: Root of twice the mean facet area [m].
     """
 
     nodes: Indices
+    dofs: Indices
     rest: Points
     areas: Floats
     facet_size: float
 
     def places(self, displacement: Floats) -> Points:
-        """Where the nodes are under a flat displacement [m], shape (n, 3)."""
-        placed: Points = self.rest + displacement.reshape(-1, 3)[self.nodes]
+        """Where the nodes are under a flat vector of all unknowns [m], shape (n, 3)."""
+        placed: Points = self.rest + displacement[self.dofs]
         return placed
 
 
-def find_contact_points(space: TransferredSpace, facets: Indices, held: Indices) -> ContactPoints:
+def find_contact_points(
+    space: TransferredSpace, facets: Indices, held: Indices, numbers: Indices | None = None
+) -> ContactPoints:
     """Collect the nodes of the facets that may touch a tool.
 
     A node that is held along all three axes takes no part.
@@ -51,7 +55,9 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: Indices)
     Args:
         space: Displacement space.
         facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
-        held: Degrees of freedom that are held, shape (n,).
+        held: Degrees of freedom of the displacement that are held, shape (n,).
+        numbers: Where displacements stand among all unknowns, shape (at least 3 num_blocks,); None
+            where there are no others.
     """
     source = space.transferred.source
     chosen = facets if len(facets) else source.boundary_facets
@@ -70,4 +76,8 @@ def find_contact_points(space: TransferredSpace, facets: Indices, held: Indices)
     # Of degree 2 the shape functions of vertices integrate to rounding errors.
     least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
     areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)
-    return ContactPoints(nodes, space.coordinates[nodes], areas, float(np.sqrt(doubled.mean())))
+    dofs = 3 * nodes[:, None] + np.arange(3, dtype=np.int32)
+    if numbers is not None:
+        dofs = numbers[dofs]
+    size = float(np.sqrt(doubled.mean()))
+    return ContactPoints(nodes, dofs, space.coordinates[nodes], areas, size)

@@ -56,26 +56,46 @@ class ToolState:
     penetration: float
 
 
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Flat vectors that hold more than displacements.
+
+    Attributes:
+        number: Of all that this rank owns.
+        of_displacement: Where displacements stand among them, shape (at least 3 num_blocks,).
+    """
+
+    number: int
+    of_displacement: Indices
+
+
 class ToolContact:
     """One tool against the body.
 
     Args:
         space: Displacement space.
         tool: Shape and path.
-        held: Degrees of freedom that are held, shape (n,).
+        held: Degrees of freedom of the displacement that are held, shape (n,).
         youngs_modulus: Largest of the body [Pa].
+        unknowns: Where pressures are among the unknowns too.
 
     Raises:
         InputError: Contact facets inside the body.
     """
 
     def __init__(
-        self, space: TransferredSpace, tool: RigidTool, held: Indices, youngs_modulus: float
+        self,
+        space: TransferredSpace,
+        tool: RigidTool,
+        held: Indices,
+        youngs_modulus: float,
+        unknowns: Unknowns | None = None,
     ) -> None:
         self.tool = tool
         self.source_points = space.transferred.source.points
-        self.points = find_contact_points(space, tool.contact_facets, held)
-        self._num_dofs = 3 * space.num_blocks
+        numbers = None if unknowns is None else unknowns.of_displacement
+        self.points = find_contact_points(space, tool.contact_facets, held, numbers)
+        self._num_dofs = 3 * space.num_blocks if unknowns is None else unknowns.number
         self._at_rest = _STIFFNESS_RATIO * youngs_modulus / self.points.facet_size
         # A tool that just touches must not press by roundings.
         size = np.abs(space.transferred.source.points).max() + np.abs(tool.path.positions).max()
@@ -227,24 +247,24 @@ class ToolContact:
         return self._spread(self._vectors(displacement))
 
     def _spread(self, tractions: Points) -> Floats:
-        nodal = np.zeros((self._num_dofs // 3, 3))
-        nodal[self.points.nodes] = self.points.areas[:, None] * tractions
-        return nodal.ravel()
+        flat = np.zeros(self._num_dofs)
+        flat[self.points.dofs] = self.points.areas[:, None] * tractions
+        return flat
 
     def add_tangent(self, matrix: Any, displacement: Points) -> None:
         """Add -d(force)/du to a PETSc matrix."""
         blocks, touching = self._stiffness(displacement)
         for a in np.flatnonzero(touching).tolist():
-            node = self.points.nodes[a : a + 1]
-            matrix.setValuesBlockedLocal(node, node, blocks[a], addv=True)
+            dofs = self.points.dofs[a]
+            matrix.setValuesLocal(dofs, dofs, blocks[a], addv=True)
         matrix.assemble()
 
     def derivative_of_force(self, displacement: Floats, direction: Floats) -> Floats:
         """Of the force on the tool along a unit vector, by the displacement, flat [N/m]."""
         blocks, touching = self._stiffness(displacement)
-        nodal = np.zeros((self._num_dofs // 3, 3))
-        nodal[self.points.nodes[touching]] = blocks[touching].transpose(0, 2, 1) @ direction
-        return nodal.ravel()
+        flat = np.zeros(self._num_dofs)
+        flat[self.points.dofs[touching]] = blocks[touching].transpose(0, 2, 1) @ direction
+        return flat
 
     def _stiffness(self, displacement: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """-d(nodal force)/du, area (k n n - t grad n), and at which points it is any [N/m].
@@ -305,13 +325,13 @@ class ToolContact:
 
 
 def create_contacts(
-    problem: Problem, space: TransferredSpace, held: Indices
+    problem: Problem, space: TransferredSpace, held: Indices, unknowns: Unknowns | None = None
 ) -> tuple[ToolContact, ...]:
-    """Set every tool of a problem against the body."""
+    """Set every tool of a problem against the body; arguments as `ToolContact` has them."""
     stiffest = max(
         m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
     )
-    return tuple(ToolContact(space, tool, held, stiffest) for tool in problem.tools)
+    return tuple(ToolContact(space, tool, held, stiffest, unknowns) for tool in problem.tools)
 
 
 def require_frictionless_on_path(tool: RigidTool) -> None:

@@ -21,8 +21,9 @@ from palpate.meshes.boundary_conditions import (
     Traction,
 )
 from palpate.meshes.files import read_answer
-from palpate.meshes.problem import Material, Problem, TimeSpan
+from palpate.meshes.problem import Inclusion, Material, Problem, TimeSpan
 from palpate.meshes.problem_files import save_problem
+from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.meshes.transforms import rotation, turn
 from palpate.reference import ranks
 
@@ -206,6 +207,52 @@ def test_points_slide_on_slanted_walls_and_turn_on_two_ranks_too(tmp_path, box):
             assert np.abs(both - alone).max() < 1e-10 * np.abs(alone).max()
 
 
+PRESSES = """
+import sys
+import numpy as np
+from palpate.meshes.problem_files import load_problem
+from palpate.reference.fenicsx import COMM
+from palpate.reference.result import Formulation
+from palpate.reference.statics import solve_static
+
+found = solve_static(load_problem(sys.argv[1]), degree=2, formulation=Formulation.MIXED)
+if COMM.rank == 0:
+    felt = found.tools[0].forces[-1] + found.tools[0].moments[-1]
+    whole = (found.volume, found.strain_energy, found.smallest_det_f)
+    np.savez(sys.argv[2], size=COMM.size, u=found.displacement, felt=felt, whole=whole,
+             stress=found.cauchy_stress, pushes=found.support_forces)
+"""
+
+
+def test_the_mixed_form_presses_layers_on_two_ranks_as_on_one(tmp_path, box):
+    mesh = box((4, 2, 2), (1.0, 0.5, 0.5), jitter=0.2)
+    held = mesh.facet_groups["z0"]
+    half = np.flatnonzero(mesh.points[mesh.cells].mean(axis=1)[:, 0] > 0.5).astype(np.int32)
+    places = np.array([[0.4, 0.25, 0.8], [0.4, 0.25, 0.76]])
+    problem = Problem(
+        mesh,
+        Material(2e4, 0.499),
+        (Support(np.unique(held).astype(np.int32), held),),
+        (Pressure(mesh.facet_groups["x1"], 300.0),),
+        inclusions=(Inclusion(half, Material(6e4, 0.495)),),
+        tools=(RigidTool(SphereShape(0.3), ToolPath(np.arange(2.0), places)),),
+    )
+    save_problem(tmp_path / "problem.npz", problem)
+    found = []
+    for n in (1, 2):
+        path = tmp_path / f"{n}.npz"
+        done = run(n, "-c", PRESSES, str(tmp_path / "problem.npz"), str(path))
+        assert done.returncode == 0, done.stderr
+        with np.load(path) as stored:
+            found.append(dict(stored))
+        assert found[-1].pop("size") == n
+    for name, alone in found[0].items():
+        scale = np.abs(alone).max()
+        assert scale > 1e-3
+        # The tool's force is settled to 1e-9.
+        assert np.abs(found[1][name] - alone).max() < 3e-9 * scale, name
+
+
 # Cells of another rank at an edge would be missing from its average.
 SMOOTHED = """
 import sys
@@ -242,6 +289,19 @@ def test_the_command_solves_on_two_ranks_and_writes_once(tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("displacement [m]") == 1
     assert np.abs(read_answer(path)[2]["displacement"]).max() > 1e-3
+
+
+def test_references_are_built_on_two_ranks_and_are_those_of_one(tmp_path):
+    """What ranks cannot share, smoothed tetrahedra, rank 0 has solved apart."""
+    example = Path(__file__).parents[2] / "validation" / "examples" / "gate_your_simulator"
+    case = shutil.copytree(example, tmp_path / "case") / "bar.toml"
+    # No memory for a second mesh: the truth's own refinement is told above.
+    case.write_text(case.read_text() + "\n[truth]\nmemory = 1e-6\n")
+    done = run(2, "-m", "palpate.validation.cli", "reference", "build", str(case))
+    assert done.returncode == 0, done.stderr
+    for kind in ("P1", "smoothed"):
+        for strain in ("linear", "green"):
+            assert f"reference {kind}, {strain} strain: unchanged" in done.stdout
 
 
 def test_an_error_is_told_once_with_its_exit_code():

@@ -205,14 +205,17 @@ def _outcome(result: CaseResult) -> str:
 
 def check_name(check: CheckResult) -> str:
     """Short name of a check: metric, against what, which answer; the precision if not double."""
-    element = [] if check.element is Element.LINEAR else [str(check.element)]
-    if check.against in ("relation", "self-test"):
-        return ", ".join([check.metric, *element])
-    against = _AGAINST[check.against]
-    words = [against, str(check.strain), *element]
-    if check.precision is not Precision.DOUBLE:
-        words.append(f"{check.precision} precision")
-    return f"{check.metric} ({', '.join(words)})"
+    precision = "" if check.precision is Precision.DOUBLE else f"{check.precision} precision"
+    return named(check.metric, check.against, str(check.strain), str(check.element), precision)
+
+
+def named(metric: str, against: str, strain: str, element: str, precision: str = "") -> str:
+    """The name of `check_name` from plain words, as a results.json has them."""
+    own = [] if element == Element.LINEAR else [element]
+    if against in ("relation", "self-test"):
+        return ", ".join([metric, *own])
+    words = [_AGAINST.get(against, against), strain, *own, *([precision] if precision else [])]
+    return f"{metric} ({', '.join(words)})"
 
 
 def write_outputs(

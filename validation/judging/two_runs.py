@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
+from palpate.validation.judging.outputs import named
 from palpate.validation.judging.result_changes import (
     QUIET,
     AcceptedCase,
@@ -81,19 +82,14 @@ def _of_case(name: str, first: AcceptedCase | None, second: AcceptedCase | None)
     found: dict[str, tuple[list[AcceptedCheck], list[AcceptedCheck]]] = {}
     for place, case in enumerate((first, second)):
         for check in case.checks if case is not None else ():
-            found.setdefault(_name(check), ([], []))[place].append(check)
+            called = named(check.metric, check.against, check.strain, check.element)
+            found.setdefault(called, ([], []))[place].append(check)
     # A metric may be asked for at several points: such checks are matched in their order.
     return [
         Pair(name, check, *both, is_other_problem=differs)
         for check, lists in found.items()
         for both in zip_longest(*lists)
     ]
-
-
-def _name(check: AcceptedCheck) -> str:
-    against = check.against.replace("_", " ")
-    element = "" if check.element == "linear" else f", {check.element}"
-    return f"{check.metric} ({against}, {check.strain}{element})"
 
 
 def exit_code_of(pairs: Sequence[Pair]) -> ExitCode:
