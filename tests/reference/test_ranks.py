@@ -30,6 +30,8 @@ from palpate.reference import ranks
 _BESIDE = Path(sys.executable).parent / "mpirun"  # the PyPI wheel brings its own
 MPIRUN = str(_BESIDE) if _BESIDE.exists() else shutil.which("mpirun")
 
+EXAMPLE = Path(__file__).parents[2] / "validation" / "examples" / "gate_your_simulator"
+
 pytestmark = [
     pytest.mark.dolfinx,
     pytest.mark.skipif(MPIRUN is None, reason="mpirun is not on the path"),
@@ -291,10 +293,9 @@ def test_the_command_solves_on_two_ranks_and_writes_once(tmp_path):
     assert np.abs(read_answer(path)[2]["displacement"]).max() > 1e-3
 
 
+@pytest.mark.nightly  # every collective call waits for the slower rank, and there are thousands
 def test_references_are_built_on_two_ranks_and_are_those_of_one(tmp_path):
-    """What ranks cannot share, smoothed tetrahedra, rank 0 has solved apart."""
-    example = Path(__file__).parents[2] / "validation" / "examples" / "gate_your_simulator"
-    case = shutil.copytree(example, tmp_path / "case") / "bar.toml"
+    case = shutil.copytree(EXAMPLE, tmp_path / "case") / "bar.toml"
     # No memory for a second mesh: the truth's own refinement is told above.
     case.write_text(case.read_text() + "\n[truth]\nmemory = 1e-6\n")
     done = run(2, "-m", "palpate.validation.cli", "reference", "build", str(case))
@@ -302,6 +303,18 @@ def test_references_are_built_on_two_ranks_and_are_those_of_one(tmp_path):
     for kind in ("P1", "smoothed"):
         for strain in ("linear", "green"):
             assert f"reference {kind}, {strain} strain: unchanged" in done.stdout
+
+
+def test_what_ranks_cannot_share_rank_0_has_solved_apart(tmp_path):
+    found = []
+    for n in (1, 2):
+        path = tmp_path / f"{n}.vtu"
+        case = ("solve", str(EXAMPLE / "bar.toml"), "--with", "reference", "-o", str(path))
+        done = run(n, "-m", "palpate.validation.cli", *case, "--element", "smoothed")
+        assert done.returncode == 0, done.stderr
+        found.append(read_answer(path)[2]["displacement"])
+    assert np.abs(found[0]).max() > 1e-4
+    assert np.array_equal(*found)
 
 
 def test_an_error_is_told_once_with_its_exit_code():
