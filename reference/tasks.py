@@ -50,7 +50,7 @@ class Task(Protocol[Answer]):
 
 
 class _OfElement:
-    """Averages of smoothed tetrahedra need all cells at an edge: those of other ranks are not there."""
+    """Averages of smoothed tetrahedra need all cells at an edge, those of other ranks too."""
 
     element: Element
 
