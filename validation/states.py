@@ -226,7 +226,7 @@ class State:
             (num_tools, num_outputs + 1, 3), means from output to output.
         versions: Of the libraries that solved it, by name.
         says: What an outside candidate says of itself: its words, never judged.
-        remarks: What was done to the answer to compare it, a sentence each.
+        remarks: What was done to the answer to compare it, or how far it holds, a sentence each.
         element: What its tetrahedra are; of an outside simulator what it says in its result.
         stresses: Of `displacement`, of each cell: fastsim's answers and the reference's equilibria
             have them.

@@ -64,15 +64,18 @@ def audit(
     ] = None,
     json: Annotated[Path | None, typer.Option()] = None,
     cells: Annotated[
-        Path | None, typer.Option(help=".vtu with each cell's part: where to refine")
+        Path | None,
+        typer.Option(help=".vtu with each cell's part, where to refine, and by how much it turns"),
     ] = None,
 ) -> None:
     """Measure a result against the equations it should satisfy, without solving them."""
+    import numpy as np
+
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.meshes.files import MESH_SUFFIXES, write_mesh
     from palpate.validation.auditing import audit_result
     from palpate.validation.case import load_case
-    from palpate.validation.metrics.linear_validity import describe_rotation
+    from palpate.validation.metrics.linear_validity import cell_rotations
     from palpate.validation.output_files import input_files, require_outputs
 
     if limit is not None and not 0.0 < limit < 1.0:
@@ -94,16 +97,16 @@ def audit(
         wrong = [_INVERTED]
     for line in (*describe(found), *state.remarks):
         print(for_terminal(line))
-    if with_ is not None:
-        print(f"  {describe_rotation(loaded.problem.mesh, state.displacement)}")
     if json is not None:
         write_text_atomically(json, json_format.dumps(as_numbers(found, wrong), indent=2) + "\n")
     if cells is not None:
+        mesh = loaded.problem.mesh
+        turned = np.degrees(cell_rotations(mesh, state.displacement))
         write_mesh(
             cells,
-            loaded.problem.mesh,
+            mesh,
             point_data={"displacement": state.displacement},
-            cell_data={"residual_norm": found.cell_errors},
+            cell_data={"residual_norm": found.cell_errors, "rotation_degrees": turned},
         )
     for reason in wrong:
         print(for_terminal(f"failed: {reason}"))

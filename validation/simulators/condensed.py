@@ -6,6 +6,7 @@ environment variable PALPATE_CONDENSED names a folder, models are kept there fro
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from pathlib import Path
@@ -19,6 +20,7 @@ from palpate.fastsim.condensed.solve import require_posable
 from palpate.fastsim.errors import FastsimError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
+from palpate.validation.metrics.linear_validity import describe_rotation
 from palpate.validation.states import CandidateFailedError, CellStresses, Progress, State
 
 CONDENSED = "condensed"
@@ -69,7 +71,7 @@ def run_condensed(
     seconds = time.perf_counter() - start
     body = Body.of(problem, strain, element=element)
     u = found.displacement
-    return make_state(
+    state = make_state(
         problem.mesh,
         u,
         label=name,
@@ -85,6 +87,8 @@ def run_condensed(
         },
         tool_forces=found.tool_forces if problem.tools else None,
     )
+    turned = f"Linear strain: {describe_rotation(problem.mesh, u)}."
+    return dataclasses.replace(state, remarks=(*state.remarks, turned))
 
 
 def _folder() -> Path | None:

@@ -6,6 +6,7 @@ import csv
 import json
 import re
 
+import meshio
 import numpy as np
 import pytest
 
@@ -29,11 +30,14 @@ def verdicts(path):
 
 
 def test_it_is_held_against_the_linear_reference_and_left_out_of_green_strain(
-    monkeypatch, tmp_path
+    monkeypatch, tmp_path, capsys
 ):
     path = tmp_path / "r.json"
-    for case in ("block", "press"):
+    for case, border in (("block", "beyond the 10%"), ("press", "border of bent bars")):
         assert run(monkeypatch, "gate", case, "--with", "condensed", "--json", path) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert "Linear strain: 99% of the volume turned by at most" in said
+        assert border in said
         found = verdicts(path)
         assert {v for (_, strain, _), v in found.items() if strain == "linear"} == {"passed"}
         assert {v for (_, strain, _), v in found.items() if strain == "green"} == {"skipped"}
@@ -57,6 +61,7 @@ def test_solve_is_the_linear_solve_and_says_what_it_was_made_of(case):
         1e-8 * linear.max_displacement
     )
     assert state.details["touched_points"] > 0
+    assert any("of the volume turned" in remark for remark in state.remarks)
     assert condensed_candidate().strains_of(palpate.Strain.GREEN) == (palpate.Strain.LINEAR,)
 
 
@@ -128,12 +133,17 @@ def test_a_sweep_has_it_beside_fastsim(monkeypatch, tmp_path):
     assert [row["strain"] for row in mine] == ["linear", "linear"]
 
 
-def test_the_audit_tells_its_error_against_green_strain_and_its_rotation(monkeypatch, capsys):
+def test_the_audit_tells_its_error_against_green_strain_and_its_rotation(
+    monkeypatch, capsys, tmp_path
+):
     arguments = ("audit", "block", "--with", "condensed", "--degree", "1")
-    assert run(monkeypatch, *arguments, "--limit", "0.1") == 1
+    cells = tmp_path / "cells.vtu"
+    assert run(monkeypatch, *arguments, "--limit", "0.1", "--cells", cells) == 1
+    turned = meshio.read(cells).cell_data["rotation_degrees"][0]
+    assert 14.4 < turned.max() < 60.0
     green = capsys.readouterr().out
     assert "green strain" in green
-    assert "beyond the 10% border of bent bars" in green
+    assert "beyond the 10% border of bent bars" in " ".join(green.split())
     # By the model's own strain it is an equilibrium.
     linear = (*arguments, "--strain", "linear", "--limit", "1e-8")
     assert run(monkeypatch, *linear) == 0
