@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import json
-import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -39,6 +37,7 @@ from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.paper_figures import write_figures
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.plots import budget_svg, checks_svg
+from palpate.validation.report.provenance import provenance_rows, record_text
 from palpate.validation.report.table_one import state_table
 from palpate.validation.report.tables import write_tables
 from palpate.validation.report.trust import trust_of
@@ -149,7 +148,8 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "num_inclusions": len(problem.inclusions),
         "credibility": credibility(result),
-        "provenance": _provenance(result),
+        "provenance": provenance_rows(result.provenance),
+        "record": record_text(result.provenance),
     }
 
 
@@ -164,13 +164,6 @@ def _small(path: Path) -> str:
     data = io.BytesIO()
     image.imsave(data, cells.mean(axis=(1, 3)), format="png")
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
-
-
-def _provenance(result: CaseResult) -> str:
-    """As JSON, a list of numbers on one line."""
-    text = json.dumps(dict(result.provenance), indent=2, allow_nan=False)
-    numbers = r"\[\s+((?:-?[\d.]+(?:e[-+]?\d+)?|null)(?:,\s+(?:-?[\d.]+(?:e[-+]?\d+)?|null))*)\s+\]"
-    return re.sub(numbers, lambda found: f"[{' '.join(found[1].split())}]", text)
 
 
 def _other_law(law: Law) -> str:

@@ -159,6 +159,23 @@ def test_a_motion_goes_through_its_times(
     move_slider(browser, 5)
     assert browser.execute_script(shown) == "0.0500 s"
     assert np.abs(picture(browser) - end).mean() > 0.01
+    # By keys alone: from the slider on to the list, from time to time, from look to look.
+    from selenium.webdriver.common.keys import Keys
+
+    slider = browser.find_element("css selector", ".viewer input")
+    slider.send_keys(Keys.ARROW_RIGHT)
+    assert browser.execute_script(shown) == "0.0600 s"
+    slider.send_keys(Keys.HOME)
+    assert browser.execute_script(shown) == "0.00 s"
+    slider.send_keys(Keys.END)
+    assert browser.execute_script(shown) == "0.500 s"
+    slider.send_keys(Keys.TAB)
+    assert browser.switch_to.active_element.tag_name == "select"
+    names = texts(browser, ".view:not([hidden]) .name")
+    browser.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
+    assert texts(browser, ".view:not([hidden]) .name") != names
+    browser.switch_to.active_element.send_keys(Keys.TAB)
+    assert browser.switch_to.active_element.tag_name == "canvas"
     assert serious(browser) == []
 
 

@@ -19,10 +19,12 @@ from palpate.meshes.shapes import shape_sphere
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.quoting import for_json
 from palpate.validation.report import html
 from palpate.validation.report.camera import choose_camera
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.looks import looks_of
+from palpate.validation.report.provenance import provenance_rows, record_text
 from palpate.validation.report.table_one import state_table
 from palpate.validation.report.viewer_data import viewer_json
 from palpate.validation.states import Verdict
@@ -254,3 +256,14 @@ def test_only_a_case_that_says_so_is_said_to_be_fitted(
     page = html.write_report([other], tmp_path).read_text("utf-8").partition("The states")[0]
     assert "A table of mine." in page
     assert "itted" not in page
+
+
+def test_a_few_rows_say_where_a_result_comes_from(kidney: CaseResult) -> None:
+    rows = dict(provenance_rows(kidney.provenance))
+    assert rows["palpate"] == kidney.provenance["palpate"]
+    assert rows["case key"] == kidney.provenance["case_key"]
+    assert "num cells 4860" in rows["mesh"]
+    assert f"dolfinx {kidney.provenance['reference']['versions']['dolfinx']}" in rows["with"]
+    assert all(len(value) < 300 for value in rows.values())
+    assert provenance_rows({}) == []
+    assert json.loads(record_text(kidney.provenance)) == for_json(kidney.provenance)
