@@ -7,7 +7,13 @@ from typing import Annotated
 
 import typer
 
-from palpate.validation.commands.words import ChosenElements, OneCase, progress_lines
+from palpate.validation.commands.words import (
+    ChosenElements,
+    OneCase,
+    is_condensed,
+    progress_lines,
+)
+from palpate.validation.solving import Simulator
 
 
 def touch(
@@ -16,6 +22,10 @@ def touch(
         Path, typer.Option("--output", "-o", help="folder for recordings and what is judged")
     ] = Path("out/touch"),
     element: ChosenElements = None,
+    engine: Annotated[
+        Simulator,
+        typer.Option("--with", help="condensed: its condensed linear model in a pane besides"),
+    ] = Simulator.FASTSIM,
     loads: Annotated[bool, typer.Option(help="begin with the case's own loads")] = False,
     tool: Annotated[
         str | None, typer.Option(help="sphere, capsule, or a closed surface beside the case")
@@ -38,14 +48,17 @@ def touch(
     import webbrowser
 
     from palpate.validation.case import load_case
+    from palpate.validation.live.condensed_pane import condensed_words
     from palpate.validation.live.live_case import Touch, tool_table
     from palpate.validation.live.server import PageServer
     from palpate.validation.states import Elements
 
     loaded = load_case(case)
     progress_lines()(f"reading and meshing {loaded.name}")
-    hand = Touch(tool_table(loaded, tool, radius), loads, damping)
+    hand = Touch(tool_table(loaded, tool, radius), loads, damping, is_condensed(engine))
     elements = (Elements.LINEAR if element is None else element).each
+    if hand.is_condensed:
+        progress_lines()(condensed_words(loaded.problem, elements[0]))
     server = PageServer(loaded, hand, elements, folder=output, is_once=once, port=port)
 
     def ready(address: str) -> None:

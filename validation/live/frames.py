@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.validation.live.pane import Pane
+from palpate.validation.live.condensed_pane import AnyPane
 from palpate.validation.live.protocol import Box, pack_frame
 
 # Energies cost more than a look at the surface: every so many frames.
@@ -84,7 +84,7 @@ class Look:
         """Colour by something else from now on."""
         self.colour, self._most = colour, 0.0
 
-    def frame(self, panes: Sequence[Pane], head: dict[str, Any]) -> bytes:
+    def frame(self, panes: Sequence[AnyPane], head: dict[str, Any]) -> bytes:
         """The next frame, with more for its head."""
         self.count += 1
         shades = [pane.shades(self.colour) for pane in panes]

@@ -23,8 +23,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.supervised import supervised
 from palpate.meshes.untrusted_text import parse_toml
 from palpate.reference import availability
+from palpate.validation.live.condensed_pane import AnyPane
 from palpate.validation.live.live_case import LiveCase
-from palpate.validation.live.pane import Pane
 from palpate.validation.live.recording import write_case
 from palpate.validation.live.verdict import ANSWERED, SAME_MESH, TRUTH
 from palpate.validation.report.viewer_data import packed
@@ -68,7 +68,7 @@ _FORCE_CHECK = {
 def write_pose(
     live: LiveCase,
     place: Floats,
-    panes: Sequence[Pane],
+    panes: Sequence[AnyPane],
     forces: Sequence[Floats],
     grip: dict[str, Any] | None,
     folder: Path,

@@ -54,11 +54,13 @@ class Touch:
             own where that begins, or a sphere as `tool_table` has it.
         has_loads: Whether the case's own loads act.
         mass_damping: [1/s]; None takes the case's, or half of critical for the lowest wave.
+        is_condensed: Whether the condensed linear model is touched beside the stepped bodies.
     """
 
     tool: dict[str, Any] | None = None
     has_loads: bool = False
     mass_damping: float | None = None
+    is_condensed: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import queue
 import threading
 import time
@@ -18,12 +19,13 @@ from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
 from palpate.validation.live.between_vertices import warn_between_vertices
+from palpate.validation.live.condensed_pane import all_panes
 from palpate.validation.live.frames import Look, Pace
 from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
 from palpate.validation.live.hand import RETREAT, Hand
 from palpate.validation.live.judging import Judging, write_pose
-from palpate.validation.live.live_case import LiveCase, Touch, live_case
-from palpate.validation.live.pane import Pane, Surface, make_panes
+from palpate.validation.live.live_case import Touch, live_case
+from palpate.validation.live.pane import Pane, Surface
 from palpate.validation.live.recording import free_name, write_recording
 from palpate.validation.live.settling import Settling
 
@@ -125,10 +127,10 @@ class Simulation(threading.Thread):
         }
 
     def _build(self) -> None:
-        self.live: LiveCase = live_case(self._case, self._touch, self._elements)
-        problem = self.live.problem
-        self.surface = Surface(problem)
-        self.panes: list[Pane] = make_panes(problem, self.surface, self._elements)
+        live = live_case(self._case, self._touch, self._elements)
+        surface = Surface(live.problem)
+        self.panes = all_panes(live.problem, surface, self._elements, self._touch.is_condensed)
+        self.live, self.surface, problem = live, surface, live.problem
         self._milli = self.live.unit * 1e3
         side = float(np.ptp(problem.mesh.points, axis=0).max())
         allowed = _SPEED_SAFETY * min(pane.largest_speed for pane in self.panes)
@@ -296,8 +298,6 @@ class Simulation(threading.Thread):
                 self._end_recording()
             case protocol.JudgeThis():
                 self._begin_to_judge()
-            case _:
-                pass
 
     def _grab(self, point: int, radius: float) -> None:
         self._let_go()
@@ -305,7 +305,7 @@ class Simulation(threading.Thread):
             self._say(f"a recording takes {MOST_GRIPS} grips; end it first")
             return
         used = self.surface.used
-        green = next(pane for pane in self.panes if pane.strain is Strain.GREEN)
+        green = next(p for p in self.panes if isinstance(p, Pane) and p.strain is Strain.GREEN)
         try:
             grip = take_hold(
                 self.live,
@@ -377,7 +377,7 @@ class Simulation(threading.Thread):
 
     def _with_loads(self, on: bool) -> None:
         before = self._touch
-        self._touch = Touch(before.tool, on, before.mass_damping)
+        self._touch = dataclasses.replace(before, has_loads=on)
         try:
             self._build()
         except InputError as error:

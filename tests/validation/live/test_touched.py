@@ -14,15 +14,21 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
+from palpate.validation.judging.judge import judge_case
 from palpate.validation.live.client import Client, connected
 from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import Touch, live_case, problem_of
 from palpate.validation.live.pane import Pane, Surface
 from palpate.validation.live.server import PageServer
 from palpate.validation.live.simulation import Simulation
+from palpate.validation.simulators.candidate import fastsim_candidate
+from palpate.validation.simulators.faults import Fault
+from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.solving import solve
+from palpate.validation.states import Verdict
 
 Serving = Callable[..., AbstractContextManager[PageServer]]
+CAPSULE = {"shape": "capsule", "radius": 9.0, "half_length": 8.0}
 PLATE = {"shape": "box", "half_widths": [9.0, 30.0, 30.0]}
 
 
@@ -153,35 +159,52 @@ def test_with_the_cases_loads_the_bodies_move_by_themselves(serving: Serving) ->
         assert client.until_time(0.6)["panes"][1]["energy"] > 1e-6
 
 
-def test_what_was_recorded_repeats_the_motion_bit_for_bit(serving: Serving, tmp_path: Path) -> None:
-    tool = {"shape": "capsule", "radius": 9.0, "half_length": 8.0}
-    with (
-        serving("block", Touch(tool, has_loads=True)) as server,
-        connected(server.address) as client,
-    ):
-        client.until_time(0.1)
-        client.say("record", on=True)
-        client.until(lambda heard: heard.get("recording") is True)
-        x, y, z = client.scene["tool"]["start"]
-        for number, goal in enumerate([[x - 6, y + 1, z], [x - 3.7, y - 2, z + 1.7]]):
-            client.say("tool", number=number + 1, to=goal)
-            client.until_time(0.3 * (number + 1))
-        client.say("grab", point=3, radius=14.0)
-        client.say("pull", number=3, by=[1.0, -2.0, 1.5])
-        client.until_time(0.75)
-        client.say("let_go")
-        client.until_time(0.85)
-        client.say("record", on=False)
-        path = Path(client.until(lambda heard: "recorded" in heard)["recorded"])
-        simulation = server.simulation
-        client.say("pause", on=True)
-        client.until(lambda heard: heard.get("paused") is True)
+@pytest.fixture
+def recorded(serving: Serving) -> tuple[Simulation, Path]:
+    """A motion by tool and by grip, under the case's own loads."""
+    with serving("block", Touch(CAPSULE, has_loads=True)) as server:
+        with connected(server.address) as client:
+            client.until_time(0.1)
+            client.say("record", on=True)
+            client.until(lambda heard: heard.get("recording") is True)
+            x, y, z = client.scene["tool"]["start"]
+            for number, goal in enumerate([[x - 6, y + 1, z], [x - 3.7, y - 2, z + 1.7]]):
+                client.say("tool", number=number + 1, to=goal)
+                client.until_time(0.2 * (number + 1))
+            client.say("grab", point=3, radius=14.0)
+            client.say("pull", number=3, by=[1.0, -2.0, 1.5])
+            client.until_time(0.5)
+            client.say("let_go")
+            client.until_time(0.55)
+            client.say("record", on=False)
+            path = Path(client.until(lambda heard: "recorded" in heard)["recorded"])
+        return server.simulation, path
+
+
+def test_what_was_recorded_repeats_the_motion_bit_for_bit(
+    recorded: tuple[Simulation, Path], tmp_path: Path
+) -> None:
+    simulation, path = recorded
     case = load_case(path)
     assert path.parent == tmp_path
-    again = live_case(load_case("block"), Touch(tool, has_loads=True), (Element.LINEAR,))
+    again = live_case(load_case("block"), Touch(CAPSULE, has_loads=True), (Element.LINEAR,))
     assert case.problem.time is not None
     assert case.problem.time.time_step == again.clock.time_step
     replay_is_the_motion(simulation, path)
+
+
+@pytest.mark.dolfinx
+def test_what_was_recorded_passes_its_gate_and_a_spoiled_answer_does_not(
+    recorded: tuple[Simulation, Path],
+) -> None:
+    case = load_case(recorded[1])
+    assert len(case.spec.tool) == len(case.spec.spring) == 1
+    right = fastsim_candidate()
+    both = (right, with_fault(right, Fault.SOFTER))
+    result = judge_case(case, live=True, candidate=both, diagnoses=False)
+    for metric in ("trajectory_l2", "tool_force"):
+        verdicts = [check.verdict for check in result.checks if check.metric == metric]
+        assert verdicts == [Verdict.PASSED, Verdict.FAILED]
 
 
 def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
