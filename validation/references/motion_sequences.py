@@ -24,6 +24,10 @@ from palpate.validation.states import State
 _ORDER = 2.0
 # Relative: seven digits kept, and solves to 1e-9 of the forces, step upon step.
 _NOISE = 1e-6
+# Those of `MOVING_TRUTH_METRICS` that are norms of a difference.
+_NORMS = ("displacement_l2", "displacement_max", "trajectory_l2")
+# Of the last difference of a norm over the one before: more, and nothing settles.
+LARGEST_GROWTH = 1.5
 
 
 def truth_metrics(problem: Problem) -> tuple[str, ...]:
@@ -36,10 +40,17 @@ def truth_metrics(problem: Problem) -> tuple[str, ...]:
 def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridConvergence]:
     """How each metric settles with the time step, or with the mesh: second order inside both.
 
+    No faster than of that order is believed: a sequence that shows more has bars as of that.
+
     Of an oscillation, what other modes leak into a fit is hardly another from run to run, so that
     a sequence may show an order far below what one fit can tell of the swing. Where it shows none
     there, the bar is three times its range (L. Eca, M. Hoekstra, J. Comput. Phys. 262 (2014)
     104-130, of sequences without order).
+
+    Norms of what lies between two runs are never small by chance. Where they shrink more slowly
+    than any order that is believed, or grow by less than LARGEST_GROWTH, as where a mesh was cut in
+    some places only, their bar is three times their range likewise: no less than two runs alone
+    would make it.
 
     Args:
         problem: Whose points the runs are read at.
@@ -68,13 +79,26 @@ def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridCo
         shown = assess_grid_convergence(
             values, (1.0, 2.0, 4.0), expected_order=_ORDER, noise=_NOISE
         )
+        if shown.error_bar is not None and shown.order is not None and shown.order > _ORDER:
+            slower = (2.0**shown.order - 1.0) / (2.0**_ORDER - 1.0)
+            shown = replace(shown, error_bar=slower * shown.error_bar)
         reach = float(np.ptp(values))
         if shown.error_bar is None and reach <= untold:
             shown = replace(
                 shown, behaviour=Convergence.BELOW_NOISE, error_bar=SAFETY_FACTOR * reach + _NOISE
             )
+        elif shown.error_bar is None and metric in _NORMS and _grows_little(values):
+            shown = replace(shown, error_bar=SAFETY_FACTOR * reach + _NOISE)
         found[metric] = shown
+    # No farther off than the worst point.
+    worst = found["displacement_max"].error_bar
+    if found["max_displacement"].error_bar is None and worst is not None:
+        found["max_displacement"] = replace(found["max_displacement"], error_bar=worst)
     return found
+
+
+def _grows_little(values: Sequence[float]) -> bool:
+    return values[1] - values[0] <= LARGEST_GROWTH * (values[2] - values[1])
 
 
 def difference(metric: str, problem: Problem, one: State, other: State) -> float:

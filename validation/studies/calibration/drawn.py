@@ -103,7 +103,7 @@ def _digest(text: str) -> bytes:
 
 
 def find_missing() -> None:
-    """Find and keep the answers that are missing: some five minutes each."""
+    """Find and keep the answers that are missing: minutes each, the same on every machine."""
     for one in draw_problems():
         if one.maker not in _EXACT:
             problem, strain = slender_problem(**one.given)

@@ -191,7 +191,12 @@ def _stored(problem: Problem, strain: Strain, progress: Progress) -> tuple[State
 
 def _live(problem: Problem, strain: Strain, progress: Progress) -> tuple[State, dict[str, float]]:
     found = solve_live(
-        problem, progress, wanted=("truth",), request=_request(strain), has_stress=False
+        problem,
+        progress,
+        wanted=("truth",),
+        request=_request(strain),
+        has_stress=False,
+        strains=(strain,),
     )
     return _of(found, problem, strain)
 
