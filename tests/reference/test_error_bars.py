@@ -11,7 +11,9 @@ from palpate.reference.adaptivity.goals import (
     AREA_OF_ESTIMATE,
     AREA_WIDER,
     LEAST_RATIO,
+    LEAST_RATIO_OF_NUMBERS,
     NOISE,
+    PART_OF_ESTIMATE,
     SAFETY,
     Quantity,
     error_bar,
@@ -83,10 +85,36 @@ def test_an_area_is_no_better_known_than_its_edges_allow():
         (0.01, AREA_OF_ESTIMATE * 0.01),
         (0.004, plain),
     ):
-        assert bars(last)[Quantity.VOLUME] == pytest.approx(plain)
+        assert bars(last)[Quantity.VOLUME] == pytest.approx(max(plain, PART_OF_ESTIMATE * last))
         assert bars(last)[Quantity.SURFACE_AREA] == pytest.approx(wanted)
     lost = error_bars({"surface_area": ([0.1, 0.1], [0.4, 0.2, 0.1])})
     assert lost["surface_area"] == math.inf
+    # Differences grew, all smaller than what the estimates, which fall, leave.
+    told = [0.005, 0.009], [0.2, 0.1, 0.04]
+    grown = error_bars({Quantity.VOLUME: told, Quantity.SURFACE_AREA: told})
+    assert grown[Quantity.VOLUME] == math.inf
+    assert grown[Quantity.SURFACE_AREA] == pytest.approx(AREA_OF_ESTIMATE * 0.04)
+    stuck = error_bars({"surface_area": ([0.005, 0.009], [0.2, 0.042, 0.04])})
+    assert stuck["surface_area"] == math.inf
+
+
+def test_two_differences_that_are_small_by_chance_make_no_small_bar():
+    told = [0.02, 1e-6, 1e-8], [0.08, 0.04, 0.01, 0.0025]
+    bars = error_bars(dict.fromkeys(("max_displacement", "volume", "displacement_l2"), told))
+    assert bars["max_displacement"] == bars["volume"] == pytest.approx(PART_OF_ESTIMATE * 0.0025)
+    # A norm is not small by chance.
+    assert bars["displacement_l2"] < 1e-7
+
+
+def test_numbers_of_smooth_displacements_are_believed_to_converge_faster_than_norms():
+    told = [0.1, 0.01], [0.1, 0.01, 0.001]
+    bars = error_bars(dict.fromkeys(("volume", "displacement_l2", "strain_energy"), told))
+    rate = LEAST_RATIO_OF_NUMBERS
+    assert bars["volume"] == pytest.approx(SAFETY * rate * 0.1 * rate / (1.0 - rate))
+    rate = LEAST_RATIO
+    assert bars["displacement_l2"] == pytest.approx(SAFETY * 0.01 * rate / (1.0 - rate))
+    # Its estimates are by the dual of another quantity.
+    assert bars["strain_energy"] == pytest.approx(SAFETY * rate * 0.1 * rate / (1.0 - rate))
 
 
 def test_nothing_is_concluded_from_two_meshes_or_from_what_does_not_settle():

@@ -196,6 +196,29 @@ def test_what_leaks_into_the_fit_of_a_swing_is_no_noise_between_runs() -> None:
     assert far["oscillation_amplitude"].error_bar is None
 
 
+def test_norms_that_show_no_order_have_three_times_their_range() -> None:
+    def bar(*sizes: float) -> float | None:
+        runs = []
+        for size in sizes:
+            problem, state = swinging(0.3)
+            motion = state.trajectory
+            assert motion is not None
+            moved = (1.0 + size) * motion.displacements
+            runs.append(
+                dataclasses.replace(
+                    state, displacement=moved[-1], trajectory=Trajectory(motion.times, moved)
+                )
+            )
+        return assess_sequence(problem, runs)["trajectory_l2"].error_bar
+
+    # Slowly falling differences, and such that grow a little; of more nothing is concluded.
+    assert bar(0.0, 2e-3, 4.2e-3) == pytest.approx(3.0 * 4.2e-3, rel=0.01)
+    assert bar(0.0, 2.2e-3, 4.2e-3) == pytest.approx(3.0 * 4.2e-3, rel=0.01)
+    assert bar(0.0, 2e-3, 3e-3) is None
+    # Faster than of second order is not believed.
+    assert bar(0.0, 1e-4, 16e-4) == pytest.approx(1.25 * 1e-4 / 3.0, rel=0.01)
+
+
 def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -> None:
     case = load_case("wave")
     stored = find_references(case, live=False, progress=lambda _line: None)
