@@ -11,10 +11,10 @@ import numpy as np
 from palpate.meshes.arrays import Floats
 from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
+from palpate.reference.adaptivity.error_bars import error_bars
 from palpate.reference.adaptivity.goals import (
     Goal,
     difference,
-    error_bars,
     has_limit,
     has_point_forces,
 )

@@ -13,10 +13,9 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, SphereShape, ToolPath
+from palpate.reference.adaptivity.error_bars import NOISE, SAFETY
 from palpate.reference.adaptivity.goals import (
-    NOISE,
     OF_PART,
-    SAFETY,
     Budget,
     Goal,
     Quantity,

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from palpate.reference.adaptivity.goals import (
+from palpate.reference.adaptivity.error_bars import (
     AREA_OF_ESTIMATE,
     AREA_WIDER,
     LEAST_RATIO,
@@ -15,10 +15,10 @@ from palpate.reference.adaptivity.goals import (
     NOISE,
     PART_OF_ESTIMATE,
     SAFETY,
-    Quantity,
     error_bar,
     error_bars,
 )
+from palpate.reference.adaptivity.goals import Quantity
 
 
 def test_the_bar_of_a_geometric_sequence_covers_what_is_left():

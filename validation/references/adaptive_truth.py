@@ -180,7 +180,8 @@ def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:
 
     Infinite where a table, which anybody may have written, is none.
     """
-    from palpate.reference.adaptivity.goals import Quantity, error_bars
+    from palpate.reference.adaptivity.error_bars import error_bars
+    from palpate.reference.adaptivity.goals import Quantity
 
     known = {str(quantity) for quantity in Quantity}
     kept: dict[str, tuple[list[float], list[float]]] = {}

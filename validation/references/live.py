@@ -267,7 +267,8 @@ def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict
     Returns:
         By metric; none of one mesh alone.
     """
-    from palpate.reference.adaptivity.goals import error_bar_of_two, has_point_forces
+    from palpate.reference.adaptivity.error_bars import error_bar_of_two
+    from palpate.reference.adaptivity.goals import has_point_forces
 
     if len(found.num_cells) < 2 and not found.ended.startswith(LOST):
         return {}

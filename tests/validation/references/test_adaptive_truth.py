@@ -8,7 +8,7 @@ import math
 import pytest
 
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.reference.adaptivity.goals import SAFETY
+from palpate.reference.adaptivity.error_bars import SAFETY
 from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.case import load_case
 from palpate.validation.judging.truth_request import truth_request

@@ -12,7 +12,8 @@ from palpate.meshes.boundary_conditions import PointForce, Support
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.reference.adaptivity.goals import Budget, error_bar_of_two
+from palpate.reference.adaptivity.error_bars import error_bar_of_two
+from palpate.reference.adaptivity.goals import Budget
 from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
 from palpate.validation.mechanics.body import dead_force
