@@ -131,15 +131,28 @@ def shape_of(references: ReferenceSet) -> str:
 
 
 def polyhedron_note(case: Case) -> str:
-    """That nobody knows the true surface of a body from a file; empty where somebody does."""
-    geometry, asked = case.spec.geometry, case.spec.truth
+    """That what a polyhedron leaves out of a curved body is in no bar; empty where it is told.
+
+    Nobody knows the true surface of a body from a file, unless the case tells it. Of motions, and
+    where tools press, it is not worked out.
+    """
+    shape, asked = case.spec.geometry.shape, case.spec.truth
+    is_worked_out = case.problem.time is None and not case.problem.tools
     is_told = asked.surface is not None or asked.geometry_distance is not None
+    is_known = is_told or shape is not None
+    is_flat = shape is not None and shape not in _WORDS
     is_judged = any(spec.against == "truth" for spec in case.checks)
-    if geometry.shape is not None or is_told or not is_judged:
+    if not is_judged or is_flat or (is_known and is_worked_out):
         return ""
+    remedy = (
+        "[truth] surface or geometry_distance in the case tells it"
+        if is_worked_out
+        else "of motions and under tools it is not worked out: hold the case against itself with a "
+        "finer surface"
+    )
     return (
         "The truth is that of this polyhedron: what its facets leave out of a curved body is in no "
-        "bar; [truth] surface or geometry_distance in the case tells it."
+        f"bar; {remedy}."
     )
 
 

@@ -182,10 +182,24 @@ def test_a_distance_counts_out_and_in(case_of, sphere_file, monkeypatch):
 def test_of_a_file_alone_nobody_knows(case_of, sphere_file):
     case = case_of(sphere_file)
     assert true_body(case) is None
-    assert "of this polyhedron" in polyhedron_note(case)
+    assert "geometry_distance in the case tells it" in polyhedron_note(case)
     untold, parts = geometry_of(case)
     assert set(parts.values()) == {0.0}
     assert shape_of(untold) == ""
+
+
+@pytest.mark.parametrize("name", ["press", "slide", "wave"])
+def test_of_motions_and_under_tools_it_is_not_worked_out(name):
+    note = polyhedron_note(load_case(name))
+    assert "of motions and under tools it is not worked out" in note
+    # What is refused there is not advised.
+    assert "[truth]" not in note
+
+
+def test_a_ball_on_a_round_bar_is_told_that_nobody_works_it_out(case_of):
+    poses = ", ".join(f"{{ time = {t}, position = [0.0, 0.0, {7.0 - t}] }}" for t in (0.0, 0.4))
+    ball = f'[tool]\nshape = "sphere"\nradius = 0.5\npose = [{poses}]\n'
+    assert "not worked out" in polyhedron_note(case_of(CYLINDER, truth=ball, ends=(0.0, HEIGHT)))
 
 
 def test_flat_shapes_have_no_geometry_part(case_of):
