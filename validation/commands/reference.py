@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import datetime
 import getpass
+import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -52,6 +54,12 @@ def _tell_each(names: list[str], lines: Callable[[Case, str, Path], list[str]]) 
         raise InputError("; ".join(troubles))
 
 
+def _processor_seconds() -> float:
+    """What this process and the children that it has waited for have taken of the processor."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
+
+
 @app.command()
 def build(
     names: Cases = None,
@@ -87,6 +95,7 @@ def build(
             "palpate": version_of("palpate"),
         }
         progress = progress_lines()
+        clock, processor = time.perf_counter(), _processor_seconds()
         if element is None:
             judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
             found = solve_for_storing(
@@ -97,7 +106,12 @@ def build(
                 request=truth_request(case),
             )
             found = with_geometry(case, found, progress, strains=judged)
-            provenance: dict[str, Any] = {**about, **found.provenance}
+            provenance: dict[str, Any] = {
+                **about,
+                **found.provenance,
+                "seconds": round(time.perf_counter() - clock, 1),
+                "processor_seconds": round(_processor_seconds() - processor, 1),
+            }
         elif "same_mesh" not in wanted:
             print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))
             continue
@@ -120,12 +134,17 @@ def check(names: Cases = None) -> None:
     The hash, that they belong to their case, header numbers, supports, times, equilibrium, error
     bars, and every step of a motion on the same mesh.
     """
-    from palpate.validation.references.stored import describe_acceptance, load_checked
+    from palpate.validation.references.stored import (
+        describe_acceptance,
+        describe_time,
+        load_checked,
+    )
 
     def lines(case: Case, name: str, path: Path) -> list[str]:
         stored = load_checked(path, case.name, case.problem, name, thoroughly=True)
         accepted = describe_acceptance(stored)
-        made = f"{case.name}: {stored.origin}, made {stored.provenance.get('date', '?')}"
+        date = stored.provenance.get("date", "?")
+        made = f"{case.name}: {stored.origin}, made {date}{describe_time(stored)}"
         return [made, f"  {accepted}"] if accepted else [made]
 
     _tell_each(_chosen(names), lines)

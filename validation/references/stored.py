@@ -165,6 +165,15 @@ def describe_acceptance(references: ReferenceSet) -> str:
     return "; ".join(lines)
 
 
+def describe_time(references: ReferenceSet) -> str:
+    """How long a reference took to build, after its date; empty where the file does not tell it."""
+    told = [references.provenance.get(key) for key in ("seconds", "processor_seconds")]
+    clock, processor = (x if isinstance(x, int | float) else None for x in told)
+    if clock is None or processor is None:
+        return ""
+    return f" in {clock:.0f} s, {processor:.0f} s of the processor"
+
+
 def accept_pending(
     name: str, problem: Problem, acceptance: dict[str, Any], *, beside: Path | None = None
 ) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import shutil
 
 import numpy as np
@@ -85,7 +86,9 @@ def test_references_of_ones_own_case_are_kept_beside_it(tmp_path, monkeypatch, c
     assert (tmp_path / "references" / "mine.pending.npz").is_file()
     assert palpate(monkeypatch, "gate", path) == 2
     assert palpate(monkeypatch, "reference", "accept", path, "--reason", "first") == 0
+    capsys.readouterr()
     assert palpate(monkeypatch, "reference", "check", path) == 0
+    assert re.search(r"made [0-9-]+ in \d+ s, \d+ s of the processor", capsys.readouterr().out)
     assert palpate(monkeypatch, "gate", path) == 0
     assert sorted(p.name for p in (tmp_path / "references").iterdir()) == ["mine.npz"]
     assert not (references_folder() / "mine.npz").exists()
