@@ -8,7 +8,7 @@ import re
 
 from making.tables import table
 from palpate.meshes.material_law import Law
-from palpate.validation.benchmarks.run import NAMES, TOUCH
+from palpate.validation.benchmarks.run import ALONE, NAMES
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.metrics.metric import Metric
 from palpate.validation.simulators.faults import Fault
@@ -89,7 +89,7 @@ def benchmarks() -> str:
         "# Benchmarks\n\n`palpate bench NAME` times palpate beside the rivals that are installed, "
         "in one run; `--json` keeps the rows. Those that are not installed are named.\n"
     ]
-    for name in (*NAMES, TOUCH):
+    for name in (*NAMES, *ALONE):
         module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
         paragraphs = (inspect.getdoc(module) or "").split("\n\n")
         parts += [f"## `{name}`\n", *(_plain(" ".join(p.split())) + "\n" for p in paragraphs)]
