@@ -55,6 +55,7 @@ def laws() -> str:
         name, _, text = block.partition(": ")
         if name in Law.__members__:
             words = " ".join(text.split())
+            words = words[:1].upper() + words[1:]
             parts.append(f"## `{Law[name]}`\n\n{words}\n")
         else:
             parts.append(f"{(inspect.getmodule(Law).__doc__ or '').strip()}\n\n{block}\n")
