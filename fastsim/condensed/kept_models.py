@@ -75,8 +75,12 @@ def condense_once(
 
     Raises:
         UnsupportedBodyError, CondensedTooLargeError, NotCondensableError: As of `condense`.
-        OSError: The folder cannot be written.
+        FileFormatError: The folder cannot be made; where a file cannot be written, that is told.
     """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileFormatError(folder, f"is no folder for condensed models ({error})") from error
     setup = CondensedSetup(problem, element, touched, seen)
     path = Path(folder) / f"condensed-{model_key(setup, precision)[:32]}.npz"
     tell = progress or (lambda _: None)
@@ -96,7 +100,10 @@ def condense_once(
         most_bytes=most_bytes,
         progress=progress,
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    model.save(path)
-    tell(f"kept for the next time: {path}, {path.stat().st_size / 1e6:.0f} MB")
+    try:
+        model.save(path)
+    except OSError as error:
+        tell(f"not kept for the next time: {path} ({error})")
+    else:
+        tell(f"kept for the next time: {path}, {path.stat().st_size / 1e6:.0f} MB")
     return model

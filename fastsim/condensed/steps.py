@@ -66,6 +66,9 @@ def require_known_tool(tool: RigidTool, number: int) -> None:
 class CondensedSteps:
     """A condensed body under rigid tools that go wherever they are told, without inertia.
 
+    Columns of the compliance at 64 points, or as many as are touched at a time, are kept besides
+    the model: each 72 bytes for a seen point, 36 in single precision (9 MB for 2 000 of them).
+
     Args:
         model: The body.
         tools: Shapes, and the facets that they may touch; their paths are not read. None is the

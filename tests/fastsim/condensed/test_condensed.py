@@ -220,6 +220,9 @@ def test_a_model_is_made_once_and_found_again_with_its_inside(tmp_path: Path) ->
     again, said = told(keep_inside=True)
     assert "no condensed model (blocks is of shape" in said
     assert np.array_equal(again.displacement(forces), first.displacement(forces))
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileFormatError, match="is no folder for condensed models"):
+        condense_once(tmp_path / "file", problem)
     # A model without its inside is no answer to who asks for it.
     told(element=Element.SMOOTHED)
     model, said = told(element=Element.SMOOTHED, keep_inside=True)
