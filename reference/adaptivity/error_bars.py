@@ -28,10 +28,10 @@ through parts, by that of the displacement in L2 (`duals`). All these factors ar
 answers by `palpate study calibration`.
 
 Numbers with a dual of their own converge, where all is smooth, as the product of two errors of a
-gradient does: h^4, so that on meshes with some 3.3 times as many cells each, as these are,
-3.3^(-4/3) of the error is left: LEAST_RATIO_OF_NUMBERS. They may pass by chance through the values
-of two meshes in a row, and then both differences say too little: their bar is at least
-PART_OF_ESTIMATE e_n.
+gradient does: h^4. Each mesh has some 3.6 times as many cells as the one before (the middle of the
+open half), so that 3.6^(-4/3) = 0.18 of the error is left; no less than LEAST_RATIO_OF_NUMBERS is
+believed. They may pass by chance through the values of two meshes in a row, and then both
+differences say too little: their bar is at least PART_OF_ESTIMATE e_n.
 
 Where the ratio is above LARGEST_RATIO nothing can be concluded, and the bar is infinite. Where the
 last two differences are at most NOISE, the bar is SAFETY NOISE.
