@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.driven_tools import require_drive_of_statics
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
@@ -38,6 +38,7 @@ def solve_static(
     relative_tolerance: float = 1e-10,
     formulation: Formulation = Formulation.DISPLACEMENT,
     element: Element = Element.LINEAR,
+    start: Points | None = None,
     progress: Progress | None = None,
 ) -> ReferenceResult:
     """Solve internal(u) = external(u) on the problem's own mesh.
@@ -58,6 +59,9 @@ def solve_static(
         formulation: MIXED for Poisson's ratios of 0.49 and more: degree 2 or 3.
         element: SMOOTHED averages strains over edges and nodes: degree 1, and mpirun not among
             what it can.
+        start: Displacement at the mesh's points near an equilibrium [m], shape (num_points, 3).
+            The equilibrium beside it is looked for first, where there are several that one; the
+            loads are raised from nothing where there is none, or where None.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -85,6 +89,7 @@ def solve_static(
         relative_tolerance=relative_tolerance,
         formulation=formulation,
         element=element,
+        start=start,
         progress=progress,
     )
     try:
@@ -160,6 +165,7 @@ def find_equilibrium(
     formulation: Formulation = Formulation.DISPLACEMENT,
     element: Element = Element.LINEAR,
     guess: Callable[[DiscreteProblem], Floats] | None = None,
+    start: Points | None = None,
     largest_direct: int | None = None,
     progress: Progress | None = None,
 ) -> Equilibrium:
@@ -175,6 +181,7 @@ def find_equilibrium(
         guess: Unknowns near the equilibrium, flat, from which alone it is looked for; with tools
             first, if it does not depend on their way, and then along it. The load is raised from
             nothing where None.
+        start: See `solve_static`; in the place of a guess.
         largest_direct: See `LinearSolver`.
         progress: Called with one line of text now and then.
 
@@ -200,9 +207,15 @@ def find_equilibrium(
     num_dofs = fenicsx.total(discrete.num_dofs)
     tell(f"{num_dofs} degrees of freedom, {newton.linear_solver}")
     is_known = all(contact.forgets_its_way for contact in discrete.contacts)
-    near = guess(discrete) if guess is not None and is_known else None
-    path, tools = _go_on(discrete, newton, near, tell) if near is not None else (None, ())
-    if path is None or (path.reason and discrete.contacts):
+    near = _near(discrete, guess, start) if is_known else None
+    # Where degrees differ, forces are those of the kinks between cells.
+    knows_forces = start is not None and degree == 1
+    path, tools = (
+        (None, ())
+        if near is None
+        else _go_on(discrete, newton, near, tell, knows_forces=knows_forces)
+    )
+    if path is None or (path.reason and (discrete.contacts or start is not None)):
         for contact in discrete.contacts:
             contact.begin()
         path, tools = _follow(discrete, sampler, newton, tell)
@@ -219,18 +232,34 @@ def find_equilibrium(
     return Equilibrium(problem, discrete, path.displacement, newton, path, tools, smallest_det_f)
 
 
+def _near(
+    discrete: DiscreteProblem,
+    guess: Callable[[DiscreteProblem], Floats] | None,
+    start: Points | None,
+) -> Floats | None:
+    if start is not None:
+        return discrete.from_nodal(discrete.space.from_points(start))
+    return None if guess is None else guess(discrete)
+
+
 def _go_on(
-    discrete: DiscreteProblem, newton: Newton, near: Floats, tell: Progress
+    discrete: DiscreteProblem,
+    newton: Newton,
+    near: Floats,
+    tell: Progress,
+    *,
+    knows_forces: bool,
 ) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
     """The equilibrium under the full load that Newton's method finds from nearby."""
 
     def report(iteration: int, relative: float, det_f: float) -> None:
         tell(
-            f"from the coarser mesh, iteration {iteration}: relative residual {relative:.2e}, "
+            f"from nearby, iteration {iteration}: relative residual {relative:.2e}, "
             f"smallest det F {det_f:.4f}"
         )
 
-    run = go_on_at_end(newton, discrete.contacts, near, report=report)
+    needed = discrete.internal_force(near) - discrete.external_force(near) if knows_forces else None
+    run = go_on_at_end(newton, discrete.contacts, near, needed=needed, report=report)
     return run.path, run.histories
 
 

@@ -69,6 +69,7 @@ class StaticTask(_OfElement):
     relative_tolerance: float = 1e-10
     formulation: Formulation = Formulation.DISPLACEMENT
     element: Element = Element.LINEAR
+    start: Points | None = None
 
     answer = ReferenceResult
 
@@ -106,6 +107,7 @@ class AdaptiveTask:
     part_cells: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     part_weights: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
     part_supports: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    start: Points | None = None
 
     answer = AdaptiveResult
     needs_one_rank = False
@@ -138,6 +140,7 @@ class AdaptiveTask:
             strain=self.strain,
             degree=self.degree,
             formulation=self.formulation,
+            start=self.start,
             progress=progress,
         )
 

@@ -11,13 +11,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Indices
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.local_refinement import LocallyRefined, refine_cells
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.adaptivity.duals import Solved, duals_of, solve_duals, worst_of
+from palpate.reference.adaptivity.first_mesh import first_mesh
 from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
 from palpate.reference.adaptivity.history import History
 from palpate.reference.adaptivity.recovery import GradientRecovery
@@ -52,6 +53,7 @@ def solve_adaptively(
     degree: int = 2,
     formulation: Formulation = Formulation.DISPLACEMENT,
     relative_tolerance: float = 1e-10,
+    start: Points | None = None,
     progress: Progress | None = None,
 ) -> AdaptiveResult:
     """Find equilibrium on meshes that are refined where the goals' error comes from.
@@ -73,6 +75,8 @@ def solve_adaptively(
         degree: Of the displacement, 2 or 3.
         formulation: See `solve_static`.
         relative_tolerance: Likewise.
+        start: Likewise, at the case's points. Where it is given, the first mesh is fine enough for
+            the tools where their paths end, and for the springs: see `first_mesh`.
         progress: Called with one line of text now and then.
 
     Returns:
@@ -97,9 +101,11 @@ def solve_adaptively(
         raise InputError("tool_force: the problem has no tool; leave this goal out")
     allowed = budget or Budget()
     tell: Progress = progress or (lambda _line: None)
-    start, base = time.perf_counter(), _memory()
+    begin, base = time.perf_counter(), _memory()
     case_cell = np.arange(problem.mesh.num_cells)
     current = problem
+    if start is not None:
+        current, start, case_cell = first_mesh(problem, start)
     history = History(goals)
     last: Equilibrium | None = None
     state: ReferenceResult | None = None
@@ -116,6 +122,7 @@ def solve_adaptively(
                 relative_tolerance=relative_tolerance,
                 formulation=formulation,
                 guess=_guess_from(last, refined),
+                start=start if last is None else None,
                 largest_direct=LARGEST_DIRECT,
                 progress=tell,
             )
@@ -148,7 +155,7 @@ def solve_adaptively(
             marked = _marked(last, wrong, SOFTENED[tries])
             refined = refine_cells(current, marked)
             end = (
-                _too_much(history, refined, allowed, time.perf_counter() - start, base)
+                _too_much(history, refined, allowed, time.perf_counter() - begin, base)
                 if marked.any()
                 else "what is left of the error is in cells that have softened"
             )

@@ -35,6 +35,8 @@ from palpate.reference.mesh_transfer import TransferredSpace
 # Penalty over Young's modulus by facet size: an Uzawa step leaves about a hundredth of the
 # penetration, and the tangent's condition is no worse by more than that.
 _STIFFNESS_RATIO = 100.0
+# Nodes of another simulator's body are as near to what they touch, of a facet.
+_TOUCHES = 0.02
 # Of a distance, in units of the coordinates' own.
 _ROUNDINGS = 16.0
 
@@ -164,6 +166,19 @@ class ToolContact:
         there = other.points.rest[known]
         nearest = [int(np.argmin(np.einsum("ij,ij->i", there - x, there - x))) for x in places]
         self.pressure = other.pressure[known[nearest]]
+
+    def bear(self, displacement: Floats, forces: Floats) -> None:
+        """Take as multipliers what holds the body where it is, of the nodes that touch.
+
+        Args:
+            displacement: Near an equilibrium, flat [m].
+            forces: That the tool has to put on the nodes there [N], flat.
+        """
+        distance = self._distance(displacement)
+        pushed = np.sum(forces.reshape(-1, 3)[self.points.nodes] * distance.normal, axis=1)
+        touches = distance.gap < _TOUCHES * self.points.facet_size
+        with_area = np.where(self.points.areas > 0.0, self.points.areas, np.inf)
+        self.pressure = np.where(touches, np.maximum(0.0, pushed) / with_area, 0.0)
 
     def weigh(self, factor: float) -> None:
         """Set the penalty to so many times that of statics."""

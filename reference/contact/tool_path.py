@@ -182,7 +182,12 @@ def follow_tools(
 
 
 def go_on_at_end(
-    newton: Newton, contacts: Sequence[ToolContact], near: Floats, *, report: Report
+    newton: Newton,
+    contacts: Sequence[ToolContact],
+    near: Floats,
+    *,
+    needed: Floats | None = None,
+    report: Report,
 ) -> ToolRun:
     """The equilibrium where the paths end, from a displacement near it, without going there.
 
@@ -190,6 +195,7 @@ def go_on_at_end(
         newton: The iteration, of an equilibrium with these contacts.
         contacts: Tools that forget their way.
         near: Displacement to begin with, flat [m].
+        needed: Forces that hold the body there [N], flat, where they are known.
         report: Called with iteration, relative residual and smallest det F.
 
     Returns:
@@ -198,6 +204,8 @@ def go_on_at_end(
     end = max((float(contact.tool.path.times[-1]) for contact in contacts), default=0.0)
     for contact in contacts:
         contact.set_time(end)
+        if needed is not None:
+            contact.bear(near, needed)
     u = near
     # Between the nodes of a coarser mesh the body is not quite where the tool is: soft penalties
     # first, or they would press out of all proportion.

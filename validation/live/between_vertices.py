@@ -66,6 +66,6 @@ def warn_between_vertices(problem: Problem, place: Floats, displacements: Sequen
         return ""
     return (
         f"between its vertices the surface is up to {1e3 * deep:.2g} mm inside the tool, "
-        "which only vertices touch: there may be several equilibria, and failed may mean "
-        "that the reference found another; take a finer mesh or a larger tool"
+        "which only vertices touch: tissue would not let it in, so the truth will be far off, "
+        "or none be found; take a finer mesh or a larger tool"
     )

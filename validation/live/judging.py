@@ -32,7 +32,7 @@ from palpate.validation.report.viewer_data import packed
 Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"
 # Each answer is waited for so long after what was before it [s].
-LIMITS = {SAME_MESH: 120.0, TRUTH: 60.0}
+LIMITS = {SAME_MESH: 120.0, TRUTH: 180.0}
 _ASKED = {SAME_MESH: "is it solved right?", TRUTH: "is it what tissue does?"}
 _CALLED = {SAME_MESH: "the reference on the same mesh", TRUTH: "the truth"}
 _COLOUR = {
@@ -41,6 +41,8 @@ _COLOUR = {
 }
 # Progress is told so often at most [s].
 _BREATH = 0.5
+# Of the truth: a fifth of the smallest limit below.
+_BAR = 0.01
 # Less than this part of the body's size is no displacement worth a verdict.
 _NOTHING = 1e-6
 _CHECKS: list[dict[str, Any]] = [
@@ -111,6 +113,7 @@ def write_pose(
     if springs:
         data["spring"] = springs
     data["check"] = list(_CHECKS)
+    data["truth"] = {"bar": _BAR}
     if any(np.any(force) for force in forces):
         # From outside straight to where it is: without friction the way does not matter.
         out = max(0.0, float((live.start - place) @ live.outwards))

@@ -35,6 +35,8 @@ _RAMP = 0.5
 # vertices, for those are kept out: a ball of 1.5 gaps sinks in by a quarter of a gap and a little,
 # a smaller one by far more.
 _RADIUS, _GAPS = 0.12, 1.5
+# Patch that is held, likewise: some vertices are in it.
+_PATCH, _GAPS_OF_PATCH = 0.15, 1.5
 # Of a case's own tool, what the hand takes.
 _OF_SHAPE = {"shape", "radius", "half_length", "half_widths", "surface"}
 # How far from the body the tool begins, of the longest side.
@@ -151,6 +153,12 @@ def _default_radius(case: Case) -> float:
     radius = max(_RADIUS * side, _GAPS * _largest_gap(mesh)) / LENGTH[case.spec.units.length]
     unit = 10.0 ** (math.floor(math.log10(radius)) - 1)
     return float(f"{math.ceil(radius / unit) * unit:.2g}")
+
+
+def patch_radius(mesh: TetMesh) -> float:
+    """Of a patch that is held, unless the page says another [m]."""
+    side = float(np.ptp(mesh.points, axis=0).max())
+    return max(_PATCH * side, _GAPS_OF_PATCH * _largest_gap(mesh))
 
 
 def _largest_gap(mesh: TetMesh) -> float:

@@ -24,7 +24,7 @@ from palpate.validation.live.frames import Look, Pace
 from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
 from palpate.validation.live.hand import RETREAT, Hand
 from palpate.validation.live.judging import Judging, write_pose
-from palpate.validation.live.live_case import Touch, live_case
+from palpate.validation.live.live_case import Touch, live_case, patch_radius
 from palpate.validation.live.pane import Pane, Surface
 from palpate.validation.live.recording import free_name, write_recording
 from palpate.validation.live.settling import Settling
@@ -32,8 +32,6 @@ from palpate.validation.live.settling import Settling
 FRAME = 1.0 / 60.0
 # Of all frames together [bytes/s].
 MOST_RATE = 2.8e6
-# Radius of a patch that is held, of the longest side, unless the page says another.
-_PATCH = 0.15
 # The tool crosses the body in a second at least, however fast the pointer.
 _SIDES_PER_SECOND = 1.0
 # Of the speed that vertices can follow, also where the tool goes back.
@@ -134,7 +132,7 @@ class Simulation(threading.Thread):
         self._milli = self.live.unit * 1e3
         side = float(np.ptp(problem.mesh.points, axis=0).max())
         allowed = _SPEED_SAFETY * min(pane.largest_speed for pane in self.panes)
-        self._patch = _PATCH * side
+        self._patch = patch_radius(problem.mesh)
         self._largest_speed = min(allowed, _SIDES_PER_SECOND * side)
         self._reset()
 

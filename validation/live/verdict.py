@@ -39,6 +39,7 @@ from palpate.validation.metrics.possible_motion import state_out_of_reach, unmea
 from palpate.validation.references.geometry_part import with_geometry
 from palpate.validation.references.live import solve_live
 from palpate.validation.references.sets import OF_ELEMENT, ReferenceSet, solve_state
+from palpate.validation.references.sets import TRUTH as GRADED
 from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import CandidateFailedError, Progress, State, gravest
 
@@ -46,7 +47,7 @@ SAME_MESH, TRUTH = "same mesh", "truth"
 # The line that an answer is announced by begins so.
 ANSWERED = "answered "
 # Of the reference's budget: it ends before the page's patience does [s].
-_SECONDS = 45.0
+_SECONDS = 120.0
 _RIGHT: tuple[dict[str, Any], ...] = (
     {
         "metric": "displacement_l2",
@@ -128,10 +129,15 @@ def same_mesh_references(
     """The reference on the case's mesh for each strain measure and element of the panes."""
     states: dict[tuple[str, Strain], State] = {}
     failures: dict[tuple[str, Strain], str] = {}
-    for strain, element in dict.fromkeys((pane.strain, pane.element) for pane in panes):
+    for pane in panes:
+        strain, element = pane.strain, pane.element
         place = (OF_ELEMENT[element], strain)
+        if place in states or place in failures:
+            continue
         try:
-            states[place] = solve_state(case.problem, strain, 1, progress, element=element)
+            states[place] = solve_state(
+                case.problem, strain, 1, progress, element=element, start=pane.displacement
+            )
         except ReferenceUnavailableError:
             raise
         except ReferenceFailedError as error:
@@ -139,24 +145,31 @@ def same_mesh_references(
     return ReferenceSet(states, {}, "the same mesh, solved here", failures)
 
 
-def true_references(case: Case, known: ReferenceSet, progress: Progress) -> ReferenceSet:
-    """The truth under Green strain, beside what is known.
+def true_references(
+    case: Case, panes: Sequence[PoseOfPane], known: ReferenceSet, progress: Progress
+) -> ReferenceSet:
+    """The truth under Green strain, beside what is known; from the last pose under it.
 
     Raises:
         ReferenceFailedError: There is none, or one that the tool never touches.
     """
     request = truth_request(case)
+    start = [pane for pane in panes if pane.strain is Strain.GREEN][-1].displacement
     found = solve_live(
         case.problem,
         progress,
-        request=replace(request, seconds=min(request.seconds, _SECONDS)),
+        request=replace(request, seconds=min(request.seconds, _SECONDS), start=start),
         has_stress=False,
         strains=(Strain.GREEN,),
         known=known.states,
     )
     truth = found.truth(Strain.GREEN)
     if truth is None:
-        why = found.failure("truth", Strain.GREEN) or "the reference found no equilibrium"
+        why = (
+            found.failures.get((GRADED, Strain.GREEN))
+            or found.failure("truth", Strain.GREEN)
+            or "the reference found no equilibrium"
+        )
         raise ReferenceFailedError(why)
     if case.problem.tools and not np.any(truth.displacement):
         raise ReferenceFailedError(
@@ -229,7 +242,7 @@ def main(words: list[str]) -> int:
         case, panes = load_case(path), read_pose(pose)
         known = same_mesh_references(case, panes, progress)
         say(SAME_MESH, judge_panes(SAME_MESH, case, panes, known))
-        found = true_references(case, known, progress)
+        found = true_references(case, panes, known, progress)
         say(TRUTH, judge_panes(TRUTH, case, panes, found))
     except (InputError, ReferenceFailedError, ReferenceUnavailableError) as error:
         print(error, file=sys.stderr, flush=True)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
 from palpate.validation.exchange.array_hash import array_hash
@@ -46,6 +47,7 @@ class TruthRequest:
         unknowns: Of the largest mesh.
         parts: Pairs of a metric and the part of the body it is asked in, by strain measure, with
             bars as small.
+        start: See `solve_adaptively`.
     """
 
     bar: float = 0.005
@@ -54,6 +56,7 @@ class TruthRequest:
     metrics: Mapping[Strain, Collection[str]] = field(default_factory=dict)
     unknowns: float = math.inf
     parts: Mapping[Strain, Sequence[tuple[str, Part]]] = field(default_factory=dict)
+    start: Points | None = None
 
     def tolerance(self, metric: str, strain: Strain) -> float:
         """The bar that is asked of a metric; where nothing is checked, twice it of displacement."""
@@ -143,6 +146,7 @@ def refine_truth(
             [-1 if part.support is None else part.support for part in parts.values()],
             dtype=np.int32,
         ),
+        start=request.start,
     )
     # The budget is kept by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)

@@ -90,7 +90,7 @@ def solve_live(
         request: Bars asked of the truth, and of which metrics; of all where None. Its time is at
             most SECONDS.
         has_stress: Whether P2 on the case's mesh is solved for its stresses, which graded meshes
-            do not tell.
+            do not tell; without them P2 is not tried there either where those have none.
         strains: Of which.
         unknowns: Of the largest mesh of a static truth.
         known: States of a static problem that are not solved again.
@@ -114,7 +114,8 @@ def solve_live(
             run.grade(strain)
         if (QUADRATIC, strain) in run.states:
             continue
-        if has_stress or (TRUTH, strain) not in run.states:
+        is_tried = (TRUTH, strain) in run.states or (TRUTH, strain) in run.failures
+        if has_stress or not is_tried:
             run.solve(strain, 2)
     if Element.SMOOTHED in elements:
         for strain in strains:
@@ -192,7 +193,14 @@ class _Run:
         if (label, strain) in self.states:
             return None
         try:
-            state = solve_state(self.problem, strain, degree, self.progress, element=element)
+            state = solve_state(
+                self.problem,
+                strain,
+                degree,
+                self.progress,
+                element=element,
+                start=self.asked.start,
+            )
         except ReferenceUnavailableError:
             raise
         except ReferenceFailedError as error:

@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import Formulation, formulation_for
@@ -122,10 +123,12 @@ def solve_state(
     *,
     formulation: Formulation | None = None,
     element: Element = Element.LINEAR,
+    start: Points | None = None,
 ) -> State:
     """One static reference solve in a child process, as a state.
 
-    Mixed by itself for nearly incompressible material: see `formulation_for`.
+    Mixed by itself for nearly incompressible material: see `formulation_for`; `start`: see
+    `solve_static`.
 
     Raises:
         InputError: The problem has a time span: see `solve_reference`.
@@ -136,11 +139,11 @@ def solve_state(
 
     if problem.time is not None:
         raise InputError("a problem in time has no static solution; solve its motion")
-    start = time.perf_counter()
+    begin = time.perf_counter()
     label = OF_ELEMENT[element] if degree == 1 else f"{REFERENCE} P{degree}"
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
     form = formulation or formulation_for(problem, degree)
-    task = StaticTask(strain, degree, formulation=form, element=element)
+    task = StaticTask(strain, degree, formulation=form, element=element, start=start)
     result = run_task(task, problem, progress=progress)
     stresses = stresses_of(result)
     return state_of(
@@ -148,7 +151,7 @@ def solve_state(
         strain,
         label=label,
         degree=degree,
-        seconds=time.perf_counter() - start,
+        seconds=time.perf_counter() - begin,
         element=element,
         stresses=stresses,
         integrals=None

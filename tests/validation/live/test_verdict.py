@@ -1,7 +1,8 @@
-"""A pose of the page against FEniCSx: right as it is, red once it is spoiled."""
+"""A pose of the page against FEniCSx: right as it is, red once it is spoiled; and the truth."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +10,19 @@ import pytest
 
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case, load_case
+from palpate.validation.live.grip import take_hold
 from palpate.validation.live.judging import write_pose
-from palpate.validation.live.live_case import Touch, live_case
+from palpate.validation.live.live_case import Touch, live_case, patch_radius
 from palpate.validation.live.pane import Surface, make_panes
 from palpate.validation.live.settling import Settling
 from palpate.validation.live.verdict import (
     SAME_MESH,
+    TRUTH,
     PoseOfPane,
     judge_panes,
     read_pose,
     same_mesh_references,
+    true_references,
 )
 
 pytestmark = [pytest.mark.dolfinx, pytest.mark.nightly]
@@ -78,3 +82,54 @@ def test_a_settled_pose_is_that_of_the_same_mesh_and_a_spoiled_one_is_not(
     soft = [PoseOfPane(p.name, p.strain, p.element, p.displacement, 1.05 * p.force) for p in panes]
     answer = judge_panes(SAME_MESH, case, soft, references)
     assert [pane["verdict"] for pane in answer.told] == ["failed", "failed"]
+
+
+def dragged(folder: Path) -> tuple[Case, list[PoseOfPane]]:
+    """The block, its end pulled aside by a spring, with smoothed tetrahedra."""
+    case, elements = load_case("block"), (Element.LINEAR, Element.SMOOTHED)
+    live = live_case(case, Touch(), elements)
+    panes = make_panes(live.problem, Surface(live.problem), elements)
+    mesh = case.problem.mesh
+    end = int(np.argmin(np.linalg.norm(mesh.points - [0.04, 0.0125, 0.01], axis=1)))
+    grip = take_hold(live, panes[-1], end, patch_radius(mesh), largest_way=0.1, digits=6)
+    for pane in panes:
+        pane.hold(grip.spring)
+    grip.hand.send(grip.first + np.array([2.56, 1.92, 0.0]))
+    x, y, z = live.start
+    away, settling = np.array(case.spec.units.place((x, y, z))), Settling(live.clock.tick)
+    while not settling.is_over:
+        x, y, z = grip.hand.next_place(is_too_much=False)
+        for pane in panes:
+            pane.advance(away, np.array(case.spec.units.place((x, y, z))), live.clock.steps)
+        settling.note([pane.body.displacement for pane in panes])
+    nothing = [np.zeros(3)] * len(panes)
+    path, answers = write_pose(live, live.start, panes, nothing, grip.held(), folder, "held")
+    return load_case(path), read_pose(answers)
+
+
+def test_a_drag_reaches_the_truth_which_tells_good_from_bad(tmp_path: Path) -> None:
+    case, panes = dragged(tmp_path)
+    known = same_mesh_references(case, panes, lambda _: None)
+    answer = judge_panes(SAME_MESH, case, panes, known)
+    assert [pane["verdict"] for pane in answer.told] == ["passed"] * 3
+    found = true_references(case, panes, known, lambda _: None)
+    assert found.bars["displacement_l2", Strain.GREEN] <= 0.01
+    # Linear tetrahedra on 90 cells are off by more than is asked, and the truth itself is not.
+    answer = judge_panes(TRUTH, case, panes, found)
+    assert [pane["verdict"] for pane in answer.told[:2]] == ["failed", "failed"]
+    truth = found.truth(Strain.GREEN)
+    assert truth is not None
+    right = replace(panes[1], displacement=truth.displacement)
+    assert judge_panes(TRUTH, case, [right], found).told[0]["verdict"] == "passed"
+    assert np.isfinite(answer.errors).all()
+
+
+def test_a_ball_on_the_block_reaches_the_truth(tmp_path: Path) -> None:
+    case, panes, _ = pressed(1.0, tmp_path, radius=20.0)
+    known = same_mesh_references(case, panes, lambda _: None)
+    found = true_references(case, panes, known, lambda _: None)
+    truth = found.truth(Strain.GREEN)
+    assert truth is not None
+    told = judge_panes(TRUTH, case, panes, found).told
+    assert [pane["verdict"] for pane in told] == ["failed", "failed"]
+    assert found.bars["tool_force", Strain.GREEN] < 0.1
