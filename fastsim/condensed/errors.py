@@ -23,8 +23,8 @@ class CondensedTooLargeError(InputError):
         self.allowed_bytes = allowed_bytes
         super().__init__(
             f"condensing needs {needed_bytes / 1e6:.0f} MB ({about}), more than the "
-            f"{allowed_bytes / 1e6:.0f} MB allowed; name fewer touched points, or allow more "
-            "(most_bytes)"
+            f"{allowed_bytes / 1e6:.0f} MB allowed; name fewer touched points (the `region` of a "
+            "case's tool), or allow more (most_bytes)"
         )
 
 
