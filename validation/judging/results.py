@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -13,7 +13,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.references.bar_parts import BarParts
-from palpate.validation.states import Precision, State, Verdict
+from palpate.validation.states import Precision, State, Verdict, gravest
 
 # Relative: sums in another order.
 _SUMS = 1e-9
@@ -188,3 +188,10 @@ class CaseResult:
             if state.label == label and state.strain is strain:
                 return state
         return None
+
+
+def tone_of(results: Sequence[CaseResult]) -> str:
+    """Whose colour the verdict of several cases is shown in; green where all of them are."""
+    verdict = gravest([result.verdict for result in results])
+    is_narrow = verdict is Verdict.PASSED and any(result.tone == "narrow" for result in results)
+    return "narrow" if is_narrow else str(verdict)

@@ -27,7 +27,7 @@ from palpate.validation.evidence.error_budget import (
 from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.judging.citation import citation
 from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.results import CaseResult
+from palpate.validation.judging.results import CaseResult, tone_of
 from palpate.validation.references.sets import OF_ELEMENT
 from palpate.validation.report.credibility import credibility
 from palpate.validation.report.environment import page_environment, script_of
@@ -75,6 +75,7 @@ def write_report(
     path = folder / INDEX
     page = environment.get_template("index.html.j2").render(
         results=results, verdict=gravest([r.verdict for r in results]), closest=_closest,
+        tone=tone_of(results), narrow=sum(r.tone == "narrow" for r in results),
         truths={r.name: trust_of(r).scale[:1] for r in results},
         pictures={r.name: _small(folder / f"{r.name}-states.png") for r in results},
     )  # fmt: skip

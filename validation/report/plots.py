@@ -101,7 +101,7 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
     )
     axes.set_xscale("log")
     axes.set_ylim(-0.6, len(rows) - 0.4)
-    words = ("relative error: dot", "reference's error bar: line", "limit: black tick")
+    words = ("relative error: dot", "reference's error bar: line", "limit: upright tick")
     axes.set_xlabel(("; " if medium is PAGE else ";\n").join(words))
     tidy(axes)
     figure.tight_layout()
@@ -164,7 +164,7 @@ def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Fi
     axes.set_axisbelow(True)
     axes.axvline(0.0, color="black", lw=0.8)
     what = "error" if is_page else f"{budgets[0].quantity}:\nerror"
-    axes.set_xlabel(f"{what} in per cent of the truth; black tick: total")
+    axes.set_xlabel(f"{what} in per cent of the truth; upright tick: total")
     tidy(axes)
     columns = 5 if is_page else 3
     axes.legend(

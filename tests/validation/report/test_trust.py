@@ -19,7 +19,7 @@ from palpate.validation.judging.outputs import (
     results_json,
     summary_markdown,
 )
-from palpate.validation.judging.results import CaseResult, Scope
+from palpate.validation.judging.results import CaseResult, Scope, tone_of
 from palpate.validation.report.looks import looks_of
 from palpate.validation.report.trust import trust_of
 from palpate.validation.report.where_wrong import where_wrong
@@ -129,6 +129,14 @@ def test_every_output_takes_its_colour_from_one_place(block: CaseResult, scope: 
     print_results([result], console)
     last = console.export_text(styles=True).rstrip().splitlines()[-1]
     assert ("\x1b[32m" in last, "\x1b[36m" in last) == (is_green, not is_green)  # green, cyan
+
+
+def test_several_cases_are_green_only_where_each_is(block: CaseResult, kidney: CaseResult) -> None:
+    green = dataclasses.replace(kidney, verdict=Verdict.PASSED)
+    assert (green.tone, block.tone) == ("passed", "narrow")
+    assert tone_of([green, green]) == "passed"
+    assert tone_of([green, block]) == "narrow"
+    assert tone_of([green, block, kidney]) == str(kidney.verdict) == "failed"
 
 
 def test_where_an_answer_is_wrong(block: CaseResult) -> None:
