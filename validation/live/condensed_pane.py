@@ -107,7 +107,7 @@ class CondensedPane:
         trouble: Nothing: where contact does not settle, the body stays as it was.
         smallest_det_f: 1: linear strain does not know it.
         largest_speed: Of the tool: infinite.
-        takes_no_more: Never.
+        room: Always.
 
     Raises:
         InputError: The problem has loads or springs; or as of `condense` and `CondensedSteps`.
@@ -117,7 +117,7 @@ class CondensedPane:
     trouble = ""
     smallest_det_f = 1.0
     largest_speed = float("inf")
-    takes_no_more = False
+    room = 1.0
 
     def __init__(self, problem: Problem, surface: Surface, element: Element) -> None:
         if problem.loads or problem.springs:

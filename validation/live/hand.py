@@ -17,6 +17,8 @@ from palpate.meshes.arrays import Floats
 _BITS = 20
 # Where a body takes no more, the tool goes back so many times as fast as it may come.
 RETREAT = 5
+# Of its speed, where there is little room.
+_SLOWEST = 0.1
 
 
 @dataclass(frozen=True)
@@ -84,22 +86,24 @@ class Hand:
         out = float((self.start - self.place) @ self.outwards)
         self._goals = [self.place + max(out, 0.0) * self.outwards, self.start.copy()]
 
-    def next_place(self, *, is_too_much: bool) -> Floats:
+    def next_place(self, room: float = 1.0) -> Floats:
         """Where the tool is to be at the end of the next tick.
 
         Args:
-            is_too_much: The body takes no more: the tool goes back on its own way.
+            room: Part of its speed that it may have; 0 or less: the body takes no more, and the
+                tool goes back on its own way.
         """
-        self.is_held_back = is_too_much and bool(self._behind)
+        self.is_held_back = room <= 0.0 and bool(self._behind)
         if self.is_held_back:
             *self._behind, self.place = self._behind[: 1 - RETREAT] or self._behind[:1]
             self._goals = []
             return self.place
+        largest_way = self.largest_way * min(max(room, _SLOWEST), 1.0)
         while self._goals:
             way = self._goals[0] - self.place
             length = float(np.linalg.norm(way))
-            if length > self.largest_way:
-                self._step_to(self.place + way * (self.largest_way / length))
+            if length > largest_way:
+                self._step_to(self.place + way * (largest_way / length))
                 break
             self._step_to(self._goals.pop(0))
             if length > 0.0:

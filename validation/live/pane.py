@@ -18,9 +18,9 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.live.between_vertices import BetweenVertices
 
 STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
-# A cell of less than this part of its volume takes no more, nor one that will have lost so much
-# in two ticks: the law softens there, and a cell inverts within a few steps.
-_LEAST_DET_F, _SOON = 0.6, 0.5
+# A cell of less than this part of its volume takes no more: soon the law softens, and such a cell
+# inverts within a few ticks. From so much above it on the tool goes slower and slower.
+_LEAST_DET_F, _SLOWER = 0.45, 0.4
 # Between vertices is looked every so many ticks.
 _LOOK = 6
 
@@ -126,10 +126,12 @@ class Pane:
         return float("inf") if tools is None else min(tools.largest_speeds)
 
     @property
-    def takes_no_more(self) -> bool:
-        """A cell is near its end, or the tool on its way through the surface."""
-        soon = self.smallest_det_f - 2.0 * self._fall
-        return min(self.smallest_det_f - _LEAST_DET_F, soon - _SOON) < 0.0 or self._is_through
+    def room(self) -> float:
+        """Part of its speed that the tool may have [-]; 0 or less: the body takes no more.
+
+        A cell is near its end then, or the tool on its way through the surface.
+        """
+        return 0.0 if self._is_through else (self.smallest_det_f - _LEAST_DET_F) / _SLOWER
 
     def reset(self) -> None:
         """To rest, at time 0, the tool at its start."""
@@ -141,7 +143,6 @@ class Pane:
         self.trouble = ""
         self.smallest_det_f = 1.0
         self._is_through = self._touches = False
-        self._fall = 0.0
         self._ticks = 0
         self._impulse, self._since = np.zeros(3), 0.0
         self._force = np.zeros(3)
@@ -182,9 +183,7 @@ class Pane:
         self._impulse += record["impulse"]
         self._since += num_steps * self.body.time_step
         if self.strain is Strain.GREEN:
-            before = self.smallest_det_f
             self.smallest_det_f = self.body.elastic.smallest_det_f(self.body.displacement)[0]
-            self._fall = before - self.smallest_det_f
         self._ticks += 1
         if self._ticks % _LOOK == 0:
             depth = self._between.depth(place, self.body.displacement) if self._touches else 0.0

@@ -198,11 +198,11 @@ class Simulation(threading.Thread):
 
     def _tick(self) -> None:
         clock = self.live.clock
-        is_too_much = any(pane.takes_no_more for pane in self.panes)
-        place = self.hand.next_place(is_too_much=is_too_much)
+        room = min(pane.room for pane in self.panes)
+        place = self.hand.next_place(room)
         metres = self._metres(place)
         begin = time.perf_counter()
-        anchor = self._next_anchor(is_too_much)
+        anchor = self._next_anchor(room)
         others = [
             self._pool.submit(pane.advance, metres, anchor, clock.steps) for pane in self.panes[1:]
         ]
@@ -225,11 +225,11 @@ class Simulation(threading.Thread):
             if len(self._recorded) * clock.tick > _LONGEST_RECORDING:
                 self._end_recording()
 
-    def _next_anchor(self, is_too_much: bool) -> Floats | None:
+    def _next_anchor(self, room: float) -> Floats | None:
         """Where what is held is pulled to [m]."""
         if self._grip is None:
             return None
-        place = self._grip.hand.next_place(is_too_much=is_too_much)
+        place = self._grip.hand.next_place(room)
         self._grip.places.append(place.copy())
         return self._metres(place)
 

@@ -30,21 +30,29 @@ def test_the_tool_goes_no_faster_than_it_may_and_arrives() -> None:
     one.send(goal)
     last = one.place
     for _ in range(20):
-        place = one.next_place(is_too_much=False)
+        place = one.next_place()
         assert np.linalg.norm(place - last) <= 0.5 + 1e-6
         last = place
     np.testing.assert_array_equal(one.place, np.round(goal, 6))
 
 
+def test_the_tool_slows_down_where_there_is_little_room() -> None:
+    one = hand()
+    one.send(np.array([0.0, 0.0, 0.0]))
+    ways = -np.diff([one.next_place(room)[2] for room in (1.0, 1.0, 0.5, 0.2, 0.01, 7.0)])
+    np.testing.assert_allclose(ways, [0.5, 0.25, 0.1, 0.05, 0.5], atol=1e-6)
+    assert not one.is_held_back
+
+
 def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
     one = hand()
     one.send(np.array([0.0, 0.0, 0.0]))
-    way = [one.next_place(is_too_much=False).copy() for _ in range(9)]
-    back = [one.next_place(is_too_much=True).copy() for _ in range(2)]
+    way = [one.next_place().copy() for _ in range(9)]
+    back = [one.next_place(0.0).copy() for _ in range(2)]
     # Five times as fast as it came, and not beyond where it began.
     np.testing.assert_array_equal(back, [way[3], [0.0, 0.0, 10.0]])
     assert one.is_held_back
-    one.next_place(is_too_much=False)
+    one.next_place()
     assert not one.is_held_back
 
 
@@ -52,8 +60,8 @@ def test_a_tool_that_is_withdrawn_leaves_along_the_way_out_before_it_goes_aside(
     one = hand()
     one.send(np.array([4.0, 0.0, 2.0]))
     for _ in range(40):
-        one.next_place(is_too_much=False)
+        one.next_place()
     one.withdraw()
-    places = np.array([one.next_place(is_too_much=False).copy() for _ in range(40)])
+    places = np.array([one.next_place().copy() for _ in range(40)])
     assert (np.abs(places[:16, 0] - 4.0) < 1e-6).all()
     np.testing.assert_array_equal(places[-1], [0.0, 0.0, 10.0])

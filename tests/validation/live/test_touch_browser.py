@@ -154,7 +154,7 @@ def test_all_that_is_promised_is_shown(browser: Any) -> None:
     )
     told = dict(rows)
     assert list(told) == [
-        "force [N]", "volume change [%]", "energy [mJ]", "smallest det F", "real-time factor",
+        "force [N]", "Δ volume [%]", "energy [mJ]", "smallest det F", "real-time factor",
         "time of the bodies", "time step", "frames per second", "latency, hand to picture",
         "of it the server's",
     ]  # fmt: skip

@@ -111,7 +111,7 @@ def test_a_tool_that_is_driven_through_the_body_is_held_back(radius: float) -> N
     hand.send(live.start - 30.0 * live.outwards)
     held = 0
     for _ in range(150):
-        place = hand.next_place(is_too_much=pane.takes_no_more)
+        place = hand.next_place(pane.room)
         held += hand.is_held_back
         pane.advance(place * 1e-3, None, live.clock.steps)
         assert not pane.trouble

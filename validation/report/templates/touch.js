@@ -327,7 +327,7 @@ class Page {
       this.status("");
       $("about").textContent = `${note.cells} cells, mass damping ${digits(note.damping)} /s.`;
       $("step").textContent = `${digits(1e3 * note.time_step)} ms`;
-      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to 0.6 of its volume, or the tool parts the surface's vertices, it is held back. ${note.notes.join(" ")}`;
+      $("limits").textContent = `The tool follows at up to ${digits(note.speed)} mm/s: faster, and the explicit steps could not keep it out. Where a cell is pressed to less than half of its volume, or the tool parts the surface's vertices, it is held back. ${note.notes.join(" ")}`;
       if ($("loads")) $("loads").checked = note.has_loads;
     } else if (note.kind === "judged") {
       // An answer that was not found takes nothing from the one before it.
