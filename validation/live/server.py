@@ -93,6 +93,8 @@ class PageServer:
         self._held: ServerConnection | None = None
         self._notes: deque[str] = deque()
         self._slot: tuple[int, bytes] | None = None
+        # A frame that the simulation has made and the loop has not taken yet.
+        self._is_coming = False
         self._sent = self._shown = 0
 
     def serve(self, ready: Callable[[str], None]) -> None:
@@ -230,16 +232,19 @@ class PageServer:
                     await connection.send(frame)
 
     def _wants_frame(self) -> bool:
-        return self._held is not None and self._slot is None
+        return self._held is not None and self._slot is None and not self._is_coming
 
     def _take(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
         """From the simulation's thread: a frame or a note for the page."""
         loop = self._loop
         if loop is not None:
+            self._is_coming |= isinstance(news, tuple)
             with contextlib.suppress(RuntimeError):  # closed meanwhile
                 loop.call_soon_threadsafe(self._put, news)
 
     def _put(self, news: tuple[int, bytes] | dict[str, Any]) -> None:
+        if isinstance(news, tuple):
+            self._is_coming = False
         if self._held is None:
             return
         if isinstance(news, tuple):
