@@ -35,6 +35,11 @@ class _Size:
     line: float
     dpi: int
 
+    @property
+    def row(self) -> float:
+        """Height of a letter in parts of the picture's."""
+        return self.font / (72.0 * self.high)
+
 
 _SCREEN = _Size(6.2, 7.0, 10.0, 1.0, 110)
 
@@ -58,11 +63,11 @@ def main() -> None:
         mpl.rcParams["font.size"] = size.font
         figure = pyplot.figure(figsize=(size.wide * len(panels), size.high), dpi=size.dpi)
         for column, panel in enumerate(panels):
-            if panel.unit:  # with room for numbers along the axes
+            if _has_axes(panels):  # with room for their numbers
                 axes = figure.add_subplot(1, len(panels), column + 1, projection="3d")
             else:
-                line = size.font / (72.0 * size.high)
-                place = (column / len(panels), 6.0 * line, 1.0 / len(panels), 1.0 - 9.5 * line)
+                left, wide = column / len(panels), 1.0 / len(panels)
+                place = (left, 6.0 * size.row, wide, 1.0 - 9.5 * size.row)
                 axes = figure.add_axes(place, projection="3d")
             _draw(axes, panel, panels, size)
         words = [entry for panel in panels for entry in panel.legend]
@@ -77,7 +82,7 @@ def main() -> None:
 def _draw(axes: Any, panel: Panel, panels: Sequence[Panel], size: _Size) -> None:
     axes.set_proj_type("ortho")
     # One collection: only within one are triangles sorted by depth.
-    seen = [_seen(part, panel.side) for part in panel.surfaces]
+    seen = [_seen(part, None if _has_axes(panels) else panel.side) for part in panel.surfaces]
     faces = np.concatenate(
         [part.points[rows] for part, rows in zip(panel.surfaces, seen, strict=True)]
     )
@@ -109,18 +114,17 @@ def _draw(axes: Any, panel: Panel, panels: Sequence[Panel], size: _Size) -> None
     x, y, z = panel.side
     height, azimuth = np.degrees([np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)])
     axes.view_init(elev=float(height), azim=float(azimuth))
-    if not panel.unit:
+    if not _has_axes(panels):
         axes.set_box_aspect(sides, zoom=_zoom(axes, panels))
     letters = int(size.wide * 72.0 / (0.62 * size.font))
     axes.set_title("\n".join(textwrap.wrap(panel.title, letters)), fontsize=size.font)
     for part in panel.surfaces:
         if part.values is not None:
             scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, part.largest), part.colours)
-            below = axes.get_position()
-            middle = below.x0 + 0.22 * below.width
-            line = size.font / (72.0 * size.high)
-            beside = axes.figure.add_axes((middle, 4.6 * line, 0.56 * below.width, line))
-            bar = axes.figure.colorbar(scale, cax=beside, orientation="horizontal")
+            above = axes.get_position()
+            left, wide = above.x0 + 0.22 * above.width, 0.56 * above.width
+            below = axes.figure.add_axes((left, 4.6 * size.row, wide, size.row))
+            bar = axes.figure.colorbar(scale, cax=below, orientation="horizontal")
             bar.set_label(part.values_name.strip())
             bar.locator = mpl.ticker.MaxNLocator(3)
             bar.formatter = lambda value, _place: f"{value:.3g}"
@@ -143,9 +147,14 @@ def _zoom(axes: Any, panels: Sequence[Panel]) -> float:
     return float(0.97 / max(fills))
 
 
-def _seen(surface: Surface, side: tuple[float, float, float]) -> Any:
-    """Facets that face the eye; all of what one sees through."""
-    if surface.is_wireframe or surface.opacity < 1.0:
+def _has_axes(panels: Sequence[Panel]) -> bool:
+    """Whether it is the picture of a case, with sizes; there tools may be planes of two sides."""
+    return any(panel.unit for panel in panels)
+
+
+def _seen(surface: Surface, side: tuple[float, float, float] | None) -> Any:
+    """Facets that face the eye; without a side, and of what one sees through, all."""
+    if surface.is_wireframe or surface.opacity < 1.0 or side is None:
         return surface.facets
     a, b, c = (surface.points[surface.facets[:, k]] for k in range(3))
     return surface.facets[np.cross(b - a, c - a) @ np.array(side) > 0.0]
