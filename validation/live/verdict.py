@@ -17,6 +17,7 @@ Other lines there are progress.
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,15 +31,18 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.reference.result import LOST
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.result_files import ResultFile
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
+from palpate.validation.references.adaptive_truth import ADAPTIVE
 from palpate.validation.references.geometry_part import with_geometry
-from palpate.validation.references.live import solve_live
-from palpate.validation.references.sets import OF_ELEMENT, ReferenceSet, solve_state
+from palpate.validation.references.live import estimate_bars, solve_live
+from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, ReferenceSet, solve_state
+from palpate.validation.references.sets import SAME_MESH as LINEAR
 from palpate.validation.references.sets import TRUTH as GRADED
 from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import CandidateFailedError, Progress, State, gravest
@@ -176,7 +180,26 @@ def true_references(
             "nothing of its mesh reaches the tool (P2 touches with the middles of edges); take a "
             "finer mesh or a larger tool"
         )
+    found = with_bars_of_two(case.problem, found)
     return with_geometry(case, found, progress, strains=(Strain.GREEN,))
+
+
+def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
+    """Bars of a truth on two meshes that tell no rate: its difference from P1 on the case's mesh.
+
+    As of P2 on that mesh alone (`references.live`), which the truth is no worse than. Of three
+    meshes, or where a limit was lost, infinite stays infinite.
+    """
+    record = found.provenance.get(ADAPTIVE, {}).get(Strain.GREEN.value)
+    truth, linear = (found.states.get((of, Strain.GREEN)) for of in (GRADED, LINEAR))
+    if record is None or truth is None or linear is None:
+        return found
+    if len(record["cells"]) != 2 or record["ended"].startswith(LOST):
+        return found
+    places = {(LINEAR, Strain.GREEN): linear, (QUADRATIC, Strain.GREEN): truth}
+    rough = estimate_bars(problem, places)
+    told = {place: bar for place, bar in found.bars.items() if math.isfinite(bar)}
+    return replace(found, bars={**found.bars, **rough, **told})
 
 
 def judge_panes(

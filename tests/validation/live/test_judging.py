@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -10,12 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.meshes.problem import Element
+from palpate.meshes.problem import Element, Strain
+from palpate.reference.result import LOST
 from palpate.validation.case import load_case
 from palpate.validation.live import verdict
 from palpate.validation.live.between_vertices import BetweenVertices
 from palpate.validation.live.judging import LIMITS, Judging
 from palpate.validation.live.live_case import Touch, live_case
+from palpate.validation.references.sets import SAME_MESH, TRUTH, ReferenceSet
 
 # Answers on the same mesh, then does what stands in LATER.
 STUB = """
@@ -89,3 +92,30 @@ def test_a_tool_between_the_vertices_is_measured() -> None:
     inside = outside - [0.003, 0.0, 0.0]
     found = between.depth(inside, still)
     assert 0.0 < found <= 0.002 + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("cells", "ended", "bar"),
+    [
+        ([90, 300], "the budget is 120 s", 0.25),
+        ([90, 300], f"{LOST}, 300 cells", math.inf),
+        ([90, 300, 900], "the budget is 120 s", math.inf),
+    ],
+)
+def test_two_meshes_that_tell_no_rate_have_the_bar_of_one(
+    cells: list[int], ended: str, bar: float
+) -> None:
+    problem = load_case("block").problem
+    moved = 0.01 * problem.mesh.points * [0.0, 0.0, 1.0]
+    states = {
+        (label, Strain.GREEN): verdict.PoseOfPane(
+            label, Strain.GREEN, Element.LINEAR, part * moved, np.zeros(3)
+        ).state(problem, Strain.GREEN)
+        for label, part in ((SAME_MESH, 0.75), (TRUTH, 1.0))
+    }
+    bars = {("displacement_l2", Strain.GREEN): math.inf, ("volume", Strain.GREEN): 0.03}
+    told = {"adaptive": {"green": {"cells": cells, "ended": ended}}}
+    found = verdict.with_bars_of_two(problem, ReferenceSet(states, bars, "", {}, told))
+    assert found.bars["displacement_l2", Strain.GREEN] == pytest.approx(bar)
+    # What the meshes do tell stays.
+    assert found.bars["volume", Strain.GREEN] == 0.03
