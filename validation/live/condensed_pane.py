@@ -110,7 +110,8 @@ class CondensedPane:
         room: Always.
 
     Raises:
-        InputError: The problem has loads or springs; or as of `condense` and `CondensedSteps`.
+        InputError: The problem has loads, springs or moved supports; or as of `condense` and
+            `CondensedSteps`.
     """
 
     strain = Strain.LINEAR
@@ -126,6 +127,8 @@ class CondensedPane:
         self.name = f"{STRAIN_NAMES[self.strain]} (condensed{smoothed})"
         self.element = element
         self._model = condense(problem, element=element, seen=surface.used, keep_inside=True)
+        if self._model.terms:
+            raise InputError("the condensed body's supports stand still: this case moves one")
         self._steps = CondensedSteps(self._model)
         self._elastic = Body.of(problem, self.strain, element=element)
         self._surface, self._skin = surface, surface.body(self.strain)

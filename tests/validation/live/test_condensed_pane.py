@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 import numpy as np
 import pytest
 
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.live.client import connected
@@ -77,3 +79,16 @@ def test_its_memory_is_told_beforehand() -> None:
     words = condensed_words(load_case("kidney").problem, Element.LINEAR)
     assert "touched" in words
     assert "MB while it is made" in words
+
+
+def test_a_support_that_moves_is_refused() -> None:
+    problem = live_case(load_case("block"), Touch(BALL), (Element.LINEAR,)).problem
+    (support,) = problem.supports
+    moved = dataclasses.replace(support, displacement=(1e-3, 0.0, 0.0))
+    with pytest.raises(InputError, match="supports stand still"):
+        all_panes(
+            dataclasses.replace(problem, supports=(moved,)),
+            Surface(problem),
+            (Element.LINEAR,),
+            is_condensed=True,
+        )
