@@ -19,19 +19,26 @@ from palpate.validation.references.stored import load_stored
 def write_cases(made: Path) -> None:
     """One page for each built-in case, and their list."""
     expected = read_expected()
-    rows = []
+    rows: list[tuple[str, ...]] = []
+    distances: list[tuple[str, ...]] = []
     for name in builtin_cases():
         case, known = load_case(name), expected.get(name, {})
         (made / "cases" / f"{name}.md").write_text(_page(case, known), "utf-8")
+        distances += _distances(case, known)
         verdicts = [str(says.verdict) for says in known.values()]
         rows.append((f"[{name}](cases/{name}.md)", case.title, *[*verdicts, "-", "-"][:2]))
     names = "\n".join(f"cases/{name}" for name in builtin_cases())
     text = (
         "# Built-in cases\n\nEach with its source, what its user needs, its truth, and the verdict "
         "on fastsim with linear and with smoothed tetrahedra, which `palpate gate --all --element "
-        "both --expected` holds it to. A case on which linear tetrahedra fail is not broken: it "
-        "shows what they cannot do.\n\n"
+        "both --expected` holds it to: it ends with 0 while nothing has changed, and with 1 when "
+        "something did, either way. A case on which linear tetrahedra fail is not broken: it shows "
+        "what they cannot do.\n\n"
         + table(("case", "what", "linear", "smoothed"), rows)
+        + "\n## How far fastsim is from the truth\n\nAt most, by the regression bounds of "
+        "`expected.toml` (what was measured and 2 % of it), beside the truth's own error bar and "
+        "what the case's user needs.\n\n"
+        + table(("case", "error of", "linear", "smoothed", "bar", "need"), distances)
         + f"\n```{{toctree}}\n:hidden:\n{names}\n```\n"
     )
     (made / "cases.md").write_text(text, encoding="utf-8")
@@ -134,6 +141,30 @@ def _bars(truth: ReferenceSet) -> Iterator[tuple[str, str, str]]:
 def _expected(expected: Mapping[str, Expectation]) -> Iterator[tuple[str, str, str]]:
     for candidate, says in expected.items():
         yield candidate, str(says.verdict), "; ".join([*says.failed, *says.inconclusive]) or "-"
+
+
+def _distances(case: Case, expected: Mapping[str, Expectation]) -> Iterator[tuple[str, ...]]:
+    """Of each check against the truth, in per cent: case, metric, both elements, bar, need."""
+    bounds: dict[str, float] = {}
+    for says in expected.values():
+        bounds |= says.regression_bound
+    bars = load_stored(case.name, case.problem).bars
+    for check in case.spec.check:
+        strain = check.strain or case.spec.strain
+        linear = bounds.get(f"{check.metric} (truth, {strain})")
+        if check.against != "truth" or check.expected is not None or linear is None:
+            continue
+        smoothed = bounds.get(f"{check.metric} (truth, {strain}, smoothed)")
+        of_parts = [bar for (name, of), bar in bars.items() if of is strain and _is(name, check)]
+        bar = of_parts[0] if len(of_parts) == 1 else None
+        numbers = (linear, smoothed, bar, check.limit)
+        shown = ["-" if one is None else f"{100 * one:.2g} %" for one in numbers]
+        yield (case.name, f"`{check.metric}`", *shown)
+
+
+def _is(name: str, check: CheckSpec) -> bool:
+    """Whether a bar of this name, of the whole body or of a part of it, is of a check's metric."""
+    return name.partition("@")[0] == check.metric
 
 
 def _bounds(expected: Mapping[str, Expectation]) -> Iterator[tuple[str, str, str]]:
