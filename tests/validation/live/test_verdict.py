@@ -112,6 +112,11 @@ def test_a_drag_reaches_the_truth_which_tells_good_from_bad(tmp_path: Path) -> N
     known = same_mesh_references(case, panes, lambda _: None)
     answer = judge_panes(SAME_MESH, case, panes, known)
     assert [pane["verdict"] for pane in answer.told] == ["passed"] * 3
+    # Also from a spoiled pose the reference comes to what is right.
+    spoiled = [replace(pane, displacement=1.02 * pane.displacement) for pane in panes]
+    led = same_mesh_references(case, spoiled, lambda _: None)
+    answer = judge_panes(SAME_MESH, case, spoiled, led)
+    assert [pane["verdict"] for pane in answer.told] == ["failed"] * 3
     found = true_references(case, panes, known, lambda _: None)
     assert found.bars["displacement_l2", Strain.GREEN] <= 0.01
     # Linear tetrahedra on 90 cells are off by more than is asked, and the truth itself is not.
