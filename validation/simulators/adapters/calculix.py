@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import children_memory_mb
 from mechanics import Points, lame
 
 # Residual over the mean force, and correction over displacement; ccx's own are 5e-3 and 1e-2.
@@ -66,20 +67,12 @@ class Static:
         numbered = np.array(rows, dtype=float)
         self.answer = self._nodes.answer(numbered[numbered[:, 0].argsort(), 1:])
         iterations = re.findall(r"^ iteration +\d+", done.stdout, re.MULTILINE)
+        held = children_memory_mb()
         return {
             "newton_iterations": max(1, len(iterations)),
-            **_memory_of_children(),
+            **({"peak_memory_mb": held} if held else {}),  # Windows does not tell it
             "method": f"Newton, {_SOLVERS[self._solver]}",
         }
-
-
-def _memory_of_children() -> dict[str, float]:
-    """Where the system tells it; Windows does not."""
-    try:
-        import resource
-    except ImportError:
-        return {}
-    return {"peak_memory_mb": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0}
 
 
 def _input_file(job: dict[str, Any], kind: str, solver: str) -> str:

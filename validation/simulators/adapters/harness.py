@@ -78,7 +78,7 @@ def _answer(adapter: Any, *, is_motion: bool) -> None:
     start = processor_seconds()
     says = simulator.advance(1)
     about = {
-        "peak_memory_mb": max(peak_memory_mb(), _of_children_mb()),
+        "peak_memory_mb": max(peak_memory_mb(), children_memory_mb()),
         "tool": simulator.tool,
         "version": simulator.version,
         "law": getattr(simulator, "law", _LAWS[given["strain"]])
@@ -152,7 +152,8 @@ def refuse(why: str) -> NoReturn:
     os._exit(NOT_POSED)
 
 
-def _of_children_mb() -> float:
+def children_memory_mb() -> float:
+    """The most that a process started here has held; 0 where the system does not tell."""
     return _most_held_mb("RUSAGE_CHILDREN")
 
 
