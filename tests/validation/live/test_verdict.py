@@ -98,7 +98,7 @@ def dragged(folder: Path) -> tuple[Case, list[PoseOfPane]]:
     x, y, z = live.start
     away, settling = np.array(case.spec.units.place((x, y, z))), Settling(live.clock.tick)
     while not settling.is_over:
-        x, y, z = grip.hand.next_place(is_too_much=False)
+        x, y, z = grip.hand.next_place()
         for pane in panes:
             pane.advance(away, np.array(case.spec.units.place((x, y, z))), live.clock.steps)
         settling.note([pane.body.displacement for pane in panes])
