@@ -38,13 +38,18 @@ def touch(
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="0: a free one")] = 0,
     browser: Annotated[bool, typer.Option(help="open the page")] = True,
-    once: Annotated[bool, typer.Option(help="end when the page has been closed")] = False,
+    wait: Annotated[
+        float,
+        typer.Option(min=0, help="for a page that was closed [s], then end; inf: until Ctrl-C"),
+    ] = 60.0,
 ) -> None:
     """Show a body on a local page and touch it: linear beside Green strain, in real time.
 
     The page is for this machine and one window: it has a token in its address, and a second one is
-    refused. Without a page the bodies stand still. Ctrl-C ends all. Needs the extra `touch`.
+    refused. Without a page the bodies stand still. All ends a while after the page was closed, or
+    by Ctrl-C. Needs the extra `touch`.
     """
+    import math
     import webbrowser
 
     from palpate.validation.case import load_case
@@ -59,11 +64,15 @@ def touch(
     elements = (Elements.LINEAR if element is None else element).each
     if hand.is_condensed:
         progress_lines()(condensed_words(loaded.problem, elements[0]))
-    server = PageServer(loaded, hand, elements, folder=output, is_once=once, port=port)
+    server = PageServer(loaded, hand, elements, folder=output, patience=wait, port=port)
+
+    ends = "Ctrl-C ends it."
+    if math.isfinite(wait):
+        ends = f"It ends {wait:g} s after the page was closed, or by Ctrl-C."
 
     def ready(address: str) -> None:
         print(f"touch {loaded.name} at {address}", flush=True)
-        print("Ctrl-C ends it.", flush=True)
+        print(ends, flush=True)
         if browser:
             webbrowser.open(address)
 

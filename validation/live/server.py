@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import secrets
 import socket
 import time
@@ -31,8 +32,6 @@ HOST = "127.0.0.1"
 _ON_THE_WAY = 3
 # Orders that wait at most; more are dropped.
 _WAITING = 1000
-# A page that comes back within this time finds its body again [s].
-_GONE = 3.0
 # Close code of a socket that another page holds.
 IN_USE = 4009
 
@@ -49,7 +48,8 @@ class PageServer:
         touch: How.
         elements: Of the panes.
         folder: For recordings and what is judged.
-        is_once: End some seconds after the page has gone.
+        patience: Ends when its page has been gone for so long [s]; one that comes back before finds
+            its body as it was. Default: waits until Ctrl-C.
         port: To listen at; 0 takes a free one.
 
     Attributes:
@@ -67,7 +67,7 @@ class PageServer:
         elements: tuple[Element, ...],
         *,
         folder: Path,
-        is_once: bool = False,
+        patience: float = math.inf,
         port: int = 0,
     ) -> None:
         try:
@@ -88,7 +88,7 @@ class PageServer:
         self._origin = f"http://{HOST}:{self._port}"
         self.address = f"{self._origin}/{self._token}/"
         self._page = page_text(case, self.simulation).encode()
-        self._is_once, self._is_stopping = is_once, False
+        self._patience, self._is_stopping = patience, False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._held: ServerConnection | None = None
         self._notes: deque[str] = deque()
@@ -98,7 +98,7 @@ class PageServer:
         self._sent = self._shown = 0
 
     def serve(self, ready: Callable[[str], None]) -> None:
-        """Serve until Ctrl-C, or until the page has gone where it is asked for only once.
+        """Serve until Ctrl-C, or until the page has been gone for longer than `patience`.
 
         Args:
             ready: Called with the address when pages can come.
@@ -139,11 +139,19 @@ class PageServer:
             ready(self.address)
             while not self._is_stopping:
                 await self._gone.wait()
-                self._gone.clear()
-                if self._is_once and not self._is_stopping:
-                    await asyncio.sleep(_GONE)
-                    if self._held is None:
-                        return
+                if not self._is_stopping and await self._stays_away():
+                    return
+
+    async def _stays_away(self) -> bool:
+        """Whether the page that has gone is still away when patience ends."""
+        while self._gone.is_set() and not self._is_stopping:
+            self._gone.clear()
+            with contextlib.suppress(asyncio.TimeoutError):
+                # Set once more: it came back and left again, so the wait begins anew.
+                await asyncio.wait_for(
+                    self._gone.wait(), None if math.isinf(self._patience) else self._patience
+                )
+        return self._held is None
 
     # ---------------------------------------------------------------- requests
 

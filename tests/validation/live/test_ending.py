@@ -23,7 +23,7 @@ COMMAND = """
 import sys
 from palpate.reference import availability
 from palpate.validation import cli
-from palpate.validation.live import judging, server
+from palpate.validation.live import judging
 from palpate.validation.live.simulation import Simulation
 
 seen = Simulation.seen
@@ -37,7 +37,6 @@ def say_and_see(simulation, is_seen):
 Simulation.seen = say_and_see
 availability.is_available = lambda: True
 judging.VERDICT = "sleeping_verdict"
-server._GONE = 0.2
 sys.argv = ["palpate", *sys.argv[1:]]
 cli.main()
 """
@@ -103,8 +102,8 @@ def test_ctrl_c_ends_the_page_the_bodies_and_the_verdict(tmp_path: Path) -> None
         until(lambda: in_session(process.pid) == [])
 
 
-def test_a_socket_that_breaks_ends_the_command_if_asked_for_once(tmp_path: Path) -> None:
-    with touching(tmp_path, "--once") as (process, address):
+def test_a_socket_that_breaks_ends_the_command_by_and_by(tmp_path: Path) -> None:
+    with touching(tmp_path, "--wait", "0.2") as (process, address):
         with connected(address) as client:
             client.until_time(0.02)
             client.socket.socket.close()
@@ -122,7 +121,7 @@ def test_a_browser_that_is_killed_leaves_no_process(
     assert program is not None
     options = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-first-run"]
     options += ["--enable-unsafe-swiftshader", f"--user-data-dir={tmp_path / 'profile'}"]
-    with touching(tmp_path, "--once") as (process, address):
+    with touching(tmp_path, "--wait", "0.2") as (process, address):
         with subprocess.Popen(
             [program, *options, "--remote-debugging-port=0", address],
             stdout=subprocess.DEVNULL,

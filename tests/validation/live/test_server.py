@@ -192,13 +192,21 @@ def test_without_its_library_it_says_what_to_install(
         PageServer(load_case("block"), Touch(), (), folder=tmp_path)
 
 
-def test_it_ends_when_the_page_has_gone_if_asked_for_once(
-    serving: Serving, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("palpate.validation.live.server._GONE", 0.05)
-    with serving("block", is_once=True) as server:
+def test_it_ends_when_the_page_stays_away(serving: Serving) -> None:
+    with serving("block", patience=0.05) as server:
         with connected(server.address) as client:
             client.until_time(0.05)
+        server.simulation.join(10)
+        assert not server.simulation.is_alive()
+
+
+def test_a_page_that_comes_back_keeps_it_awake(serving: Serving) -> None:
+    with serving("block", patience=1.0) as server:
+        with connected(server.address) as client:
+            client.until_time(0.05)
+        with connected(server.address):
+            server.simulation.join(1.5)
+            assert server.simulation.is_alive()
         server.simulation.join(10)
         assert not server.simulation.is_alive()
 
