@@ -187,7 +187,7 @@ def test_references_of_0_1_are_renewed_by_one_command(folder, monkeypatch, capsy
     assert palpate(monkeypatch, "reference", "renew", "block", "beam") == 0
     told = capsys.readouterr().out
     assert "added: its hash" in told
-    assert "kept: accepted 2026-11-21" in told
+    assert "kept: accepted 2026-11-23" in told
     assert "nothing to renew" in told
     assert palpate(monkeypatch, "gate", "block") == 0
     # One that cannot be right stays as it is, and the others are renewed all the same.
