@@ -132,6 +132,9 @@ def let_go(tmp_path: Path) -> Path:
     return tmp_path / "bar.toml"
 
 
+SCREEN = (1200, 3000)
+
+
 def missing(what: str) -> None:
     """Without a browser these tests are skipped, except where one is required."""
     if os.environ.get("PALPATE_BROWSER_TESTS") == "required":
@@ -139,8 +142,18 @@ def missing(what: str) -> None:
     pytest.skip(f"{what} is not installed")
 
 
+@pytest.fixture
+def browser(chrome: Any) -> Any:
+    """By day, on a screen of its usual size, whatever the test before did."""
+    features = [{"name": "prefers-color-scheme", "value": "light"}]
+    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": features})
+    chrome.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    chrome.set_window_size(*SCREEN)
+    return chrome
+
+
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
+def chrome() -> Iterator[Any]:
     try:
         from selenium import webdriver
     except ImportError:
@@ -157,7 +170,7 @@ def browser() -> Iterator[Any]:
         "--no-sandbox",
         "--disable-dev-shm-usage",
         "--enable-unsafe-swiftshader",
-        "--window-size=1200,3000",
+        f"--window-size={SCREEN[0]},{SCREEN[1]}",
         "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # no network
     ):
         options.add_argument(argument)

@@ -7,7 +7,9 @@ import contextlib
 import json
 import math
 import secrets
+import signal
 import socket
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -34,6 +36,16 @@ _ON_THE_WAY = 3
 _WAITING = 1000
 # Close code of a socket that another page holds.
 IN_USE = 4009
+
+
+def ignore_broken_pipes() -> None:
+    """Let a page that leaves be an error of its socket, as Python does at its start.
+
+    PETSc and gmsh, where they have been used in the process, let it end the process. Does nothing
+    outside the main thread, which alone can.
+    """
+    if threading.current_thread() is threading.main_thread() and hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
 class TouchUnavailableError(InputError):
@@ -124,6 +136,7 @@ class PageServer:
     async def _serve(self, ready: Callable[[str], None]) -> None:
         from websockets.asyncio.server import serve
 
+        ignore_broken_pipes()
         self._loop = asyncio.get_running_loop()
         self._news, self._gone = asyncio.Event(), asyncio.Event()
         async with serve(

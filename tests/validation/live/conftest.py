@@ -17,7 +17,7 @@ import pytest
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.live.live_case import Touch
-from palpate.validation.live.server import PageServer
+from palpate.validation.live.server import PageServer, ignore_broken_pipes
 
 Serving = Callable[..., AbstractContextManager[PageServer]]
 
@@ -32,6 +32,7 @@ def _serving(folder: Path) -> Serving:
     ) -> Iterator[PageServer]:
         server = PageServer(load_case(case), touch or Touch(), elements, folder=folder, **options)
         ready = threading.Event()
+        ignore_broken_pipes()  # the server's thread cannot
         thread = threading.Thread(target=server.serve, args=(lambda _: ready.set(),), daemon=True)
         thread.start()
         assert ready.wait(30)

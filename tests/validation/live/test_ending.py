@@ -20,7 +20,7 @@ from palpate.validation.report.pdf import find_browser
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 # The command, with a verdict that would take ten minutes, and a word whenever a page comes.
 COMMAND = """
-import sys
+import signal, sys
 from palpate.reference import availability
 from palpate.validation import cli
 from palpate.validation.live import judging
@@ -37,6 +37,7 @@ def say_and_see(simulation, is_seen):
 Simulation.seen = say_and_see
 availability.is_available = lambda: True
 judging.VERDICT = "sleeping_verdict"
+signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # as PETSc and gmsh leave it
 sys.argv = ["palpate", *sys.argv[1:]]
 cli.main()
 """
@@ -66,6 +67,8 @@ def touching(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # A shell ignores Ctrl-C for a job in the background.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])},
     ) as process:
         assert process.stdout is not None

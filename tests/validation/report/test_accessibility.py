@@ -137,8 +137,6 @@ def test_on_paper_all_is_there_and_nothing_is_cut(
         assert shown[1] == [0]
         assert set(shown[2]) == {0}
         assert shown[3] == [], page.name
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_the_verdicts_of_the_checks_are_in_sight_on_a_phone(
