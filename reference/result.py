@@ -165,6 +165,7 @@ class AdaptiveResult(ReferenceResult):
         differences: From the mesh before, relative [-], likewise; infinite in the first row.
         bars: Error bars as far as each mesh tells, relative [-], likewise.
         ended: Why there is no finer mesh.
+        first: The state on the first mesh, where that is the case's.
     """
 
     quantities: tuple[str, ...] = ()
@@ -176,6 +177,7 @@ class AdaptiveResult(ReferenceResult):
     differences: Values = field(default_factory=lambda: np.zeros((0, 0)))
     bars: Values = field(default_factory=lambda: np.zeros((0, 0)))
     ended: str = ""
+    first: ReferenceResult | None = None
 
     def bar(self, quantity: str) -> float:
         """Error bar of a quantity on the last mesh, relative [-]; infinite where it has none."""
@@ -311,14 +313,33 @@ class ExplicitResult:
 
 def save_result(path: str | Path, result: Any) -> None:
     """Write a result, a dataclass of arrays and plain values, to `path` (.npz), whole or not."""
-    values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
-    arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
-    plain = {name: v for name, v in values.items() if name not in arrays}
+    arrays, plain = _parted(result)
     header = np.array(
         json.dumps({"kind": type(result).__name__, **plain}, default=dataclasses.asdict)
     )
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, header=header, **arrays)
+
+
+# What JSON knows as text.
+_PLAIN = {
+    "strain": Strain,
+    "formulation": Formulation,
+    "element": Element,
+    "integrator": Integrator,
+}
+
+
+def _parted(result: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arrays and plain values of a dataclass by name; those of a result in it as FIELD/NAME."""
+    values = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
+    arrays = {name: v for name, v in values.items() if isinstance(v, np.ndarray)}
+    plain = {name: v for name, v in values.items() if name not in arrays}
+    for name, value in plain.items():
+        if isinstance(value, ReferenceResult):
+            inner, plain[name] = _parted(value)
+            arrays |= {f"{name}/{field}": v for field, v in inner.items()}
+    return arrays, plain
 
 
 def _history(rows: dict[str, Any]) -> ToolHistory:
@@ -338,17 +359,22 @@ def load_result(path: str | Path, *kinds: type[Any]) -> Any:
         with np.load(path, allow_pickle=False) as stored:
             values = json.loads(str(stored["header"]))
             kind = {kind.__name__: kind for kind in kinds}[values.pop("kind")]
-            values |= {name: stored[name] for name in stored.files if name != "header"}
-        if "strain" in values:
-            values["strain"] = Strain(values["strain"])
-        if "formulation" in values:
-            values["formulation"] = Formulation(values["formulation"])
-        if "element" in values:
-            values["element"] = Element(values["element"])
-        if "integrator" in values:
-            values["integrator"] = Integrator(values["integrator"])
-        if "tools" in values:
-            values["tools"] = tuple(_history(rows) for rows in values["tools"])
-        return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+            for name in stored.files:
+                owner, _, field = name.rpartition("/")
+                if name != "header":
+                    (values[owner] if owner else values)[field] = stored[name]
+        if values.get("first") is not None:
+            values["first"] = _made(ReferenceResult, values["first"])
+        return _made(kind, values)
     except (OSError, KeyError, ValueError, TypeError, EOFError) as error:
         raise FileFormatError(path, f"not a result of the reference ({error})") from error
+
+
+def _made(kind: type[Any], values: dict[str, Any]) -> Any:
+    """A result of its values, which JSON has made plain."""
+    for name, known in _PLAIN.items():
+        if name in values:
+            values[name] = known(values[name])
+    if "tools" in values:
+        values["tools"] = tuple(_history(rows) for rows in values["tools"])
+    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})

@@ -81,7 +81,7 @@ def solve_adaptively(
 
     Returns:
         The state on the last mesh, at the points and in the cells of the case's, with the bars of
-        the goals, the history of meshes, and why it ended.
+        the goals, the history of meshes, and why it ended; and the state on the case's mesh.
 
     Raises:
         InputError: No goals, one twice, the force on tools where there are none, or a problem that
@@ -110,6 +110,7 @@ def solve_adaptively(
     last: Equilibrium | None = None
     state: ReferenceResult | None = None
     before: ReferenceResult | None = None
+    first: ReferenceResult | None = None
     refined: LocallyRefined | None = None
     wrong, tries = np.zeros(0), 0
     while True:
@@ -135,7 +136,7 @@ def solve_adaptively(
                 last.destroy()
                 history.lose_limit()
                 end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
-                return history.result(state, end)
+                return history.result(state, end, first)
             refined = refine_cells(last.problem, _marked(last, wrong, SOFTENED[tries]))
             current = refined.problem
             continue
@@ -146,6 +147,8 @@ def solve_adaptively(
         last, before = found, state
         state = _on_case(found.result(), problem, current, case_cell)
         errors = _cell_errors(Solved(found, state, before, problem.mesh, case_cell), goals)
+        if start is None and first is None:
+            first = state
         history.add(problem, current, found.discrete, state, errors)
         history.seconds.append(time.perf_counter() - began)
         tell(history.line())
@@ -161,7 +164,7 @@ def solve_adaptively(
             )
         if end:
             last.destroy()
-            return history.result(state, end)
+            return history.result(state, end, first)
         assert refined is not None
         current = refined.problem
 

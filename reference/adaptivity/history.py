@@ -104,8 +104,16 @@ class History:
             f"{self.seconds[-1]:.1f} s; bars: {said}"
         )
 
-    def result(self, state: ReferenceResult, end: str) -> AdaptiveResult:
-        """The last state with everything kept; `end` says why no finer mesh followed."""
+    def result(
+        self, state: ReferenceResult, end: str, first: ReferenceResult | None
+    ) -> AdaptiveResult:
+        """The last state with everything kept.
+
+        Args:
+            state: The last.
+            end: Why no finer mesh followed.
+            first: See `AdaptiveResult`.
+        """
         fields = {f.name: getattr(state, f.name) for f in dataclasses.fields(ReferenceResult)}
         return AdaptiveResult(
             **fields,
@@ -118,4 +126,5 @@ class History:
             differences=np.array(self.differences),
             bars=np.array(self.bars),
             ended=end,
+            first=first,
         )

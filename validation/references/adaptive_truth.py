@@ -101,6 +101,13 @@ def solve_truth(
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
     found = refine_truth(problem, strain, request, progress, label=label)
+    return truth_of(problem, strain, request, found, label=label)
+
+
+def truth_of(
+    problem: Problem, strain: Strain, request: TruthRequest, found: AdaptiveResult, *, label: str
+) -> tuple[State, dict[str, float], dict[str, Any]]:
+    """What `refine_truth` has found, as `solve_truth` returns it."""
     seconds = float(found.seconds.sum())
     integrals = None
     if request.named_parts(strain) or request.asks_energy(strain):

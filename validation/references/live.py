@@ -49,7 +49,7 @@ from palpate.validation.references.sets import (
     parts_of_statics,
     solve_state,
 )
-from palpate.validation.references.static_states import state_of, stresses_of
+from palpate.validation.references.static_states import quadratic_state, state_of, stresses_of
 from palpate.validation.states import Progress, State
 
 # Of the largest graded mesh, and time for all of one strain measure [s]: with it a case of 5 000
@@ -111,7 +111,7 @@ def solve_live(
         if not run.has_equilibrium(strain):
             continue
         if is_graded:
-            run.grade(strain)
+            run.grade(strain, has_stress=has_stress)
         if (QUADRATIC, strain) in run.states:
             continue
         is_tried = (TRUTH, strain) in run.states or (TRUTH, strain) in run.failures
@@ -209,8 +209,11 @@ class _Run:
         self.states[label, strain] = state
         return None
 
-    def grade(self, strain: Strain) -> None:
-        """The truth on graded meshes; on the case's alone, it is P2 there."""
+    def grade(self, strain: Strain, *, has_stress: bool) -> None:
+        """The truth on graded meshes; on the case's alone, it is P2 there.
+
+        P2 on the case's mesh is kept besides where its stresses are asked for.
+        """
         problem = self.problem
         try:
             found = refine_truth(problem, strain, self.asked, self.progress, label=TRUTH)
@@ -230,6 +233,9 @@ class _Run:
         self.states[label, strain] = state_of(
             found, strain, label=label, degree=found.degree, seconds=seconds, **told
         )
+        first = quadratic_state(problem, found, QUADRATIC)
+        if bars and has_stress and first is not None:
+            self.states[QUADRATIC, strain] = first
         self.records[strain.value] = record_of(found)
         self._graded |= {(metric, strain): bar for metric, bar in bars.items()}
         self._said.append(

@@ -16,11 +16,12 @@ from palpate.validation.metrics import stress_integrals, tells_stress
 from palpate.validation.references.adaptive_truth import (
     ADAPTIVE,
     TruthRequest,
-    solve_truth,
+    refine_truth,
+    truth_of,
     whole_metrics,
 )
 from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, of_statics, recorded
-from palpate.validation.references.static_states import state_of, stresses_of
+from palpate.validation.references.static_states import quadratic_state, state_of, stresses_of
 from palpate.validation.states import REFERENCE, Progress, State
 
 SAME_MESH = "reference P1"
@@ -168,17 +169,22 @@ def parts_of_statics(bars: Bars) -> dict[str, Any]:
 def _solve_adaptive_set(
     problem: Problem, progress: Progress, request: TruthRequest
 ) -> ReferenceSet:
-    """Both elements and P2 on the case's mesh, and the adaptive truth."""
+    """Both elements on the case's mesh, and the adaptive truth, which begins with P2 there."""
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
     records: dict[str, Any] = {}
     for strain in Strain:
-        for degree, element in ((1, Element.LINEAR), (1, Element.SMOOTHED), (2, Element.LINEAR)):
-            state = solve_state(problem, strain, degree, progress, element=element)
+        on_case: list[State | None] = [
+            solve_state(problem, strain, 1, progress, element=element) for element in Element
+        ]
+        found = refine_truth(problem, strain, request, progress, label=TRUTH)
+        on_case.append(quadratic_state(problem, found, QUADRATIC))
+        for state in on_case:
+            assert state is not None  # nothing was handed to begin from
             states[state.label, strain] = replace(state, stresses=None, integrals=None)
-        truth, found, record = solve_truth(problem, strain, request, progress, label=TRUTH)
+        truth, told, record = truth_of(problem, strain, request, found, label=TRUTH)
         states[TRUTH, strain] = truth
-        bars |= {(metric, strain): bar for metric, bar in found.items()}
+        bars |= {(metric, strain): bar for metric, bar in told.items()}
         records[strain.value] = record
     return ReferenceSet(
         states,

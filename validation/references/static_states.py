@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 
-from palpate.meshes.problem import Strain
-from palpate.reference.result import ReferenceResult
+from palpate.meshes.problem import Problem, Strain
+from palpate.reference.result import AdaptiveResult, ReferenceResult
+from palpate.validation.metrics import stress_integrals
 from palpate.validation.states import REFERENCE, CellStresses, State
 
 
@@ -18,6 +19,23 @@ def stresses_of(found: ReferenceResult) -> CellStresses:
         found.second_piola_kirchhoff_stress,
         found.cauchy_stress,
         found.first_piola_kirchhoff_stress,
+    )
+
+
+def quadratic_state(problem: Problem, found: AdaptiveResult, label: str) -> State | None:
+    """P2 on the case's mesh, where an adaptive truth began there."""
+    first = found.first
+    if first is None:
+        return None
+    stresses = stresses_of(first)
+    return state_of(
+        first,
+        first.strain,
+        label=label,
+        degree=found.degree,
+        seconds=float(found.seconds[0]),
+        stresses=stresses,
+        integrals=stress_integrals(problem.mesh, stresses, first.strain_energy),
     )
 
 

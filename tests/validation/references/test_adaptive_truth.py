@@ -13,7 +13,7 @@ from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.case import load_case
 from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.references.adaptive_truth import TruthRequest, most_apart, recorded_bars
-from palpate.validation.references.sets import solve_for_storing
+from palpate.validation.references.sets import QUADRATIC, solve_for_storing, solve_state
 from palpate.validation.references.soundness import find_contradictions
 
 HALVING = {
@@ -108,3 +108,12 @@ def test_a_stored_truth_has_its_bars_and_their_record(write_case):
     assert len(kept["cells"]) == len(kept["seconds"]) >= 3
     for metric, bar in recorded_bars(kept["metrics"]).items():
         assert bar == pytest.approx(found.bars[metric, Strain.GREEN])
+    # Its first mesh is the case's: quadratic tetrahedra there are not solved once more.
+    first = found.states[QUADRATIC, Strain.GREEN]
+    alone = solve_state(case.problem, Strain.GREEN, 2, lambda _line: None)
+    assert first.displacement == pytest.approx(
+        alone.displacement, abs=1e-8 * alone.max_displacement
+    )
+    assert first.volume == pytest.approx(alone.volume, rel=1e-10)
+    assert first.max_displacement == pytest.approx(alone.max_displacement, rel=1e-8)
+    assert first.details["newton_iterations"] == alone.details["newton_iterations"]
