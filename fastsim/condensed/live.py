@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from palpate.fastsim.condensed.errors import NotCondensableError
 from palpate.fastsim.condensed.model import CondensedModel
 from palpate.fastsim.condensed.steps import CondensedSteps
+from palpate.fastsim.contact.tool_checks import read_numbers, read_pose
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.errors import InputError
-from palpate.meshes.rigid_tool import UNIT_TOLERANCE, RigidTool, rotation_matrix
+from palpate.meshes.rigid_tool import RigidTool, rotation_matrix
 from palpate.meshes.spring import Spring
 
 
@@ -39,21 +39,10 @@ class CondensedTool:
         Raises:
             InputError: This is no pose.
         """
-        place = np.asarray(position, dtype=np.float64)
-        if place.shape != (3,) or not np.isfinite(place).all():
-            raise InputError(
-                f"position of tool {self._number + 1}: needs three finite numbers, got {position!r}"
-            )
+        place, turn = read_pose(self._number, position, rotation)
         row = self._body._goals[self._number]
-        if rotation is not None:
-            turned = np.asarray(rotation, dtype=np.float64)
-            length = float(np.linalg.norm(turned)) if turned.shape == (4,) else np.nan
-            if not abs(length - 1.0) <= UNIT_TOLERANCE:
-                raise InputError(
-                    f"rotation of tool {self._number + 1}: needs a unit quaternion (w, x, y, z), "
-                    f"got {rotation!r}"
-                )
-            row[3:] = rotation_matrix(turned / length).ravel()
+        if turn is not None:
+            row[3:] = rotation_matrix(np.array(turn)).ravel()
         row[:3] = place
 
     @property
@@ -95,9 +84,7 @@ class CondensedSpring:
         Raises:
             InputError: This is no place.
         """
-        goal = np.asarray(place, dtype=np.float64)
-        if goal.shape != (3,) or not np.isfinite(goal).all():
-            raise InputError(f"place of an anchor: needs three finite numbers, got {place!r}")
+        goal = np.array(read_numbers(place, 3, "place of an anchor"))
         self._body._anchors[self._number] = goal - np.array(self.description.center)
         self._body._is_pulled = True
 

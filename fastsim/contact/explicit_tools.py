@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,6 +21,7 @@ from palpate.fastsim.contact.contact_law import (
 from palpate.fastsim.contact.errors import ToolTooFastError
 from palpate.fastsim.contact.tool_checks import (
     farthest,
+    read_pose,
     require_larger_than_gaps,
     require_outside,
 )
@@ -30,7 +30,6 @@ from palpate.fastsim.explicit_run import ExplicitRun
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.meshes.rigid_tool import UNIT_TOLERANCE
 
 # As core/explicit/contact.hpp names them: where a tool is to be at a time, and what acts on it.
 TOOL_STEP = np.dtype([("pose", POSE), ("drive", np.float64)])
@@ -189,17 +188,7 @@ class ExplicitTools:
             raise InputError(f"tool number {number}: there are {len(self.contacts)}, from 0")
         if self.contacts[number].tool.drive is not None:
             raise InputError(f"tool {number + 1} is driven by a force and goes its own way")
-        place = _numbers(position, 3, f"position of tool {number + 1}")
-        if rotation is None:
-            return place, None
-        turn = _numbers(rotation, 4, f"rotation of tool {number + 1}")
-        length = math.hypot(*turn)
-        if not abs(length - 1.0) < UNIT_TOLERANCE:
-            raise InputError(
-                f"the rotation of tool {number + 1} has length {length:g}; give a unit quaternion "
-                "(w, x, y, z)"
-            )
-        return place, [q / length for q in turn]
+        return read_pose(number, position, rotation)
 
     def send(
         self, goals: dict[int, tuple[list[float], list[float] | None]], begin: float, end: float
@@ -263,14 +252,3 @@ class ExplicitTools:
                 )
             )
         return tuple(out)
-
-
-def _numbers(given: ArrayLike, count: int, what: str) -> list[float]:
-    """So many finite numbers; quicker than arrays for a loop that moves a tool at every step."""
-    try:
-        numbers = [float(number) for number in given]  # type: ignore[union-attr, arg-type]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise InputError(f"{what}: needs {count} finite numbers, got {given!r}")
-    return numbers

@@ -1,15 +1,20 @@
-"""What a tool may not be before a run begins: inside the body, too small, too fast."""
+"""What a tool may not be before a run begins, inside the body or too small; and what is no pose."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from palpate.fastsim.contact.contact_law import half_thickness, mean_edge
 from palpate.fastsim.contact.errors import ToolInsideError, ToolTooSmallError
 from palpate.fastsim.contact.tool_contact import ToolContact, poses_at
 from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import (
+    UNIT_TOLERANCE,
     BoxShape,
     CapsuleShape,
     PlaneShape,
@@ -110,3 +115,40 @@ def _is_in_a_cell(problem: Problem, displacement: Points, place: Points) -> bool
 
 def _as_tuple(place: Points) -> tuple[float, float, float]:
     return float(place[0]), float(place[1]), float(place[2])
+
+
+def read_pose(
+    number: int, position: ArrayLike, rotation: ArrayLike | None
+) -> tuple[list[float], list[float] | None]:
+    """A pose that somebody sends a tool to: position [m], unit quaternion or None.
+
+    Args:
+        number: Of the tool, from 0.
+        position: Of its origin [m], shape (3,).
+        rotation: Unit quaternion (w, x, y, z), shape (4,), or None.
+
+    Raises:
+        InputError: The numbers are no pose.
+    """
+    place = read_numbers(position, 3, f"position of tool {number + 1}")
+    if rotation is None:
+        return place, None
+    turn = read_numbers(rotation, 4, f"rotation of tool {number + 1}")
+    length = math.hypot(*turn)
+    if not abs(length - 1.0) < UNIT_TOLERANCE:
+        raise InputError(
+            f"the rotation of tool {number + 1} has length {length:g}; give a unit quaternion "
+            "(w, x, y, z)"
+        )
+    return place, [q / length for q in turn]
+
+
+def read_numbers(given: ArrayLike, count: int, what: str) -> list[float]:
+    """So many finite numbers; quicker than arrays for a loop that moves a tool at every step."""
+    try:
+        numbers = [float(number) for number in given]  # type: ignore[union-attr, arg-type]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != count or not all(map(math.isfinite, numbers)):
+        raise InputError(f"{what}: needs {count} finite numbers, got {given!r}")
+    return numbers

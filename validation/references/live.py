@@ -49,7 +49,7 @@ from palpate.validation.references.sets import (
     parts_of_statics,
     solve_state,
 )
-from palpate.validation.references.static_states import quadratic_state, state_of, stresses_of
+from palpate.validation.references.static_states import first_state, state_of, stresses_of
 from palpate.validation.states import Progress, State
 
 # Of the largest graded mesh, and time for all of one strain measure [s]: with it a case of 5 000
@@ -233,9 +233,14 @@ class _Run:
         self.states[label, strain] = state_of(
             found, strain, label=label, degree=found.degree, seconds=seconds, **told
         )
-        first = quadratic_state(problem, found, QUADRATIC)
-        if bars and has_stress and first is not None:
-            self.states[QUADRATIC, strain] = first
+        if bars and has_stress and found.first is not None:
+            stresses = stresses_of(found.first)
+            self.states[QUADRATIC, strain] = first_state(
+                found,
+                QUADRATIC,
+                stresses=stresses,
+                integrals=stress_integrals(problem.mesh, stresses, found.first.strain_energy),
+            )
         self.records[strain.value] = record_of(found)
         self._graded |= {(metric, strain): bar for metric, bar in bars.items()}
         self._said.append(

@@ -21,7 +21,7 @@ from palpate.validation.references.adaptive_truth import (
     whole_metrics,
 )
 from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, of_statics, recorded
-from palpate.validation.references.static_states import quadratic_state, state_of, stresses_of
+from palpate.validation.references.static_states import first_state, state_of, stresses_of
 from palpate.validation.states import REFERENCE, Progress, State
 
 SAME_MESH = "reference P1"
@@ -174,14 +174,11 @@ def _solve_adaptive_set(
     bars: Bars = {}
     records: dict[str, Any] = {}
     for strain in Strain:
-        on_case: list[State | None] = [
-            solve_state(problem, strain, 1, progress, element=element) for element in Element
-        ]
+        for element in Element:
+            state = solve_state(problem, strain, 1, progress, element=element)
+            states[state.label, strain] = replace(state, stresses=None)
         found = refine_truth(problem, strain, request, progress, label=TRUTH)
-        on_case.append(quadratic_state(problem, found, QUADRATIC))
-        for state in on_case:
-            assert state is not None  # nothing was handed to begin from
-            states[state.label, strain] = replace(state, stresses=None, integrals=None)
+        states[QUADRATIC, strain] = first_state(found, QUADRATIC)
         truth, told, record = truth_of(problem, strain, request, found, label=TRUTH)
         states[TRUTH, strain] = truth
         bars |= {(metric, strain): bar for metric, bar in told.items()}

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 
-from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.problem import Strain
 from palpate.reference.result import AdaptiveResult, ReferenceResult
-from palpate.validation.metrics import stress_integrals
 from palpate.validation.states import REFERENCE, CellStresses, State
 
 
@@ -22,20 +21,12 @@ def stresses_of(found: ReferenceResult) -> CellStresses:
     )
 
 
-def quadratic_state(problem: Problem, found: AdaptiveResult, label: str) -> State | None:
-    """P2 on the case's mesh, where an adaptive truth began there."""
-    first = found.first
-    if first is None:
-        return None
-    stresses = stresses_of(first)
+def first_state(found: AdaptiveResult, label: str, **rest: Any) -> State:
+    """What an adaptive truth, begun from nothing, found on the case's mesh; as `state_of`."""
+    assert found.first is not None
+    seconds = float(found.seconds[0])
     return state_of(
-        first,
-        first.strain,
-        label=label,
-        degree=found.degree,
-        seconds=float(found.seconds[0]),
-        stresses=stresses,
-        integrals=stress_integrals(problem.mesh, stresses, first.strain_energy),
+        found.first, found.first.strain, label=label, degree=found.degree, seconds=seconds, **rest
     )
 
 
