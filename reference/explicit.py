@@ -88,7 +88,7 @@ def simulate_explicit(
     for step in range(per_output * span.num_outputs):
         force = run.force(now, before, step * dt)
         ahead = (dt**2 * force / run.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
-        ahead = tools.keep_out(run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt)
+        ahead = tools.keep_out(now, run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt, dt)
         if not np.isfinite(ahead).all():
             raise ReferenceBlowUpError(step, step * dt, body.at_points(now))
         now, before = ahead, now

@@ -8,6 +8,9 @@ With lumped mass the multipliers do not know of each other, and each is had in c
 with the gap g and the normal n where the node would have ended, W = 0 along held components. N. J.
 Carpenter, R. L. Taylor, M. G. Katona, Lagrange constraints for transient finite element surface
 contact, Int. J. Numer. Meth. Engng 32 (1991) 103-128.
+
+Friction is what takes away the way s that the node, so put onto the tool, has gone along it in the
+step: -W^-1 s, or mu |p n| along that where it is less.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference.contact.box_faces import seen_at
 from palpate.reference.contact.contact_points import find_contact_points
-from palpate.reference.contact.tool_contact import require_frictionless_on_path
+from palpate.reference.contact.tool_contact import require_on_path
 from palpate.reference.contact.tool_distance import tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
@@ -38,8 +41,7 @@ class SteppedTools:
         mobility: W above, of every degree of freedom [m/N], flat.
 
     Raises:
-        InputError: A tool with friction, driven by a force, or inside the body
-            at the start.
+        InputError: A tool that is driven by a force, or inside the body at the start.
     """
 
     def __init__(
@@ -61,11 +63,18 @@ class SteppedTools:
                 )
             tool.see(displacement, 0.0)
 
-    def keep_out(self, ahead: Floats, time: float) -> Floats:
-        """A displacement at a time with no node inside a tool, one tool after the other."""
+    def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
+        """A displacement at the end of a step with no node inside a tool, one tool after the other.
+
+        Args:
+            now: At the start of the step, flat [m].
+            ahead: At its end, without the tools.
+            time: Of its end [s].
+            dt: Its length [s].
+        """
         self._steps += 1
         for tool in self._tools:
-            ahead = tool.keep_out(ahead, time)
+            ahead = tool.keep_out(now, ahead, time, dt)
         for tool in self._tools:
             tool.see(ahead, time)
         return ahead
@@ -84,8 +93,9 @@ class _SteppedTool:
     def __init__(
         self, tool: RigidTool, space: TransferredSpace, held: Indices, mobility: Floats
     ) -> None:
-        require_frictionless_on_path(tool)
+        require_on_path(tool)
         self._tool = tool
+        self._is_rough = tool.friction_coefficient > 0.0
         self._points = find_contact_points(space, tool.contact_facets, held)
         self._mobility = mobility.reshape(-1, 3)[self._points.nodes]
         self._is_free = np.ptp(self._mobility, axis=1) <= 1e-12 * self._mobility.max(axis=1)
@@ -105,10 +115,10 @@ class _SteppedTool:
         places = self._points.places(displacement)
         return tool_distance(self._tool.shape, position, rotation, places).gap
 
-    def keep_out(self, ahead: Floats, time: float) -> Floats:
+    def keep_out(self, now: Floats, ahead: Floats, time: float, dt: float) -> Floats:
         position, rotation = self._tool.path.pose_at(time)
         places = self._points.places(ahead)
-        forces = np.zeros_like(places)
+        forces, normals = np.zeros_like(places), np.zeros_like(places)
         rows = np.arange(len(places))
         for _ in range(_MOST_CORRECTIONS):
             before = None if self._came_from is None else self._came_from[rows]
@@ -118,12 +128,50 @@ class _SteppedTool:
             rows, give = rows[is_pushed], give[is_pushed]
             if not len(rows):
                 break
-            push = (-at.gap[is_pushed] / give)[:, None] * at.normal[is_pushed]
+            normal = at.normal[is_pushed]
+            is_first = ~normals[rows].any(axis=1)
+            normals[rows[is_first]] = normal[is_first]
+            push = (-at.gap[is_pushed] / give)[:, None] * normal
             forces[rows] += push
             places[rows] += self._mobility[rows] * push
             rows = rows[~self._is_free[rows]]
+        if self._is_rough:
+            drag = self._drag(self._points.places(now), places, forces, normals, time, dt)
+            forces += drag
+            places += self._mobility * drag
         self.sum_of_forces -= forces.sum(axis=0)
         out = ahead.reshape(-1, 3).copy()
         out[self._points.nodes] = places - self._points.rest
         flat: Floats = out.ravel()
         return flat
+
+    def _drag(
+        self,
+        before: Points,
+        places: Points,
+        pushes: Points,
+        normals: Points,
+        time: float,
+        dt: float,
+    ) -> Points:
+        """Friction on nodes that go from places to others in a step [N], shape (n, 3).
+
+        Args:
+            before: Where they come from [m], shape (n, 3).
+            places: Where the pushes put them [m].
+            pushes: By the tool [N]; those of 0 drag nothing.
+            normals: Of the tool where it pushes [-], else 0.
+            time: Of the end of the step [s].
+            dt: Its length [s].
+        """
+        old, turned = self._tool.path.pose_at(time - dt)
+        position, rotation = self._tool.path.pose_at(time)
+        touched = old + (places - position) @ rotation @ turned.T
+        slip = touched - before
+        slip -= np.sum(slip * normals, axis=1)[:, None] * normals
+        moves = self._mobility > 0.0
+        needed = np.where(moves, -slip / np.where(moves, self._mobility, 1.0), 0.0)
+        size = np.linalg.norm(needed, axis=1)
+        bound = self._tool.friction_coefficient * np.linalg.norm(pushes, axis=1)
+        drag: Points = (np.minimum(bound, size) / np.where(size > 0.0, size, 1.0))[:, None] * needed
+        return drag

@@ -5,8 +5,9 @@ n, and a multiplier q per rest area:
 
     trial = q - k s,   t = trial where |trial| <= mu p, else mu p trial / |trial|
 
-so that a node slips, against its drag, where it would take more than mu p to hold it. The bound is
-of the multiplier p, not of the pressure of the iterate, and both are taken over after each
+so that a node slips, against its drag, where it would take more than mu p to hold it. In motion the
+way is that of one step: its drag is that at the step's end (backward Euler). The bound is of the
+multiplier p, not of the pressure of the iterate, and both are taken over after each
 equilibrium: the tangent stays symmetric (T. A. Laursen, J. C. Simo, Algorithmic symmetrization of
 Coulomb frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Engrg. 108
 (1993) 133-146), and what it settles to is Coulomb's law with the pressure itself.
@@ -30,10 +31,12 @@ class Drag:
         traction: On the body by rest area [Pa], shape (n, 3).
         stiffness: Minus its derivative by the node's place, at this normal and bound [Pa/m], shape
             (n, 3, 3), symmetric.
+        sticks: Whether a pressed node is held by less than the bound, shape (n,).
     """
 
     traction: Points
     stiffness: Floats
+    sticks: NDArray[np.bool_]
 
 
 class Friction:
@@ -86,7 +89,7 @@ class Friction:
         """
         count = len(local)
         if self.coefficient == 0.0:
-            return Drag(np.zeros((count, 3)), np.zeros((count, 3, 3)))
+            return Drag(np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_))
         trial = (self._multiplier - penalty * (local - self._held_at)) @ rotation.T
         trial -= np.sum(trial * normal, axis=1)[:, None] * normal
         size, bound = np.linalg.norm(trial, axis=1), self.coefficient * pressure
@@ -95,4 +98,5 @@ class Friction:
         part = np.where(slips, bound / np.where(slips, size, 1.0), 1.0)
         plane = np.eye(3) - normal[:, :, None] * normal[:, None, :]
         plane -= np.where(slips[:, None, None], along[:, :, None] * along[:, None, :], 0.0)
-        return Drag(part[:, None] * trial, (penalty * part)[:, None, None] * plane)
+        stiffness = (penalty * part)[:, None, None] * plane
+        return Drag(part[:, None] * trial, stiffness, ~slips & (bound > 0.0))

@@ -4,8 +4,10 @@ The force that keeps it out is one over the whole step, as a multiplier of the c
 
     g(u(t + dt), t + dt) >= 0,   t >= 0,   t g = 0
 
-at the nodes (`tool_contact`), beside forces and inertia balanced within the step. A multiplier may
-swing from step to step; what is told of a tool is its impulse over the time from output to output.
+at the nodes (`tool_contact`), beside forces and inertia balanced within the step; and so does what
+drags a node along the tool, at most mu t, against its slip over the step (`friction`). A multiplier
+may swing from step to step; what is told of a tool is its impulse over the time from output to
+output.
 Forces are balanced at a time within the step, not in its middle; a step's impulse is taken between
 its own force and the one before, or it would be of another time by a part of the step.
 """
@@ -24,7 +26,7 @@ from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import (
     ToolContact,
     create_contacts,
-    require_frictionless_on_path,
+    require_on_path,
 )
 from palpate.reference.mesh_transfer import TransferredSpace
 
@@ -44,16 +46,17 @@ class ImplicitTools:
         tolerance: Relative residual of a step [-].
 
     Raises:
-        InputError: A tool with friction, or driven by a force.
+        InputError: A tool that is driven by a force.
     """
 
     def __init__(
         self, problem: Problem, space: TransferredSpace, held: Indices, tolerance: float
     ) -> None:
         for tool in problem.tools:
-            require_frictionless_on_path(tool)
+            require_on_path(tool)
         self._carried = _OVER_TOLERANCE * tolerance
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, held)
+        self._held = held
         materials = (problem.material, *(i.material for i in problem.inclusions))
         self._density = max(material.density for material in materials)
         self._impulses = np.zeros((len(self._contacts), 3))
@@ -107,17 +110,16 @@ class ImplicitTools:
                 [N s], flat.
 
         Returns:
-            Velocity and acceleration, with those of the nodes that a tool holds along its normal.
-            Newmark's would have a node that was caught swing about the tool's velocity, and leave
-            it again. What the body gains by that the tool gave.
+            Velocity and acceleration, with those of the nodes that a tool holds: along its normal,
+            and altogether where they stick. Newmark's would have a node that was caught swing about
+            the tool's velocity, and leave it again. What the body gains by that the tool gave.
         """
         v, a = velocity.reshape(-1, 3).copy(), acceleration.reshape(-1, 3).copy()
         rows = zip(self._impulses, self._last_forces, self._contacts, strict=True)
         for row, last, contact in rows:
-            nodes, normal, speed = contact.held_along(displacement, dt)
-            dv, da = np.zeros_like(v), np.zeros_like(a)
-            dv[nodes] = (speed - np.sum(v[nodes] * normal, axis=1))[:, None] * normal
-            da[nodes] = -np.sum(a[nodes] * normal, axis=1)[:, None] * normal
+            held = contact.held_nodes(displacement, dt)
+            dv = self._free(held.change(v, held.velocities))
+            da = self._free(held.change(a, np.zeros_like(held.velocities)))
             given = momentum(dv.ravel(), da.ravel()).reshape(-1, 3).sum(axis=0)
             force = contact.state(displacement).force
             row += dt * (force + late * (last - force)) - fenicsx.total(given)
@@ -125,6 +127,11 @@ class ImplicitTools:
             v, a = v + dv, a + da
             contact.keep(displacement)
         return v.ravel(), a.ravel()
+
+    def _free(self, change: Points) -> Points:
+        """Without what supports hold, shape (num_blocks, 3)."""
+        change.reshape(-1)[self._held] = 0.0
+        return change
 
     def force(self, displacement: Floats) -> Floats:
         """Nodal forces on the body at the end of the step [N], flat."""

@@ -59,6 +59,37 @@ class ToolState:
 
 
 @dataclass(frozen=True, eq=False)
+class HeldNodes:
+    """Nodes that a tool holds, along its normal or, where they stick to it, altogether.
+
+    Attributes:
+        nodes: Blocked dofs, shape (n,).
+        normals: Of the tool there [-], shape (n, 3).
+        velocities: Of the tool there, mean over the last step [m/s], shape (n, 3).
+        sticks: Whether friction holds them too, shape (n,).
+    """
+
+    nodes: Indices
+    normals: Points
+    velocities: Points
+    sticks: NDArray[np.bool_]
+
+    def change(self, field: Points, wanted: Points) -> Points:
+        """What takes a field of all nodes to one where they are held, shape (num_blocks, 3).
+
+        Args:
+            field: Velocity or acceleration, shape (num_blocks, 3).
+            wanted: The same of the tool at the held nodes, shape (n, 3).
+        """
+        own, normals = field[self.nodes], self.normals
+        lacking = np.sum(wanted * normals, axis=1) - np.sum(own * normals, axis=1)
+        change = np.zeros_like(field)
+        change[self.nodes] = lacking[:, None] * normals
+        change[self.nodes[self.sticks]] = (wanted - own)[self.sticks]
+        return change
+
+
+@dataclass(frozen=True, eq=False)
 class Unknowns:
     """Flat vectors that hold more than displacements.
 
@@ -120,20 +151,16 @@ class ToolContact:
         """Raise InputError where the distance to the tool cannot be measured."""
         self._distance(np.zeros(self._num_dofs))
 
-    def held_along(self, displacement: Floats, dt: float) -> tuple[Indices, Points, Floats]:
-        """Nodes that the tool holds, its normals there, and its mean speed along them since dt.
-
-        Returns:
-            Blocked dofs, shape (n,), normals [-], shape (n, 3), and speeds [m/s], shape (n,).
-        """
+    def held_nodes(self, displacement: Floats, dt: float) -> HeldNodes:
+        """Nodes that the tool holds at the end of a step of dt [s]."""
         distance = self._distance(displacement)
+        sticks = self._dragged(displacement, distance).sticks
         rows = np.flatnonzero(self.points.areas * self._tractions(distance) > 0.0)
         places = self.points.places(displacement)[rows]
         before, turned = self.tool.path.pose_at(self.time - dt)
         local = (places - self.position) @ self.rotation
         velocity = (places - before - local @ turned.T) / dt
-        normal = distance.normal[rows]
-        return self.points.nodes[rows], normal, np.sum(velocity * normal, axis=1)
+        return HeldNodes(self.points.nodes[rows], distance.normal[rows], velocity, sticks[rows])
 
     @property
     def forgets_its_way(self) -> bool:
@@ -349,13 +376,8 @@ def create_contacts(
     return tuple(ToolContact(space, tool, held, stiffest, unknowns) for tool in problem.tools)
 
 
-def require_frictionless_on_path(tool: RigidTool) -> None:
-    """Raise InputError for a tool with friction, or one that is driven by a force."""
-    if tool.friction_coefficient > 0.0:
-        raise InputError(
-            f"friction_coefficient = {tool.friction_coefficient:g}: the reference's motions are "
-            "frictionless; set 0, or take the time span away: its statics know friction"
-        )
+def require_on_path(tool: RigidTool) -> None:
+    """Raise InputError for a tool that is driven by a force."""
     if tool.drive is not None:
         raise InputError(
             "the reference's motions take a tool along its path; give the path instead of a force, "

@@ -100,6 +100,29 @@ def test_a_surface_in_equilibrium(strain: Strain) -> None:
     assert np.abs(ours.displacements[-1] - theirs.displacement).max() <= 1e-8 * largest
 
 
+@pytest.mark.parametrize("name", ["sphere", "box"])
+def test_friction(name: str) -> None:
+    assert_alike(slab(dataclasses.replace(TOOLS[name], friction_coefficient=0.3)), Strain.GREEN)
+
+
+def test_friction_of_a_tool_that_turns_on_vertices_held_in_part() -> None:
+    """Vertices stick to the roller and slip on it; along y they are held."""
+    path = TOOLS["capsule"].path
+    half = np.array([0.0, 0.1, 0.4])[:, None]
+    # First onto its side, then about its axis, which then lies along y.
+    lying, rolled = np.array([1.0, -1.0, 0.0, 0.0]) * 0.5**0.5, np.zeros((3, 4))
+    rolled[:, :] = np.cos(half) * lying + np.sin(half) * np.array([0.0, 0.0, 1.0, 1.0]) * 0.5**0.5
+    roller = dataclasses.replace(
+        TOOLS["capsule"],
+        path=ToolPath(path.times, path.positions, rolled),
+        friction_coefficient=0.4,
+    )
+    mesh = load_case("press").problem.mesh
+    top = np.flatnonzero(mesh.points[:, 2] > 0.0199).astype(np.int32)
+    rail = Support(top, components=(False, True, False))
+    assert_alike(slab(roller, supports=(rail,)), Strain.GREEN)
+
+
 def test_two_tools_at_once() -> None:
     assert_alike(slab(TOOLS["sphere"], SECOND), Strain.GREEN)
 

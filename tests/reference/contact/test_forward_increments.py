@@ -77,7 +77,6 @@ def test_held_components_stay_and_the_rest_leaves_the_ball(box):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"friction_coefficient": 0.2}, "friction_coefficient = 0.2"),
         (
             {
                 "drive": ForceDrive((0.0, 0.0, -1.0), 1.0, TabularAmplitude((0.0,), (1.0,)), 0.1),

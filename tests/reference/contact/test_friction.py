@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from palpate.meshes.boundary_conditions import Support
-from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
+from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.explicit import simulate_explicit
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx
@@ -87,11 +84,3 @@ def test_without_friction_nothing_drags(box):
     problem, along = block_on_a_plane(box, 0.0)
     _, drag = felt(problem, along, Strain.GREEN, 1)
     np.testing.assert_allclose(drag, 0.0, atol=1e-12)
-
-
-def test_motions_refuse_friction(box):
-    problem, _ = block_on_a_plane(box, FRICTION)
-    moving = dataclasses.replace(problem, time=TimeSpan(1.0, 0.1, num_outputs=1))
-    for simulate in (simulate_implicit, simulate_explicit):
-        with pytest.raises(InputError, match="statics know friction"):
-            simulate(moving)

@@ -117,10 +117,3 @@ def test_a_tool_inside_the_body_at_the_start_is_refused(box):
     inside = dataclasses.replace(tool, path=ToolPath([0.0], [[2.8, 1.9, 3.5]]))
     with pytest.raises(InputError, match="deep in the body at the start"):
         simulate_implicit(dataclasses.replace(problem, tools=(inside,)), degree=1)
-
-
-def test_friction_is_refused(box):
-    problem = pressed_slab(box, TimeSpan(1.0, 0.5, num_outputs=1), [0.0])
-    rough = dataclasses.replace(problem.tools[0], friction_coefficient=0.3)
-    with pytest.raises(InputError, match="frictionless"):
-        simulate_implicit(dataclasses.replace(problem, tools=(rough,)), degree=1)
