@@ -7,6 +7,7 @@
 #   (unset)         apt where it has python3-dolfinx and may be used, else wheel, else none
 #   PYTHON=...      the interpreter to use where the route leaves a choice
 #   VENV=...        where the environment goes (.venv)
+#   PALPATE_WERROR=1  warnings of the core's compiler are errors
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -211,7 +212,10 @@ if ! recorded environment "$ENVIRONMENT"; then
 fi
 
 say "building the C++ core and installing palpate"
-pip_install .
+# By the build tools of this environment: what was compiled stays good for the next build.
+werror=()
+[ -z "${PALPATE_WERROR:-}" ] || werror=(--config-settings=cmake.define.PALPATE_WERROR=ON)
+pip_install --no-build-isolation "${werror[@]}" .
 if [ "$ROUTE" != none ]; then
     "$VENV/bin/python" -c '
 import importlib.util

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Links the rooms under build/view/palpate and builds the core in place, for work on the sources:
 #   bash .ci/view.sh PYTHON [cmake options]; then PYTHONPATH=build/view PYTHON -m pytest
-# mypy reads the same tree.
+#   bash .ci/view.sh --links      the links alone, which is what mypy reads
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python="${1:-python3}"
@@ -12,6 +12,7 @@ for room in meshes fastsim reference validation; do
     ln -sfn "../../../$room" "$view/$room"
 done
 sed 's/${version}/dev/' validation/front_door.py.in >"$view/__init__.py"
+[ "$python" != --links ] || exit 0
 tag=$("$python" -c 'import sys; print(sys.implementation.cache_tag)')
 PATH="$(dirname "$("$python" -c 'import sys; print(sys.executable)')"):$PATH"
 cmake -S fastsim/core -B "build/core-$tag" -G Ninja -DPython_EXECUTABLE="$(command -v "$python")" \

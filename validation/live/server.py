@@ -11,6 +11,7 @@ import signal
 import socket
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable
 from http import HTTPStatus
@@ -34,6 +35,8 @@ HOST = "127.0.0.1"
 _ON_THE_WAY = 3
 # Orders that wait at most; more are dropped.
 _WAITING = 1000
+# What the page has to take its leave when the server ends [s].
+_LEAVE = 1.0
 # Close code of a socket that another page holds.
 IN_USE = 4009
 
@@ -134,26 +137,44 @@ class PageServer:
                 self._loop.call_soon_threadsafe(self._gone.set)
 
     async def _serve(self, ready: Callable[[str], None]) -> None:
-        from websockets.asyncio.server import serve
+        from websockets.asyncio.server import ServerConnection, serve
+
+        transports: weakref.WeakSet[asyncio.Transport] = weakref.WeakSet()
+
+        class Connection(ServerConnection):
+            def connection_made(self, transport: asyncio.BaseTransport) -> None:
+                super().connection_made(transport)
+                transports.add(self.transport)
+
+        def abort() -> None:
+            for transport in list(transports):
+                transport.abort()
 
         ignore_broken_pipes()
         self._loop = asyncio.get_running_loop()
         self._news, self._gone = asyncio.Event(), asyncio.Event()
-        async with serve(
+        server = await serve(
             self._attend,
+            create_connection=Connection,
             sock=self._socket,
             origins=[self._origin],  # type: ignore[list-item]
             process_request=self._answer,
             max_size=protocol.MOST_BYTES,
             compression=None,
             server_header=None,
-        ):
+        )
+        try:
             self.simulation.start()
             ready(self.address)
             while not self._is_stopping:
                 await self._gone.wait()
                 if not self._is_stopping and await self._stays_away():
                     return
+        finally:
+            server.close()
+            # Browsers open sockets in advance; the server would wait ten seconds for their request.
+            self._loop.call_later(_LEAVE, abort)
+            await server.wait_closed()
 
     async def _stays_away(self) -> bool:
         """Whether the page that has gone is still away when patience ends."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import builtins
 import contextlib
+import functools
 import os
 import re
 import socket
@@ -163,6 +164,21 @@ def test_half_a_request_ends_nothing(shared: PageServer, begun: bytes) -> None:
         wire.sendall(begun)
     with patiently_connected(shared) as client:
         client.until_time(0.0)
+
+
+def test_a_socket_that_asks_for_nothing_does_not_hold_up_the_end(
+    serving: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Browsers open one in advance; `serving` fails when the server has not ended in time."""
+    from websockets.asyncio.server import serve
+
+    monkeypatch.setattr(
+        "websockets.asyncio.server.serve", functools.partial(serve, open_timeout=600.0)
+    )
+    with contextlib.ExitStack() as stack, serving("block") as server:
+        host, port = server.address.split("/")[2].split(":")
+        stack.enter_context(socket.create_connection((host, int(port)), timeout=10))
+        get(server.address)  # the socket, which came first, has been accepted
 
 
 def test_a_message_that_is_too_long_ends_that_socket_only(serving: Serving) -> None:
