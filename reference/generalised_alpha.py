@@ -6,6 +6,7 @@ J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375; the equations stand i
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,12 +22,15 @@ from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.explicit import row_sums_of_mass
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.lagged_factors import LaggedFactors
-from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+from palpate.reference.linear_solver import LARGEST_FALLBACK, LinearSolveError, LinearSolver
 from palpate.reference.loads_over_time import LoadsOverTime
 from palpate.reference.materials import by_cell
 from palpate.reference.viscosity import Viscosity
 
-_MAX_ITERATIONS = 12
+_MAX_ITERATIONS = 25
+# Of the residual, what may be left by an iteration with the tangent of an earlier one. To assemble
+# it costs as much as some six solves by factors that are there.
+_SLOW = 0.2
 # Nodes come and go, and multipliers follow them.
 _MOST_WITH_TOOLS = 40
 # Of the force along a Newton step with tools, what may be left at its end.
@@ -162,15 +166,20 @@ class Motion:
         self.tools = ImplicitTools(problem, space, loads.held, tolerance)
         is_viscous = self.viscosity is not None and body.strain is Strain.GREEN
         is_symmetric = not (self.loads.has_followers or is_viscous)
-        # Multigrid does badly by contact, and factors serve many of its steps.
+        # Multigrid does badly by contact, and factors serve many steps.
+        is_direct = bool(self.tools) or 3 * space.num_global_blocks < LARGEST_FALLBACK
         self.solver: LinearSolver | LaggedFactors = (
             LaggedFactors(is_symmetric=is_symmetric)
-            if self.tools
+            if is_direct
             else LinearSolver(space.coordinates, is_symmetric=is_symmetric, to_local=body.to_local)
         )
         self.iterations = 0
-        # Of a linear body: the factors of mass and stiffness, and their matrix.
-        self._linear: tuple[tuple[float, float, float], Any] | None = None
+        is_linear = body.strain is Strain.LINEAR
+        # Part of the residual that an iteration with an earlier tangent may leave. Multigrid is set
+        # up anew for every matrix: then a new one costs little more.
+        self._slow = math.inf if is_linear else _SLOW if is_direct else 0.0
+        # Factors of mass, stiffness and viscosity, and the matrix that they gave last.
+        self._kept: tuple[tuple[float, float, float], Any] | None = None
 
     def inertia(self, acceleration: Floats) -> Floats:
         """M a [N], flat."""
@@ -196,15 +205,20 @@ class Motion:
         touching: Floats | None = None,
         *,
         rate: float = 0.0,
+        is_fresh: bool = True,
     ) -> Floats:
         """Solve (mass M + stiffness K(u) + rate D(u)) du = rhs, du = gap where held.
 
         D that of the last viscous force, K with what it has of the displacement.
         With the stiffness of contact where the tools touch the body of another displacement.
+        Where it need not be fresh, K and D of an earlier displacement, if they were kept.
         """
-        self.body.set_displacement(u)
-        self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
-        self._assemble(mass, stiffness, rate)
+        factors = mass, stiffness, rate
+        if self._kept is None or self._kept[0] != factors or is_fresh:
+            self._assemble(u, factors)
+        else:
+            same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+            self._kept[1].copy(self._matrix, structure=same)
         if stiffness:
             self.loads.add_tangent(self._matrix, stiffness, time)
         if self._row_sums is not None:
@@ -219,20 +233,18 @@ class Motion:
         matrix = self._matrix if frames is None else frames.turned(self._matrix)
         return self.solver.solve(matrix, rhs, self.loads.held, gap, tolerance=0.1 * self.tolerance)
 
-    def _assemble(self, mass: float, stiffness: float, rate: float) -> None:
-        """Without followers, lumped mass and tools; of a linear body once for each time step."""
-        if self.body.strain is Strain.LINEAR and self._linear is not None:
-            factors, kept = self._linear
-            if factors == (mass, stiffness, rate):
-                kept.copy(self._matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-                return
-            kept.destroy()
+    def _assemble(self, u: Floats, factors: tuple[float, float, float]) -> None:
+        """Without followers, lumped mass and tools; and keep it."""
+        mass, stiffness, rate = factors
+        self.body.set_displacement(u)
+        self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
         self._matrix.zeroEntries()
         fenicsx.assemble_into_matrix(self._matrix, self._tangent)
         if self.viscosity is not None and rate:
             self.viscosity.add_tangent(self._matrix, stiffness, rate)
-        if self.body.strain is Strain.LINEAR:
-            self._linear = (mass, stiffness, rate), self._matrix.copy()
+        if self._kept is not None:
+            self._kept[1].destroy()
+        self._kept = factors, self._matrix.copy()
 
     def start(self, u: Floats, v: Floats) -> State:
         """The state at time 0, with the acceleration that balances it."""
@@ -263,7 +275,7 @@ class Motion:
             new = self.loads.at_supports(state.u, time + dt)
         self.tools.begin_step(time + dt, mass)
         most = _MOST_WITH_TOOLS if self.tools else _MAX_ITERATIONS
-        rounding, last = 0.0, math.inf
+        rounding, last, is_lost = 0.0, sys.float_info.max, False
         for iteration in range(most + 1):
             trial = self._trial(state, new, time, dt)
             norm, scale = fenicsx.norm(trial.residual[self.loads.free]), trial.scale
@@ -275,6 +287,7 @@ class Motion:
                 break
             if iteration == most:
                 raise StepLostError(f"no convergence in {most} iterations")
+            is_fresh = is_lost or norm > self._slow * last
             last = norm
             # Multipliers taken over have changed the forces.
             residual = trial.balance + self.tools.force(new)
@@ -282,17 +295,18 @@ class Motion:
             try:
                 du = self._solve(
                     trial.middle, residual, still, mass, stiffness, time + stiffness * dt, new,
-                    rate=stiffness * m.gamma / (m.beta * dt),
+                    rate=stiffness * m.gamma / (m.beta * dt), is_fresh=is_fresh,
                 )  # fmt: skip
             except LinearSolveError as error:
                 raise StepLostError(str(error)) from None
             rounding = 4.0 * _EPS * float(self._matrix.norm()) * self._size(new)
             if self.tools:
-                new = new + self._length(state, new, du, time, dt, residual) * du
-            else:
-                new = new + du
-            if not self._is_sound(new):
+                du *= self._length(state, new, du, time, dt, residual)
+            is_lost = not self._is_sound(new + du)
+            if is_lost and is_fresh:
                 raise StepLostError("a cell would invert")
+            if not is_lost:
+                new = new + du
         moved = new - state.u
         # What holds the supports does work too: all that is out of balance there.
         work = float((trial.external + self.tools.force(new)) @ moved)

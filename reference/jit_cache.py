@@ -46,12 +46,11 @@ def cache_folder(dolfinx_version: str) -> Path:
 
 def remove_unfinished(folder: Path) -> list[str]:
     """Remove the `.c` files of compilations that never finished; call with the lock held."""
-    removed = []
-    for source in sorted(folder.glob("*.c")):
-        if not source.with_suffix(".c.cached").exists():
-            source.unlink(missing_ok=True)
-            removed.append(source.name)
-    return removed
+    names = {path.name for path in folder.iterdir()}  # once: every form that is loaded asks
+    unfinished = sorted(n for n in names if n.endswith(".c") and f"{n}.cached" not in names)
+    for name in unfinished:
+        (folder / name).unlink(missing_ok=True)
+    return unfinished
 
 
 @contextlib.contextmanager

@@ -15,9 +15,10 @@ from palpate.reference.availability import is_available
 from palpate.reference.errors import ReferenceStepError
 
 if is_available():
+    from palpate.reference import generalised_alpha
     from palpate.reference.dynamics import simulate_implicit
     from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.generalised_alpha import AlphaMethod
+    from palpate.reference.generalised_alpha import AlphaMethod, Motion
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx
@@ -124,6 +125,29 @@ def test_a_short_step_follows_the_explicit_reference(box):
         apart.append(np.abs(ours.displacements - explicit.displacements).max() / scale)
     assert apart[1] < 1e-3
     assert math.log2(apart[0] / apart[1]) == pytest.approx(2.0, abs=0.4)
+
+
+def test_earlier_tangents_find_the_same_motion(box, monkeypatch):
+    loads = (BodyForce((0.0, 0.0, -4000.0)),)
+    problem = beam(box, TimeSpan(0.2, 0.01, num_outputs=4), loads)
+    assembled = []
+    assemble = Motion._assemble
+    monkeypatch.setattr(
+        Motion, "_assemble", lambda *given: (assembled.append(1), assemble(*given))[1]
+    )
+
+    def run(slow):
+        monkeypatch.setattr(generalised_alpha, "_SLOW", slow)
+        assembled.clear()
+        moved = simulate_implicit(problem, relative_tolerance=1e-10).displacements
+        return moved, len(assembled)
+
+    every, count = run(0.0)
+    some, fewer = run(0.2)
+    scale = np.abs(every).max()
+    assert scale > 0.1  # of 0.3 m: far from linear
+    assert np.abs(some - every).max() < 1e-8 * scale
+    assert 1 < fewer < count / 2
 
 
 def test_heavy_damping_ends_at_the_static_answer(box):

@@ -12,6 +12,7 @@ from palpate.reference.availability import is_available
 if is_available():
     from palpate.reference import linear_solver
     from palpate.reference.discrete_problem import DiscreteProblem
+    from palpate.reference.lagged_factors import LaggedFactors
     from palpate.reference.linear_solver import (
         LinearSolveError,
         LinearSolver,
@@ -83,3 +84,16 @@ def test_a_failing_preconditioner_is_no_verdict_on_the_matrix(box, monkeypatch):
     monkeypatch.setattr(too_large, "_run", fail)
     with pytest.raises(LinearSolveError, match="preconditioner"):
         solution(eq, too_large, rest, rhs)
+
+
+def test_earlier_factors_serve_until_they_do_not(box, monkeypatch):
+    eq = equilibrium(box)
+    rest = np.zeros(eq.num_dofs)
+    rhs = np.random.default_rng(1).standard_normal(eq.num_dofs)
+    direct, lagged = solver(eq, monkeypatch, 10**6), LaggedFactors(is_symmetric=True)
+    # At rest, nearly so, and where it is indefinite: there nothing but factors of its own solve.
+    for u in (rest, 0.01 * crushed(eq), crushed(eq)):
+        one, other = (solution(eq, linear, u, rhs) for linear in (direct, lagged))
+        assert np.linalg.norm(one - other) < 1e-3 * np.linalg.norm(one)
+    # 1e-4 is asked of the factors of another matrix, rounding is left by its own.
+    assert np.linalg.norm(one - other) < 1e-9 * np.linalg.norm(one)
