@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -96,6 +96,7 @@ class LinearSolver:
         *,
         tolerance: float,
         is_same_matrix: bool = False,
+        is_near: bool = False,
     ) -> Floats:
         """Return du with matrix du = rhs on the free entries and du = values on the held ones.
 
@@ -108,6 +109,7 @@ class LinearSolver:
             values: Their values, shape (n,).
             tolerance: Relative residual at which an iterative solve stops.
             is_same_matrix: As in the last solve: what it prepared serves again.
+            is_near: Nearly so: multigrid may serve again, factors do not.
 
         Raises:
             LinearSolveError: No finite solution was found.
@@ -117,15 +119,58 @@ class LinearSolver:
         b.array[:] = rhs
         x.array[held] = values
         hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
+        if is_same_matrix:
+            tried = [True]
+        else:
+            tried = [True, False] if is_near and not self._is_direct else [False]
+        solution = self._solve_held(matrix, b, x, held, tried, tolerance)
+        solution[held] = values
+        return solution
+
+    def solve_once_more(
+        self, matrix: Any, rhs: Floats, held: Indices, *, tolerance: float
+    ) -> Floats:
+        """Return du of another right-hand side, and du = 0 where held.
+
+        Args:
+            matrix: As the last `solve` left it.
+            rhs: See there.
+            held: As then.
+            tolerance: See there.
+
+        Raises:
+            LinearSolveError: No finite solution was found.
+        """
+        x, b = matrix.createVecs()
+        b.array[:] = rhs
+        b.array[held] = 0.0
+        solution = self._solve_held(matrix, b, x, held, [True], tolerance)
+        solution[held] = 0.0
+        return solution
+
+    def _solve_held(
+        self,
+        matrix: Any,
+        b: Any,
+        x: Any,
+        held: Indices,
+        tried: Sequence[bool],
+        tolerance: float,
+    ) -> Floats:
+        """Solve, and destroy x and b. `tried`: in turn, whether what was prepared last serves."""
         try:
-            if not (self._is_direct or is_same_matrix):
-                self._attach_rigid_modes(matrix, held)
-            self._ksp.setOperators(matrix)
-            self._ksp.getPC().setReusePreconditioner(is_same_matrix)
-            self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
-            try:
-                self._run(b, x)
-            except PreconditionerError:
+            for is_prepared in tried:
+                if not (is_prepared or self._is_direct):
+                    self._attach_rigid_modes(matrix, held)
+                self._ksp.setOperators(matrix)
+                self._ksp.getPC().setReusePreconditioner(is_prepared)
+                self._ksp.setTolerances(rtol=tolerance, atol=0.0, max_it=_MAX_KRYLOV_ITERATIONS)
+                try:
+                    self._run(b, x)
+                    break
+                except PreconditionerError:
+                    continue
+            else:
                 self._factor_instead(matrix, b, x)
             solution: Floats = np.array(x.array)
         finally:
@@ -134,7 +179,6 @@ class LinearSolver:
             b.destroy()
         if not math.isfinite(fenicsx.norm(solution)):
             raise LinearSolveError("the tangent stiffness is singular")
-        solution[held] = values
         return solution
 
     def destroy(self) -> None:

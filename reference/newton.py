@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,8 @@ _NEARLY = 0.2
 _MOST_TRIALS = 12
 # A Newton step may take det F down to this fraction of what it was, not further.
 _SHRINK_PER_STEP = 0.1
+# Relative residual from which on the multigrid of one tangent serves the next ones.
+_NEAR = 0.1
 
 Report = Callable[[int, float, float], None]
 
@@ -91,6 +94,13 @@ class Newton:
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self._has_contact = bool(discrete.contacts)
         self.is_linear = discrete.strain is Strain.LINEAR
+        # Whether every tangent is the first.
+        self._is_constant = self.is_linear and not (
+            discrete.contacts or discrete.has_follower_forces
+        )
+        self._is_prepared = False
+        # The matrix of `solve_again` with its held rows, and its state then.
+        self._again: tuple[Any, int] | None = None
 
     @property
     def linear_solver(self) -> str:
@@ -113,14 +123,15 @@ class Newton:
             LinearSolveError: No finite solution was found.
         """
         held = self._discrete.held.dofs
-        return self._linear.solve(
-            self._discrete.tangent(displacement, 1.0),
-            rhs,
-            held,
-            np.zeros(len(held)),
-            tolerance=tolerance,
-            is_same_matrix=True,
+        if self._again is not None and self._again[0].stateGet() == self._again[1]:
+            return self._linear.solve_once_more(self._again[0], rhs, held, tolerance=tolerance)
+        matrix = self._discrete.tangent(displacement, 1.0)
+        nothing = np.zeros(len(held))
+        found = self._linear.solve(
+            matrix, rhs, held, nothing, tolerance=tolerance, is_same_matrix=True
         )
+        self._again = matrix, matrix.stateGet()
+        return found
 
     def linearise(self, displacement: Floats) -> Floats | None:
         """First Newton step from a displacement to the full load, roughly; None if singular."""
@@ -130,9 +141,11 @@ class Newton:
         gap = eq.held.values - displacement[eq.held.dofs]
         matrix = eq.tangent(displacement, 1.0)
         try:
-            return self._linear.solve(matrix, -residual, eq.held.dofs, gap, tolerance=1e-3)
+            found = self._linear.solve(matrix, -residual, eq.held.dofs, gap, tolerance=1e-3)
         except LinearSolveError:
             return None
+        self._is_prepared = True
+        return found
 
     def is_stable(self, displacement: Floats, load_factor: float) -> bool:
         """Whether the tangent stiffness is positive definite at an equilibrium.
@@ -175,6 +188,7 @@ class Newton:
         det_f = self._sampler.smallest(u)
         rounding, first, last_norm, relative = 0.0, 0.0, 0.0, math.inf
         best, since_best = math.inf, 0
+        is_near = False  # the tangent to the last one
         for iteration in range(self._max_iterations + 1):
             internal = eq.internal_force(u)
             external = load_factor * eq.external_force(u) + eq.contact_force(u)
@@ -205,10 +219,14 @@ class Newton:
             tolerance = max(min(1e-3, relative), 0.1 * enough / max(relative, 1e-300))
             try:
                 du = self._linear.solve(
-                    matrix, -residual, held, target - u[held], tolerance=min(tolerance, 1e-3)
-                )
+                    matrix, -residual, held, target - u[held], tolerance=min(tolerance, 1e-3),
+                    is_same_matrix=self._is_constant and self._is_prepared,
+                    is_near=is_near,
+                )  # fmt: skip
             except LinearSolveError as error:
                 return NewtonOutcome(u, False, str(error), iteration, relative)
+            self._is_prepared = True
+            is_near = is_near or relative < _NEAR
             length, det_f = self._step_length(u, du, det_f)
             if self._has_contact and length > 0.0:
                 length *= self._part_in_balance(u, length * du, residual, load_factor)

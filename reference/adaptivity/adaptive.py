@@ -133,7 +133,6 @@ def solve_adaptively(
             tell(f"no equilibrium on {current.mesh.num_cells} cells: {error.reason}")
             tries += 1
             if strain is Strain.LINEAR or tries == len(SOFTENED):
-                last.destroy()
                 history.lose_limit()
                 end = f"{LOST}, {current.mesh.num_cells} cells: {error}"
                 return history.result(state, end, first)
@@ -141,13 +140,10 @@ def solve_adaptively(
             current = refined.problem
             continue
         case_cell = case_cell if refined is None else case_cell[refined.given_cell]
-        if last is not None:
-            last.destroy()
-            gc.collect()
         last, before = found, state
         state = _on_case(found.result(), problem, current, case_cell)
         errors = _cell_errors(Solved(found, state, before, problem.mesh, case_cell), goals)
-        if start is None and first is None:
+        if first is None and current is problem:
             first = state
         history.add(problem, current, found.discrete, state, errors)
         history.seconds.append(time.perf_counter() - began)
@@ -162,8 +158,10 @@ def solve_adaptively(
                 if marked.any()
                 else "what is left of the error is in cells that have softened"
             )
+        # What the next mesh begins from needs no matrix.
+        last.destroy()
+        gc.collect()
         if end:
-            last.destroy()
             return history.result(state, end, first)
         assert refined is not None
         current = refined.problem

@@ -15,6 +15,7 @@ from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.metrics import stress_integrals, tells_stress
 from palpate.validation.references.adaptive_truth import (
     ADAPTIVE,
+    DEGREE,
     TruthRequest,
     refine_truth,
     truth_of,
@@ -167,9 +168,9 @@ def parts_of_statics(bars: Bars) -> dict[str, Any]:
 
 
 def _solve_adaptive_set(
-    problem: Problem, progress: Progress, request: TruthRequest
+    problem: Problem, progress: Progress, truth_strains: Collection[Strain], request: TruthRequest
 ) -> ReferenceSet:
-    """Both elements on the case's mesh, and the adaptive truth, which begins with P2 there."""
+    """Both elements and P2 on the case's mesh; of the truth's strain measures adaptive ones too."""
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
     records: dict[str, Any] = {}
@@ -177,23 +178,42 @@ def _solve_adaptive_set(
         for element in Element:
             state = solve_state(problem, strain, 1, progress, element=element)
             states[state.label, strain] = replace(state, stresses=None)
-        found = refine_truth(problem, strain, request, progress, label=TRUTH)
+        if strain not in truth_strains:
+            states[QUADRATIC, strain] = replace(
+                solve_state(problem, strain, DEGREE, progress), stresses=None, integrals=None
+            )
+            continue
+        near = _beside(problem, strain, states[SMOOTHED, strain])
+        asked = request if near is None else replace(request, start=near)
+        found = refine_truth(problem, strain, asked, progress, label=TRUTH)
         states[QUADRATIC, strain] = first_state(found, QUADRATIC)
         truth, told, record = truth_of(problem, strain, request, found, label=TRUTH)
         states[TRUTH, strain] = truth
         bars |= {(metric, strain): bar for metric, bar in told.items()}
         records[strain.value] = record
+    versions = next(s.versions for (label, _), s in states.items() if label == TRUTH)
     return ReferenceSet(
         states,
         bars,
         "stored: P1, smoothed tetrahedra and P2 on the case's mesh, and P2 on meshes refined where "
         "its error comes from as the truth",
         provenance={
-            "versions": dict(states[TRUTH, Strain.GREEN].versions),
+            "versions": dict(versions),
             ADAPTIVE: records,
             PARTS: parts_of_statics(bars),
         },
     )
+
+
+def _beside(problem: Problem, strain: Strain, state: State) -> Points | None:
+    """Where Newton's method for quadratic tetrahedra begins; None: at rest.
+
+    At the answer of smoothed tetrahedra, some per cent away. Not with what touches the body, whose
+    way counts, nor with pressures among the unknowns.
+    """
+    is_free = not (problem.tools or problem.springs)
+    is_plain = formulation_for(problem, DEGREE) is Formulation.DISPLACEMENT
+    return state.displacement if is_free and is_plain and strain is Strain.GREEN else None
 
 
 def solve_for_storing(
@@ -201,29 +221,33 @@ def solve_for_storing(
     progress: Progress,
     *,
     wanted: Collection[str] = BOTH,
-    truth_strains: Collection[Strain] = tuple(Strain),
+    truth_strains: Collection[Strain] = (),
     request: TruthRequest | None = None,
 ) -> ReferenceSet:
     """Both elements and P2 on the case's mesh, and P2 on adaptive ones for the truth.
 
-    Of a motion: see `motions`, and only what is `wanted`; of one with tools the truth's
-    `truth_strains` only. `request` is what is asked of a static truth: small bars of everything
-    that is of the whole body where None.
+    Args:
+        problem: The case's.
+        progress: Called with one line for each run.
+        wanted: What checks go against; of a motion nothing else is solved.
+        truth_strains: Of the truth, which takes the most time; all where empty.
+        request: What is asked of a static truth: small bars of everything that is of the whole
+            body where None.
 
     Raises:
         ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
     """
+    strains = truth_strains or tuple(Strain)
     if problem.time is not None:
         from palpate.validation.references.motions import solve_motion_set
 
-        # With tools a run takes minutes: none for a strain measure that no check asks of.
         return solve_motion_set(
             problem,
             progress,
             wanted=wanted,
             is_for_storing=True,
             elements=tuple(Element),
-            truth_strains=truth_strains if problem.tools else tuple(Strain),
+            truth_strains=strains,
         )
     whole = TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
-    return _solve_adaptive_set(problem, progress, request or whole)
+    return _solve_adaptive_set(problem, progress, strains, request or whole)
