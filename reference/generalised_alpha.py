@@ -244,6 +244,8 @@ class Motion:
             self.viscosity.add_tangent(self._matrix, stiffness, rate)
         if self._kept is not None:
             self._kept[1].destroy()
+            if self._kept[0] != factors and isinstance(self.solver, LaggedFactors):
+                self.solver.forget()
         self._kept = factors, self._matrix.copy()
 
     def start(self, u: Floats, v: Floats) -> State:

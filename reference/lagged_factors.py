@@ -55,6 +55,10 @@ class LaggedFactors:
         method, factors = ("CG", "LDL") if self._is_symmetric else ("FGMRES", "LU")
         return f"{method} with an earlier {factors} (MUMPS)"
 
+    def forget(self) -> None:
+        """Take new factors for the next matrix, which is another one."""
+        self._is_old = True
+
     def solve(
         self, matrix: Any, rhs: Floats, held: Indices, values: Floats, *, tolerance: float
     ) -> Floats:
