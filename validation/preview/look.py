@@ -17,6 +17,7 @@ from palpate.validation.exchange.facets import are_among, facet_areas
 from palpate.validation.preview.acting import acting
 from palpate.validation.preview.bending_rule import STUDY, expected_error
 from palpate.validation.preview.costs import Costs, expected_costs
+from palpate.validation.preview.mesh_guess import MOST_CELLS, edge_that_would_do, guess_errors
 from palpate.validation.preview.thickness import measure_thickness
 
 _SMALL_ANGLE = 5.0
@@ -53,6 +54,7 @@ def look_at(case: Case) -> Look:
     _material(look, problem, units)
     _what_acts(look, problem, units)
     _costs(look, problem, expected_costs(problem), units)
+    _misses(look, case, problem)
     if not case.checks:
         look.warnings.append("no [[check]]: nothing can be judged")
     look.say("checks", f"{len(case.checks)}, {case.strain} strain")
@@ -86,8 +88,8 @@ def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
         )
         for element in Element
     }
-    told = ", ".join(f"{element} {100.0 * error:.2g} %" for element, error in errors.items())
-    look.say("bending", f"across that, misses of the displacement: {told} (rule of `{STUDY}`)")
+    told = _by_element(errors)
+    look.say("bending", f"bent across that, it misses of the displacement: {told} (`{STUDY}`)")
     if any(errors[element] > most for element, most in _TOO_STIFF.items()):
         look.warnings.append(
             f"{cells} through the thickness, {shape}: bent across them, tetrahedra are too stiff "
@@ -233,6 +235,36 @@ def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:
         )
     elif moved == 0.0:
         look.warnings.append("nothing moves under these loads: is the loaded part held?")
+
+
+def _misses(look: Look, case: Case, problem: Problem) -> None:
+    """What the mesh will miss however it is loaded, beside what the case asks for."""
+    errors = guess_errors(problem)
+    if errors is None:
+        why = "in motion" if problem.time is not None else "under a tool" if problem.tools else ""
+        why = why or f"above {MOST_CELLS} cells, or without an answer for linear strain"
+        look.say(
+            "misses",
+            f"no guess {why}; the rule of bending is of bending alone: what is pressed, sheared or "
+            "held at an edge may be farther off",
+        )
+        return
+    told = _by_element(errors)
+    look.say(
+        "misses", f"{told} of the displacement (linear strain, each cell cut in eight: a guess)"
+    )
+    asked = [c.limit for c in case.checks if (c.metric, c.against) == ("displacement_l2", "truth")]
+    if asked and min(errors.values()) > min(asked):
+        length = edge_that_would_do(min(errors.values()), min(asked))
+        look.warnings.append(
+            f"a check asks for {100.0 * min(asked):.2g} % of the true displacement, and no element "
+            f"is expected to be that near ({told}): edges {length:.1g} times as long may do, least "
+            "of them where it is held"
+        )
+
+
+def _by_element(errors: dict[Element, float]) -> str:
+    return ", ".join(f"{element} {100.0 * error:.2g} %" for element, error in errors.items())
 
 
 def _held(problem: Problem) -> NDArray[Any]:

@@ -21,6 +21,7 @@ from palpate.validation.preview.acting import acting
 from palpate.validation.preview.bending_rule import expected_error
 from palpate.validation.preview.costs import expected_costs
 from palpate.validation.preview.look import look_at
+from palpate.validation.preview.mesh_guess import edge_that_would_do, guess_errors
 from palpate.validation.preview.picture import draw_case
 from palpate.validation.preview.thickness import measure_thickness
 
@@ -119,6 +120,35 @@ def test_built_in_cases_that_bend_miss_no_more_than_the_rule_says(case: str, lea
             through.num_cells, through.slenderness, problem.material.poissons_ratio, element
         )
         assert least < measured / rule < 1.05
+
+
+@pytest.mark.parametrize("case", ["block-fine", "pinch", "silicone", "ring", "bend", "sphere"])
+def test_what_a_mesh_misses_is_guessed_however_it_is_loaded(case: str) -> None:
+    """Pulled, pressed, bent and blown up; a bound is 1.02 times what was measured."""
+    guessed = guess_errors(load_case(case).problem)
+    assert guessed is not None
+    for element, word in ((Element.LINEAR, ""), (Element.SMOOTHED, " (smoothed)")):
+        bounds = read_expected()[case][f"fastsim{word}"].regression_bound
+        (bound,) = (b for name, b in bounds.items() if name.startswith("displacement_l2 (truth"))
+        assert 0.65 < guessed[element] / (bound / 1.02) < 1.6, element
+
+
+def test_there_is_no_guess_where_a_linear_solve_says_nothing() -> None:
+    for name, why in (("press", "under a tool"), ("strip", "in motion")):
+        case = load_case(name)
+        assert guess_errors(case.problem) is None
+        (line,) = (line for line in look_at(case).lines if line.startswith("misses"))
+        assert why in line
+        assert "bending alone" in line
+
+
+def test_a_mesh_too_coarse_for_what_is_asked_is_told() -> None:
+    # The stiffness of silicone: 7 % off by either element, where 5 % is asked.
+    warned = [w for w in look_at(load_case("silicone")).warnings if "asks for 5 %" in w]
+    assert len(warned) == 1
+    assert not any("asks for" in warning for warning in look_at(load_case("pinch")).warnings)
+    # An error that falls as h^1.5 is an eighth on edges a quarter as long.
+    assert edge_that_would_do(0.08, 0.01) == pytest.approx(0.25)
 
 
 def test_forces_and_areas_are_those_of_the_loads(problem: Problem) -> None:

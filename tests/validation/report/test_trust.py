@@ -68,7 +68,9 @@ def test_a_pass_without_a_truth_is_not_green(block: CaseResult) -> None:
     assert (trust.word, trust.css) == ("same mesh only", "narrow")
     assert "same mesh only" in trust.answer
     assert trust.scale == ()
-    assert trust.context == "not stated"
+    assert trust.context.startswith("Verification alone")
+    unsaid = trust_of(dataclasses.replace(block, evidence={}))
+    assert unsaid.context == "not stated"
     # Nothing asks for the distance from the truth; where it is known it is told.
     away = block.metrics["error.truth.green.displacement_l2"]
     assert away is not None
