@@ -133,6 +133,21 @@ def carry_problem(
     )
 
 
+def at_refined_points(mesh: TetMesh, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A field at the points of a mesh, linear in each cell, at those of `refine_uniformly`.
+
+    Args:
+        mesh: The mesh that is refined.
+        values: Shape (num_points, ...).
+
+    Returns:
+        Shape (num_points of the refined mesh, ...), the given ones first.
+    """
+    first, second = _EdgeMidpoints(mesh).ends
+    finer: NDArray[np.float64] = np.concatenate([values, 0.5 * (values[first] + values[second])])
+    return finer
+
+
 def mean_over_parents(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Means by cell of a refined mesh as means by cell of the mesh it came from.
 
@@ -156,9 +171,15 @@ class _EdgeMidpoints:
         self._stride = mesh.num_points
         pairs = mesh.cells[:, EDGES].reshape(-1, 2).astype(np.int64)
         self._keys = np.unique(self._key(pairs))
-        first, second = np.divmod(self._keys, self._stride)
+        first, second = self.ends
         middle: Points = 0.5 * (mesh.points[first] + mesh.points[second])
         self.points: Points = np.vstack([mesh.points, middle])
+
+    @property
+    def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Points at the two ends of each edge, each (n,)."""
+        first, second = np.divmod(self._keys, self._stride)
+        return first, second
 
     def _key(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         low, high = pairs.min(axis=1), pairs.max(axis=1)
@@ -182,7 +203,7 @@ class _EdgeMidpoints:
 
     def between(self, chosen: Indices) -> Indices:
         """The chosen points and the midpoints of edges whose two ends are chosen."""
-        first, second = np.divmod(self._keys, self._stride)
+        first, second = self.ends
         inside = np.isin(first, chosen) & np.isin(second, chosen)
         extra = np.flatnonzero(inside) + self._stride
         both: Indices = np.concatenate([chosen, extra]).astype(np.int32)

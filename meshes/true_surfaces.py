@@ -10,17 +10,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError, InvertedCellError
-from palpate.meshes.refinement import refine_uniformly
+from palpate.meshes.refinement import EDGES, refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
 
 Projection = Callable[[Points], Points]
+Mask = NDArray[np.bool_]
 # Of the size of a body: a facet lies in a plane x, y or z = 0 within it.
 _FLAT = 1e-9
 # Of the length of a facet's normal along z: a mantle's has none, a cap's is all of it.
 _UPRIGHT = 0.5
+# Where only cells at the boundary would invert: what is some cells away need not settle.
+_SWEEPS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +108,14 @@ def refine_along(mesh: TetMesh, parts: Sequence[CurvedPart]) -> TetMesh:
     groups = {**mesh.facet_groups, **dict(zip(names, (p.facets for p in parts), strict=True))}
     fine = refine_uniformly(TetMesh(mesh.points, mesh.cells, groups, mesh.point_groups))
     points = fine.points.copy()
+    is_placed = np.zeros(fine.num_points, dtype=np.bool_)
     for name, part in zip(names, parts, strict=True):
         chosen = np.unique(fine.facet_groups[name])
         if len(chosen):
             points[chosen] = part.project(points[chosen])
+            is_placed[chosen] = True
     kept = {name: rows for name, rows in fine.facet_groups.items() if name not in names}
-    return _moved(fine, points, kept)
+    return _moved(fine, points, kept, is_placed)
 
 
 def offset_boundary(mesh: TetMesh, distance: float) -> TetMesh:
@@ -129,14 +135,65 @@ def offset_boundary(mesh: TetMesh, distance: float) -> TetMesh:
     np.add.at(normals, facets, vectors[:, None, :])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     moved = mesh.points + distance * normals / np.where(lengths > 0.0, lengths, 1.0)
-    return _moved(mesh, moved, dict(mesh.facet_groups))
+    return _moved(mesh, moved, dict(mesh.facet_groups), np.ones(mesh.num_points, dtype=np.bool_))
 
 
-def _moved(mesh: TetMesh, points: Points, groups: dict[str, Indices]) -> TetMesh:
+def _moved(mesh: TetMesh, points: Points, groups: dict[str, Indices], is_placed: Mask) -> TetMesh:
+    """A mesh with points moved; the others go along only where cells would invert.
+
+    Args:
+        mesh: As it was.
+        points: As they shall be [m], shape (num_points, 3).
+        groups: Of facets.
+        is_placed: Points of the boundary that stay where they are put, shape (num_points,).
+    """
     try:
         return TetMesh(points, mesh.cells, groups, mesh.point_groups)
+    except InvertedCellError:
+        pass
+    try:
+        followed = _followed(mesh, points, is_placed)
+        return TetMesh(followed, mesh.cells, groups, mesh.point_groups)
     except InvertedCellError as error:
         raise InputError(
             "the mesh is too coarse for its true surface: moved there, cells would be turned "
             f"inside out ({error}); mesh the body finer"
         ) from error
+
+
+def _followed(mesh: TetMesh, points: Points, is_placed: Mask) -> Points:
+    """Inner points, and those of flat faces, moved by the mean of their neighbours over and over.
+
+    The near ones count most, by one over the square of the distance: across a thin wall both sides.
+    Those of a flat face by neighbours in it, so that it stays one; creases between faces stay.
+    """
+    moved = points - mesh.points
+    facets = mesh.boundary_facets
+    on_surface = np.zeros(mesh.num_points, dtype=np.bool_)
+    on_surface[facets] = True
+    is_sliding = _are_flat(mesh) & ~is_placed & on_surface
+    sides = np.vstack([facets[:, [0, 1]], facets[:, [1, 2]], facets[:, [2, 0]]])
+    inside = np.unique(np.sort(mesh.cells[:, EDGES].reshape(-1, 2), axis=1), axis=0)
+    inside = np.vstack([inside, inside[:, ::-1]])
+    pairs = np.vstack([sides[is_sliding[sides[:, 0]]], inside[~on_surface[inside[:, 0]]]])
+    lengths = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
+    weights = lengths**-2.0
+    whole = np.bincount(pairs[:, 0], weights, mesh.num_points)
+    is_free = whole > 0.0
+    for _ in range(_SWEEPS):
+        total = np.zeros_like(moved)
+        np.add.at(total, pairs[:, 0], weights[:, None] * moved[pairs[:, 1]])
+        moved[is_free] = total[is_free] / whole[is_free, None]
+    return mesh.points + moved
+
+
+def _are_flat(mesh: TetMesh) -> Mask:
+    """Points of the boundary about which its facets lie in one plane."""
+    corners = mesh.points[mesh.boundary_facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    sums = np.zeros_like(mesh.points)
+    np.add.at(sums, mesh.boundary_facets, normals[:, None, :])
+    count = np.bincount(mesh.boundary_facets.ravel(), minlength=mesh.num_points)
+    flat: Mask = np.linalg.norm(sums, axis=1) >= (1.0 - _FLAT) * count
+    return flat

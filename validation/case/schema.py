@@ -155,7 +155,7 @@ def _names(which: Callable[[Metric], bool]) -> list[str]:
 
 
 class TruthSpec(Table):
-    """What the stored truth of a static case is to be: `palpate reference build` keeps to it."""
+    """What the stored truth is to be, and of which body; bar and budget are those of statics."""
 
     bar: Annotated[Number, Field(gt=0.0)] = 0.005
     """Error bar that is small enough, of every metric checked against the truth [-]."""
@@ -226,7 +226,7 @@ class CaseSpec(Table):
     check: tuple[CheckSpec, ...] = ()
     """What is judged, with the reason for each limit."""
     truth: TruthSpec = TruthSpec()
-    """What the stored truth of a static case is to be."""
+    """What the stored truth is to be, and of which body."""
     evidence: EvidenceSpec = EvidenceSpec()
     """What a credibility file asks that only its author can say."""
     published: PlainData = Field(default_factory=dict)
@@ -249,8 +249,6 @@ class CaseSpec(Table):
                 f"[truth] {given[0]} is for bodies from files: shape {self.geometry.shape!r} knows "
                 "its own surface"
             )
-        if self.time is not None or self.tool:
-            raise ValueError(f"[truth] {given[0]} is for static cases without tools")
         return self
 
     @model_validator(mode="after")

@@ -98,14 +98,17 @@ def build(
         clock, processor = time.perf_counter(), _processor_seconds()
         if element is None:
             judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
+            request = truth_request(case)
             found = solve_for_storing(
                 case.problem,
                 progress,
                 wanted=wanted,
                 truth_strains=sorted(judged),
-                request=truth_request(case),
+                request=request,
             )
-            found = with_geometry(case, found, progress, strains=judged)
+            found = with_geometry(
+                case, found, progress, strains=judged, request=request, is_for_storing=True
+            )
             provenance: dict[str, Any] = {
                 **about,
                 **found.provenance,

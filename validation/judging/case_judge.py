@@ -16,7 +16,7 @@ from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import Number, is_still
 from palpate.validation.references.bar_parts import BarParts
-from palpate.validation.references.geometry_part import shape_of
+from palpate.validation.references.geometry_notes import shape_of
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stress_bars import bar_of_number, bar_of_part, was_asked
 from palpate.validation.states import State, Verdict
@@ -57,7 +57,9 @@ class CaseJudge:
         if not is_truth:
             parts = BarParts()
         elif spec.about.is_of_integrals:
-            parts = BarParts(discretisation=self._bar_of_part(spec))
+            name = name_of_bar(spec, self.problem, self.case.spec.units)
+            beside = self.references.bar_parts(name, strain).geometry
+            parts = BarParts(discretisation=self._bar_of_part(spec), geometry=beside)
         else:
             parts = self.references.bar_parts(metric_of_bar(spec), strain)
         found = judge_check(

@@ -30,7 +30,8 @@ from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
 from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
-from palpate.validation.references.geometry_part import polyhedron_note, with_geometry
+from palpate.validation.references.geometry_notes import geometry_notes
+from palpate.validation.references.geometry_part import LIVE_SECONDS, with_geometry
 from palpate.validation.references.live import solve_live
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import load_stored, references_folder
@@ -114,7 +115,7 @@ def _judge_one(
     problem, element = case.problem, judged.element
     notes = [f"Mesh: {case.mesh.origin}.", *judged.notes]
     notes.extend([f"Reference: {references.origin}.", *references.remarks])
-    notes.extend(filter(None, [polyhedron_note(case)]))
+    notes.extend(geometry_notes(case, references))
     candidates: dict[Strain, State] = {}
     failures: dict[Strain, str] = {}
     said: dict[str, Any] = {}
@@ -309,9 +310,16 @@ def find_references(
 
 
 def _with_geometry(case: Case, found: ReferenceSet, progress: Progress) -> ReferenceSet:
-    """What the true surface adds, for the strain measures that are held against the truth."""
+    """What the true surface adds, for the strain measures that are held against the truth.
+
+    A motion's may take as long as a run of its truth.
+    """
     asked = {s.strain or case.strain for s in case.checks if s.against == "truth"}
-    return with_geometry(case, found, progress, strains=asked)
+    truths = [truth for strain in asked if (truth := found.truth(strain)) is not None]
+    seconds = max([LIVE_SECONDS, *(truth.seconds for truth in truths)])
+    return with_geometry(
+        case, found, progress, strains=asked, request=truth_request(case), seconds=seconds
+    )
 
 
 def _load_stored(case: Case) -> ReferenceSet | None:

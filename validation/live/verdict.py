@@ -52,6 +52,8 @@ SAME_MESH, TRUTH = "same mesh", "truth"
 ANSWERED = "answered "
 # Of the reference's budget: it ends before the page's patience does [s].
 _SECONDS = 120.0
+# And its geometry part, of bodies that have one [s].
+_OF_GEOMETRY = 40.0
 _RIGHT: tuple[dict[str, Any], ...] = (
     {
         "metric": "displacement_l2",
@@ -181,7 +183,9 @@ def true_references(
             "finer mesh or a larger tool"
         )
     found = with_bars_of_two(case.problem, found)
-    return with_geometry(case, found, progress, strains=(Strain.GREEN,))
+    return with_geometry(
+        case, found, progress, strains=(Strain.GREEN,), request=request, seconds=_OF_GEOMETRY
+    )
 
 
 def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:

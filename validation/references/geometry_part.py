@@ -7,229 +7,231 @@ All else is alike in the two, so that what they differ by is the surface, howeve
 Chords leave a gap of second order in the length of an edge, and of the finer body's a quarter is
 left, so that the whole is 4/3 of the difference.
 
-Built-in curved shapes know their surface. Of a body from a file nobody does: `[truth] surface`
-names a finer one, to which the boundary is moved, or `geometry_distance` says how far the true
-surface may be: then the boundary is moved so far out and in, and the larger difference counts.
+Tools keep their paths in space, as somebody who places a probe by coordinates would: where the
+true surface is nearer it is pressed deeper, and that is geometry too. A motion is solved implicitly
+with few steps, and but for small bodies with linear tetrahedra, the same in both: two more runs of
+about the cost of one of the truth's, good to some 15 per cent of the part.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+import time
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.meshes.arrays import Points
-from palpate.meshes.boundary_conditions import Load, Traction
-from palpate.meshes.face_loads import moment_traction
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.meshes.refinement import refine_problem
+from palpate.meshes.refinement import at_refined_points
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.meshes.tri_surface import TriSurface
-from palpate.meshes.true_surfaces import (
-    CurvedPart,
-    offset_boundary,
-    refine_along,
-    spherical_parts,
-    upright_parts,
-)
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case import Case
-from palpate.validation.case.acting_schema import ForceSpec, LoadSpec, MomentSpec
-from palpate.validation.case.geometry import build_shape, inside_folder, load_surface
-from palpate.validation.case.units import Units
-from palpate.validation.exchange.facets import facet_areas
-from palpate.validation.exchange.surface_search import nearest_on_surface
-from palpate.validation.metrics import COMPARISONS
-from palpate.validation.references.bar_parts import GEOMETRY, PARTS, as_record
+from palpate.validation.metrics import Part, measure
+from palpate.validation.references.adaptive_truth import ENERGY, TruthRequest, whole_metrics
+from palpate.validation.references.bar_parts import GEOMETRY, PARTS, BarParts, as_record
+from palpate.validation.references.geometry_of_stress import compare_stresses
+from palpate.validation.references.motion_runs import TIME_LIMIT, solve_implicit
+from palpate.validation.references.motion_sequences import difference, truth_metrics
 from palpate.validation.references.sequences import at_points_of
 from palpate.validation.references.sets import ReferenceSet, solve_state
+from palpate.validation.references.true_bodies import TrueBody, name_of_body, on_moved, true_body
 from palpate.validation.states import Progress, State
 
-_WORDS = {
-    "cylinder": "a cylinder",
-    "sphere": "a sphere",
-    "kidney": "a smooth kidney",
-    "hollow_sphere": "a thick sphere",
-    "hollow_octant": "an eighth of a thick sphere",
-    "tube": "a tube",
-}
-# One over what is left where edges are halved, and what was: chords are of second order.
-_OF_CHORDS = 4.0 / 3.0
 # Cells of the pair that are still quadratic; of linear ones the relative difference is as good as
 # they are stiff, some ten per cent of the part.
 _LARGEST_QUADRATIC = 12_000
-# Facets of the finer kidney to one of the case's, along an edge.
-_FINER = 3.0
+# Of a motion, which takes hundreds of solves; and its steps from output to output.
+_LARGEST_QUADRATIC_MOVING = 1_500
+_STEPS = 2
+# What the pair may take where nobody waits for a stored truth [s], for each strain measure.
+LIVE_SECONDS = 300.0
+
+Found = dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
-class TrueBody:
-    """What the true body is, and meshes to hold against each other.
+class _Pair:
+    """How the two bodies are solved, for one strain measure.
 
     Attributes:
-        of: In words: "a cylinder".
-        base: The case's polyhedron.
-        others: The same cells with their boundary on the true surface, or as far as it may be.
-        factor: What their difference is multiplied by.
+        case: The case.
+        body: Its true body.
+        degree: Of the elements.
+        strain: Strain measure.
+        near: The truth at the case's points.
+        progress: Called with one line for each solve.
+        end: When to give up, by `time.monotonic`.
     """
 
-    of: str
-    base: Problem
-    others: tuple[TetMesh, ...]
-    factor: float = 1.0
+    case: Case
+    body: TrueBody
+    degree: int
+    strain: Strain
+    near: State
+    progress: Progress
+    end: float
+
+    @property
+    def left(self) -> float:
+        """Time for the next solve [s]."""
+        return max(1.0, self.end - time.monotonic())
+
+    def problems(self) -> list[tuple[TetMesh, Problem]]:
+        """The true bodies with their loads."""
+        spec, base = self.case.spec, self.body.base
+        return [(mesh, on_moved(spec.load, spec.units, base, mesh)) for mesh in self.body.others]
 
 
 def with_geometry(
-    case: Case, references: ReferenceSet, progress: Progress, *, strains: Collection[Strain]
+    case: Case,
+    references: ReferenceSet,
+    progress: Progress,
+    *,
+    strains: Collection[Strain],
+    request: TruthRequest | None = None,
+    is_for_storing: bool = False,
+    seconds: float = TIME_LIMIT,
 ) -> ReferenceSet:
     """References whose bars have a geometry part, where the case's body has a true surface.
 
     Args:
-        case: Statics without tools; of others nothing is told.
+        case: The case.
         references: Of the case, with a truth and bars.
         progress: Called with one line for each solve.
         strains: Of the truths that are told of.
+        request: Which parts of the body, and whether the energy, are told of besides.
+        is_for_storing: Nothing is told of what has no bar: a file knows of nothing else.
+        seconds: That the solves of one strain measure may take [s].
 
     Raises:
-        InputError: A surface of `[truth]` that cannot be used, or a mesh too coarse for its own.
+        InputError: A surface of `[truth]` that cannot be used, or a mesh too coarse for it.
     """
-    body = true_body(case) if case.problem.time is None and not case.problem.tools else None
-    asked = [s for s in Strain if s in strains and references.truth(s) is not None]
-    if body is None or not asked:
+    of = name_of_body(case)
+    truths = {s: t for s in Strain if s in strains and (t := references.truth(s)) is not None}
+    if not of or not truths:
         return references
-    parts = {place: references.bar_parts(*place) for place in references.bars if place[1] in asked}
-    remarks = list(references.remarks)
-    degree = 2 if body.base.mesh.num_cells <= _LARGEST_QUADRATIC else 1
-    for strain in asked:
-        try:
-            found = _differences(case, body, strain, degree, progress)
-        except ReferenceUnavailableError:
+    told: dict[str, Any] = {"of": of}
+    found: dict[Strain, Found] = {}
+    failures: dict[str, str] = {}
+    body: TrueBody | None = None
+    try:
+        body = true_body(case)
+    except InputError as error:
+        # Nobody who takes a built-in shape has another surface at hand.
+        if case.spec.geometry.shape is None:
             raise
-        except ReferenceFailedError as error:
-            found = dict.fromkeys(COMPARISONS, math.inf)
-            remarks.append(f"What {body.of} adds ({strain} strain) is not known: {error}.")
-        parts |= {
-            (m, s): dataclasses.replace(one, geometry=found[m])
-            for (m, s), one in parts.items()
-            if s is strain and m in found
-        }
-    rows = {**dict(references.provenance.get(PARTS, {})), **as_record(parts)}
-    told: dict[str, Any] = {"of": body.of, "cells": body.base.mesh.num_cells, "degree": degree}
-    return dataclasses.replace(
-        references,
-        provenance={**references.provenance, PARTS: rows, GEOMETRY: told},
-        remarks=tuple(remarks),
-    )
+        failures = {strain.value: str(error) for strain in truths}
+    if body is not None:
+        told |= _how(case, body)
+    for strain, truth in truths.items():
+        named = {} if request is None else request.named_parts(strain)
+        if body is not None:
+            end = time.monotonic() + seconds
+            pair = _Pair(case, body, told["degree"], strain, truth, progress, end)
+            try:
+                found[strain] = _differences(pair, named)
+                continue
+            except ReferenceUnavailableError:
+                raise
+            except (ReferenceFailedError, InputError) as error:
+                failures[strain.value] = str(error)
+        found[strain] = dict.fromkeys((*_metrics(case.problem), *named), math.inf)
+    if failures:
+        told["failures"] = failures
+    rows: dict[tuple[str, Strain], BarParts] = {
+        (name, strain): dataclasses.replace(references.bar_parts(name, strain), geometry=apart)
+        for strain, numbers in found.items()
+        for name, apart in numbers.items()
+        if not is_for_storing or (name, strain) in references.bars
+    }
+    table = {**dict(references.provenance.get(PARTS, {})), **as_record(rows)}
+    provenance = {**references.provenance, PARTS: table, GEOMETRY: told}
+    return dataclasses.replace(references, provenance=provenance)
 
 
-def shape_of(references: ReferenceSet) -> str:
-    """What the case's mesh is a polyhedron of, in words; empty where nothing is kept of it."""
-    told = references.provenance.get(GEOMETRY)
-    return str(told.get("of", "")) if isinstance(told, dict) else ""
+def _metrics(problem: Problem) -> tuple[str, ...]:
+    if problem.time is not None:
+        return truth_metrics(problem)
+    return (*whole_metrics(problem), ENERGY)
 
 
-def polyhedron_note(case: Case) -> str:
-    """That what a polyhedron leaves out of a curved body is in no bar; empty where it is told.
+def _how(case: Case, body: TrueBody) -> dict[str, Any]:
+    """What the pair is solved with, for the file."""
+    cells = body.base.mesh.num_cells
+    if case.problem.time is None:
+        return {"cells": cells, "degree": 2 if cells <= _LARGEST_QUADRATIC else 1}
+    # Linear tetrahedra on cells cut in eight have the unknowns of quadratic ones on the case's.
+    is_small = cells <= max(_LARGEST_QUADRATIC_MOVING, case.problem.mesh.num_cells)
+    return {"cells": cells, "degree": 2 if is_small else 1, "steps_per_output": _STEPS}
 
-    Nobody knows the true surface of a body from a file, unless the case tells it. Of motions, and
-    where tools press, it is not worked out.
+
+def _differences(pair: _Pair, named: Mapping[str, Part]) -> Found:
+    """By metric, or part of the body, how far the true body is from the polyhedron.
+
+    In units of the metric's scale.
     """
-    shape, asked = case.spec.geometry.shape, case.spec.truth
-    is_worked_out = case.problem.time is None and not case.problem.tools
-    is_told = asked.surface is not None or asked.geometry_distance is not None
-    is_known = is_told or shape is not None
-    is_flat = shape is not None and shape not in _WORDS
-    is_judged = any(spec.against == "truth" for spec in case.checks)
-    if not is_judged or is_flat or (is_known and is_worked_out):
-        return ""
-    remedy = (
-        "[truth] surface or geometry_distance in the case tells it"
-        if is_worked_out
-        else "of motions and under tools it is not worked out: hold the case against itself with a "
-        "finer surface"
-    )
-    return (
-        "The truth is that of this polyhedron: what its facets leave out of a curved body is in no "
-        f"bar; {remedy}."
-    )
+    if pair.case.problem.time is not None:
+        return _of_motion(pair)
+    return _of_statics(pair, named)
 
 
-def true_body(case: Case) -> TrueBody | None:
-    """The true body of a case; None where its faces are flat, or nobody says what it is."""
-    spec, units, problem = case.spec, case.spec.units, case.problem
-    shape, asked = spec.geometry.shape, spec.truth
-    if asked.geometry_distance is not None:
-        distance = units.metres(asked.geometry_distance)
-        others = tuple(offset_boundary(problem.mesh, sign * distance) for sign in (1.0, -1.0))
-        of = f"a body within {asked.geometry_distance:g} {units.length} of it"
-        return TrueBody(of, problem, others)
-    if asked.surface is not None:
-        path = inside_folder(case.folder, asked.surface)
-        surface = load_surface(path, scale=units.metres(1.0)).surface
-        of, parts = f"the surface in {path.name}", _along(problem.mesh, surface)
-    elif shape in _WORDS:
-        of, parts = _WORDS[shape], _own_parts(case, units)
-    else:
-        return None
-    follows = refine_along(problem.mesh, parts)
-    if shape == "kidney":
-        follows = with_volume(follows, problem.mesh.volume)
-    return TrueBody(of, refine_problem(problem), (follows,), _OF_CHORDS)
+def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
+    problem, base = pair.case.problem, pair.body.base
+    near = pair.near.displacement
+    start = near if base is problem else at_refined_points(problem.mesh, near)
+    # Linear tetrahedra would take forces of tools from the kinks of that.
+    is_start_good = pair.degree > 1 or not problem.tools
+
+    def solve(of: Problem) -> State:
+        return solve_state(
+            of,
+            pair.strain,
+            pair.degree,
+            pair.progress,
+            start=start if is_start_good else None,
+            time_limit=pair.left,
+        )
+
+    def at_points(state: State) -> State:
+        return at_points_of(problem.mesh, state, state.label)
+
+    first = solve(base)
+    found = dict.fromkeys(_metrics(problem), 0.0) | dict.fromkeys(named, 0.0)
+    for mesh, moved in pair.problems():
+        second = solve(moved)
+        apart = compare_stresses(problem, (base, first), (moved, second), named)
+        ours = as_changes(at_points(second), mesh, base.mesh)
+        for metric in whole_metrics(problem):
+            apart[metric] = measure(metric, problem, ours, at_points(first)).value
+        found = {name: max(most, pair.body.factor * apart[name]) for name, most in found.items()}
+    return found
 
 
-def with_volume(mesh: TetMesh, volume: float) -> TetMesh:
-    """A mesh scaled about its middle to a volume [m3]: every kidney has that of Table I exactly."""
-    middle = 0.5 * (mesh.points.min(axis=0) + mesh.points.max(axis=0))
-    points = middle + (volume / mesh.volume) ** (1.0 / 3.0) * (mesh.points - middle)
-    return TetMesh(points, mesh.cells, mesh.facet_groups, mesh.point_groups)
+def _of_motion(pair: _Pair) -> Found:
+    problem = pair.case.problem
 
+    def solve(of: Problem) -> State:
+        return solve_implicit(
+            of,
+            pair.strain,
+            _STEPS,
+            pair.progress,
+            degree=pair.degree,
+            at=problem.mesh,
+            time_limit=pair.left,
+        )
 
-def _own_parts(case: Case, units: Units) -> list[CurvedPart]:
-    """Of a built-in curved shape."""
-    spec, mesh = case.spec.geometry, case.problem.mesh
-    given = [r for r in (spec.radius, spec.inner_radius) if r is not None]
-    radii = [units.metres(radius) for radius in given]
-    match spec.shape:
-        case "sphere" | "hollow_sphere" | "hollow_octant":
-            return spherical_parts(mesh, radii)
-        case "cylinder" | "tube":
-            return upright_parts(mesh, radii)
-    assert spec.edge_length is not None
-    finer = spec.model_copy(update={"edge_length": spec.edge_length / _FINER})
-    return _along(mesh, build_shape(finer, units))
-
-
-def _along(mesh: TetMesh, surface: TriSurface) -> list[CurvedPart]:
-    """The whole boundary, each point at the nearest place of a surface."""
-
-    def project(places: Points) -> Points:
-        found = nearest_on_surface(places, surface.points, surface.facets)
-        corners = surface.points[surface.facets[found.facets]]
-        near: Points = (found.weights[:, :, None] * corners).sum(axis=1)
-        return near
-
-    return [CurvedPart(mesh.boundary_facets, project)]
-
-
-def _differences(
-    case: Case, body: TrueBody, strain: Strain, degree: int, progress: Progress
-) -> dict[str, float]:
-    """By metric how far the true body is from the polyhedron, in units of the metric's scale."""
-
-    def solve(problem: Problem) -> State:
-        state = solve_state(problem, strain, degree, progress)
-        return at_points_of(case.problem.mesh, state, state.label)
-
-    base = solve(body.base)
-    found = dict.fromkeys(COMPARISONS, 0.0)
-    for mesh in body.others:
-        problem = on_moved(case.spec.load, case.spec.units, body.base, mesh)
-        other = as_changes(solve(problem), mesh, body.base.mesh)
-        for metric, compare in COMPARISONS.items():
-            apart = body.factor * compare(case.problem.mesh, other, base).value
-            found[metric] = max(found[metric], apart)
+    first = solve(pair.body.base)
+    found = dict.fromkeys(truth_metrics(problem), 0.0)
+    for _, moved in pair.problems():
+        second = solve(moved)
+        for metric, most in found.items():
+            apart = pair.body.factor * difference(metric, problem, second, first)
+            found[metric] = max(most, apart)
+    # Of two swings that are out of step one number may agree by chance.
+    found["max_displacement"] = max(found["max_displacement"], found["displacement_max"])
     return found
 
 
@@ -240,32 +242,3 @@ def as_changes(state: State, own: TetMesh, base: TetMesh) -> State:
         volume=base.volume + (state.volume - own.volume),
         surface_area=base.surface_area + (state.surface_area - own.surface_area),
     )
-
-
-def on_moved(specs: Sequence[LoadSpec], units: Units, problem: Problem, mesh: TetMesh) -> Problem:
-    """A problem on the same cells with moved points.
-
-    Args:
-        specs: The loads as the case says them.
-        units: Of the case.
-        problem: With those loads, in their order.
-        mesh: Its mesh, moved.
-    """
-    loads = [
-        _again(spec, units, load, problem.mesh, mesh)
-        for spec, load in zip(specs, problem.loads, strict=True)
-    ]
-    return dataclasses.replace(problem, mesh=mesh, loads=tuple(loads))
-
-
-def _again(spec: LoadSpec, units: Units, load: Load, old: TetMesh, new: TetMesh) -> Load:
-    """A load whose force or moment is the case's on the moved facets too."""
-    if isinstance(spec, ForceSpec) and isinstance(load, Traction):
-        areas = [float(facet_areas(mesh.points, load.facets).sum()) for mesh in (old, new)]
-        ratio = areas[0] / areas[1]
-        x, y, z = (ratio * t for t in load.traction)
-        return dataclasses.replace(load, traction=(x, y, z))
-    if isinstance(spec, MomentSpec) and isinstance(load, Traction):
-        moment = [units.newtons(m) * units.metres(1.0) for m in spec.moment]
-        return moment_traction(new, load.facets, moment, load.amplitude)
-    return load

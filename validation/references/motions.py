@@ -23,7 +23,7 @@ from palpate.reference.errors import (
     ReferenceUnavailableError,
 )
 from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
-from palpate.validation.references.bar_parts import PARTS, BarParts, as_record, with_bar
+from palpate.validation.references.bar_parts import GEOMETRY, PARTS, BarParts, as_record, with_bar
 from palpate.validation.references.limits import without_limits
 from palpate.validation.references.motion_runs import TIME_LIMIT, solve_explicit, solve_implicit
 from palpate.validation.references.motion_sequences import (
@@ -125,9 +125,10 @@ def solve_motion_set(
     provenance: dict[str, Any] = {"versions": versions}
     if convergence:
         provenance["convergence"] = convergence
-    if bars:
-        kept = {} if stored is None else stored.provenance.get(PARTS, {})
-        provenance[PARTS] = as_record(parts) or kept
+    if parts:
+        provenance[PARTS] = as_record(parts)
+    elif bars and stored is not None:
+        provenance |= {key: stored.provenance.get(key, {}) for key in (PARTS, GEOMETRY)}
     return ReferenceSet(states, bars, "; ".join(origin), failures, provenance)
 
 

@@ -126,11 +126,12 @@ def solve_state(
     formulation: Formulation | None = None,
     element: Element = Element.LINEAR,
     start: Points | None = None,
+    time_limit: float = 3600.0,
 ) -> State:
     """One static reference solve in a child process, as a state.
 
     Mixed by itself for nearly incompressible material: see `formulation_for`; `start`: see
-    `solve_static`.
+    `solve_static`; `time_limit` [s]: see `run_task`.
 
     Raises:
         InputError: The problem has a time span: see `solve_reference`.
@@ -146,7 +147,7 @@ def solve_state(
     progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
     form = formulation or formulation_for(problem, degree)
     task = StaticTask(strain, degree, formulation=form, element=element, start=start)
-    result = run_task(task, problem, progress=progress)
+    result = run_task(task, problem, time_limit=time_limit, progress=progress)
     stresses = stresses_of(result)
     return state_of(
         result,

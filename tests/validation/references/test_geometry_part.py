@@ -19,16 +19,12 @@ from palpate.validation.case import CaseError, load_case
 from palpate.validation.exchange.facets import facet_areas
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import COMPARISONS, make_state
-from palpate.validation.references import geometry_part
+from palpate.validation.references import geometry_part, true_bodies
 from palpate.validation.references.bar_parts import BarParts
-from palpate.validation.references.geometry_part import (
-    on_moved,
-    polyhedron_note,
-    shape_of,
-    true_body,
-    with_geometry,
-)
+from palpate.validation.references.geometry_notes import geometry_notes, shape_of
+from palpate.validation.references.geometry_part import with_geometry
 from palpate.validation.references.sets import QUADRATIC, ReferenceSet
+from palpate.validation.references.true_bodies import on_moved, true_body
 from palpate.validation.states import Verdict
 
 CASE = """
@@ -97,7 +93,7 @@ def references_of(problem):
 def squeezed(monkeypatch):
     """Every body shrinks alike, as under a pressure all around it: u = -p (1 - 2 nu) / E x."""
 
-    def solve(problem, strain, _degree, _progress):
+    def solve(problem, strain, _degree, _progress, **_words):
         return make_state(
             problem.mesh,
             -1e-3 * problem.mesh.points,
@@ -162,8 +158,8 @@ def test_a_finer_surface_says_what_a_file_leaves_out(case_of, sphere_file, monke
     squeezed(monkeypatch)
     case = case_of(sphere_file, truth='[truth]\nsurface = "fine.ply"\n')
     assert case.folder / "fine.ply" in case.files
-    assert polyhedron_note(case) == ""
     found, parts = geometry_of(case)
+    assert geometry_notes(case, found) == []
     assert parts["volume"] == pytest.approx(
         4.0 / 3.0 * math.pi / case.problem.mesh.volume - 1.0, rel=0.1
     )
@@ -182,30 +178,40 @@ def test_a_distance_counts_out_and_in(case_of, sphere_file, monkeypatch):
 def test_of_a_file_alone_nobody_knows(case_of, sphere_file):
     case = case_of(sphere_file)
     assert true_body(case) is None
-    assert "geometry_distance in the case tells it" in polyhedron_note(case)
     untold, parts = geometry_of(case)
+    (note,) = geometry_notes(case, untold)
+    assert "geometry_distance in the case tells it" in note
     assert set(parts.values()) == {0.0}
     assert shape_of(untold) == ""
 
 
-@pytest.mark.parametrize("name", ["press", "slide", "wave"])
-def test_of_motions_and_under_tools_it_is_not_worked_out(name):
-    note = polyhedron_note(load_case(name))
-    assert "of motions and under tools it is not worked out" in note
-    # What is refused there is not advised.
-    assert "[truth]" not in note
+def test_a_truth_stored_without_its_part_says_so(case_of):
+    case = case_of(SPHERE)
+    old = references_of(case.problem)
+    (note,) = geometry_notes(case, old)
+    assert "no geometry part: what flat facets leave out of a sphere" in note
+    assert "`palpate reference build curved`" in note
+    without = ReferenceSet({}, {}, "nowhere")
+    assert geometry_notes(case, without) == []
 
 
-def test_a_ball_on_a_round_bar_is_told_that_nobody_works_it_out(case_of):
-    poses = ", ".join(f"{{ time = {t}, position = [0.0, 0.0, {7.0 - t}] }}" for t in (0.0, 0.4))
-    ball = f'[tool]\nshape = "sphere"\nradius = 0.5\npose = [{poses}]\n'
-    assert "not worked out" in polyhedron_note(case_of(CYLINDER, truth=ball, ends=(0.0, HEIGHT)))
+def test_inclusions_are_told_of(case_of):
+    soft = """
+[[inclusion]]
+region = { ball = { center = [0.5, 0.5, 3.0], radius = 0.9 } }
+material = { youngs_modulus = 1.0, poissons_ratio = 0.3 }
+"""
+    box = 'shape = "box"\nsize = [1.0, 1.0, 6.0]\nedge_length = 1.0'
+    case = case_of(box, ends=(0.0, 6.0))
+    case.path.write_text(case.text + soft)
+    (note,) = geometry_notes(load_case(case.path), references_of(case.problem))
+    assert note.startswith("Inclusions are the cells that the mesh gives them")
 
 
 def test_flat_shapes_have_no_geometry_part(case_of):
     case = case_of('shape = "box"\nsize = [1.0, 1.0, 6.0]\nedge_length = 1.0', ends=(0.0, 6.0))
     assert true_body(case) is None
-    assert polyhedron_note(case) == ""
+    assert geometry_notes(case, references_of(case.problem)) == []
 
 
 def test_the_true_kidney_has_the_volume_of_table_one(case_of):
@@ -241,14 +247,55 @@ def test_a_force_keeps_its_size_and_a_moment_too(case_of):
 
 
 def test_a_true_body_without_an_answer_is_told(cylinder, monkeypatch):
-    def crash(*_args):
+    def crash(*_args, **_words):
         raise ReferenceCrashedError(-9, "")
 
     monkeypatch.setattr(geometry_part, "solve_state", crash)
     found, parts = geometry_of(cylinder)
     assert set(parts.values()) == {math.inf}
     assert found.bar_parts("volume", Strain.LINEAR).whole == pytest.approx(0.01)
-    assert "a cylinder adds" in found.remarks[0]
+    (note,) = geometry_notes(cylinder, found)
+    assert note.startswith("What a cylinder adds (linear strain) is not known: there ")
+
+
+def test_a_tube_of_few_facets_is_moved_with_what_lies_inside_its_wall(case_of):
+    """Moved alone, its inner facets turn cells of the wall inside out."""
+    tube = 'shape = "tube"\nradius = 1.0\ninner_radius = 0.7\nheight = 1.0\nedge_length = 1.1'
+    case = case_of(tube, ends=(0.0, 1.0))
+    (mesh,) = true_body(case).others
+    true = math.pi * (1.0 - 0.7**2)
+    # Of twelve corners and of six: n / (2 pi) sin(2 pi / n).
+    assert mesh.volume / true == pytest.approx(0.955, abs=0.01)
+    assert case.problem.mesh.volume / true == pytest.approx(0.827, abs=0.01)
+    # Its flat faces stay flat, and whole.
+    ends = mesh.points[np.unique(mesh.boundary_facets)][:, 2]
+    assert ends.min() == 0.0
+    assert ends.max() == 1.0
+
+
+def test_a_built_in_shape_too_coarse_for_its_surface_is_told_not_refused(case_of, monkeypatch):
+    def refuse(*_args):
+        raise InputError("the mesh is too coarse for its true surface")
+
+    monkeypatch.setattr(true_bodies, "refine_along", refuse)
+    case = case_of(SPHERE)
+    found, parts = geometry_of(case)
+    assert set(parts.values()) == {math.inf}
+    assert "too coarse for its true surface" in geometry_notes(case, found)[0]
+
+
+def test_points_of_a_free_boundary_come_to_the_flat_faces_too(case_of):
+    octant = (
+        'shape = "hollow_octant"\nradius = 1.0\ninner_radius = 0.5\nedge_length = 0.4\n'
+        '[mesh]\nboundary = "free"\nboundary_distance = 0.02'
+    )
+    case = case_of(octant, ends=(0.02, 0.98))
+    (mesh,) = true_body(case).others
+    points = mesh.points[np.unique(mesh.boundary_facets)]
+    lengths = np.linalg.norm(points, axis=1)
+    apart = np.column_stack([np.abs(points), np.abs(lengths[:, None] - [0.5, 1.0])]).min(axis=1)
+    # What the facets of the finer shape leave: 0.13^2 / 8 / R.
+    assert apart.max() < 0.006
 
 
 @pytest.mark.parametrize(
