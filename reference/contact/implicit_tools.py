@@ -34,6 +34,11 @@ from palpate.reference.mesh_transfer import TransferredSpace
 _OVER_TOLERANCE = 100.0
 # Multipliers are taken over where the rest of the step is balanced to this part.
 _ROUGH = 1e-2
+# With friction: before that what sticks and what slips is not known.
+_BALANCED = 1e-5
+# With friction the multipliers carry all but this at best: which way a node that hardly slips is
+# dragged settles ever more slowly, and by so little work.
+_OF_DRAG = 1e-6
 
 
 class ImplicitTools:
@@ -54,7 +59,9 @@ class ImplicitTools:
     ) -> None:
         for tool in problem.tools:
             require_on_path(tool)
-        self._carried = _OVER_TOLERANCE * tolerance
+        self._is_rough = any(tool.friction_coefficient > 0.0 for tool in problem.tools)
+        carried = _OVER_TOLERANCE * tolerance
+        self._carried = max(carried, _OF_DRAG) if self._is_rough else carried
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, held)
         self._held = held
         materials = (problem.material, *(i.material for i in problem.inclusions))
@@ -153,10 +160,11 @@ class ImplicitTools:
         """
         if not self._contacts:
             return True
-        if relative_residual > _ROUGH:
+        if relative_residual > (_BALANCED if self._is_rough else _ROUGH):
             return False
         slid = [contact.let_go(displacement)[0] for contact in self._contacts]
-        changes = [contact.augment(displacement) for contact in self._contacts]
+        enough = self._carried if self._is_rough else 0.0
+        changes = [contact.augment(displacement, enough=enough) for contact in self._contacts]
         return not any(slid) and all(change <= self._carried * whole for change, whole in changes)
 
     def mean_forces(self, duration: float) -> Points:

@@ -39,6 +39,9 @@ _STIFFNESS_RATIO = 100.0
 _TOUCHES = 0.02
 # Of a distance, in units of the coordinates' own.
 _ROUNDINGS = 16.0
+# In motion friction's penalty over that of contact: what sticks is another part of the surface from
+# step to step, and a stiffer one holds up Newton's method at every node that begins to slip.
+_SOFT_DRAG = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +139,7 @@ class ToolContact:
         shape = tool.shape
         self._faces = HeldFaces(shape.half_widths) if isinstance(shape, BoxShape) else None
         self._friction = Friction(tool.friction_coefficient, len(self.points.areas))
+        self._drag_part = 1.0
         self._way = np.zeros(3)
         self.begin()
         self.require_known_shape()
@@ -217,12 +221,13 @@ class ToolContact:
         return max(0.0, fenicsx.smallest(float(gap.min(initial=np.inf))))
 
     def stiffen(self, inertia: float) -> None:
-        """Set the penalty against a step's inertia too, which short steps are made of.
+        """Set the penalties against a step's inertia too, which short steps are made of.
 
         Args:
             inertia: Of the body, density over the square of time [kg/(m3 s2)].
         """
         self._penalty = self._at_rest + _STIFFNESS_RATIO * inertia * self.points.facet_size
+        self._drag_part = _SOFT_DRAG
 
     def keep(self, displacement: Floats) -> None:
         """Go on from an equilibrium: from its multipliers, and from where it has the nodes."""
@@ -275,7 +280,8 @@ class ToolContact:
 
     def _dragged(self, displacement: Floats, distance: Distance) -> Drag:
         local, rotation = self._local(displacement), self.rotation
-        return self._friction.drag(local, rotation, distance.normal, self.pressure, self._penalty)
+        penalty = self._drag_part * self._penalty
+        return self._friction.drag(local, rotation, distance.normal, self.pressure, penalty)
 
     def _vectors(self, displacement: Floats) -> Points:
         """Tractions on the body by rest area [Pa], shape (n, 3)."""
@@ -334,8 +340,12 @@ class ToolContact:
         touching = self._tractions(self._distance(displacement)) > 0.0
         return self._rounding * self._penalty * fenicsx.norm(self.points.areas[touching])
 
-    def augment(self, displacement: Floats) -> tuple[float, float]:
+    def augment(self, displacement: Floats, *, enough: float = 0.0) -> tuple[float, float]:
         """Take the tractions at an equilibrium as the new multipliers.
+
+        Args:
+            displacement: There, flat [m].
+            enough: Part of the forces, up to which a change is left [-].
 
         Returns:
             How much that changes the nodal forces that the multipliers alone stand for, and their
@@ -348,9 +358,11 @@ class ToolContact:
             self.pressure[:, None] * distance.normal + self._friction.carried(self.rotation)
         )
         after = self._spread(tractions[:, None] * distance.normal + drag)
-        self.pressure = tractions
-        self._friction.take_over(drag, self.rotation)
-        return fenicsx.norm(after - before), fenicsx.norm(after)
+        change, size = fenicsx.norm(after - before), fenicsx.norm(after)
+        if change > enough * size:
+            self.pressure = tractions
+            self._friction.take_over(drag, self.rotation)
+        return change, size
 
     def state(self, displacement: Floats) -> ToolState:
         """Force and moment on the tool."""

@@ -107,3 +107,23 @@ def test_a_drawn_block_sticks_and_then_slips_at_mu_times_the_normal_force(box, s
     *_, pressed, drawn = still.tools[0].forces
     assert middle[1] - middle[0] == pytest.approx(0.25 * (drawn[0] - pressed[0]), rel=0.02)
     assert 1e-4 < -found.tool_forces[0, -1, 0] < 0.1 * 0.05
+
+
+def test_a_plate_that_arrives_on_a_whole_face_is_followed_by_short_steps(box):
+    """Many nodes come at once, stick or slip, and change that from step to step."""
+    mesh = box((2, 2, 1), (0.02, 0.02, 0.01))
+    bottom = mesh.facet_groups["z0"]
+    held = Support(np.unique(bottom).astype(np.int32), bottom)
+    over = np.tile([0.0, 1.0, 0.0, 0.0], (2, 1))
+    path = ToolPath([0.0, 0.01], [[0.0, 0.0, 0.01001], [1e-5, 0.0, 0.0099]], over)
+    plate = RigidTool(PlaneShape(), path, 0.3, mesh.facet_groups["z1"])
+    span = TimeSpan(0.01, 6.25e-4, mass_damping=200.0, num_outputs=2)
+    material = Material(1e4, 0.3, 1000.0)
+    problem = Problem(mesh, material, (held,), (), time=span, tools=(plate,))
+    found = simulate_implicit(
+        problem, strain=Strain.LINEAR, spectral_radius=0.0, relative_tolerance=1e-6
+    )
+    # Nothing was cut in two for want of an answer.
+    assert found.newton_iterations < 20 * 16
+    force = found.tool_forces[0, -1]
+    assert 0.0 < np.linalg.norm(force[:2]) < 0.3 * force[2]
