@@ -58,6 +58,8 @@ def _page(case: Case, expected: Mapping[str, Expectation]) -> str:
         f"{case.spec.description}\n" if case.spec.description else "",
         f"![{shown}]({case.name}.png)\n",
         "\n".join(_heading_comment(case.text)) + "\n",
+        "## What it is for\n",
+        "\n\n".join(_use(case)) + "\n",
         "## Numbers\n",
         table(("of the body", "value"), _numbers(case)),
         "\n## What is checked\n",
@@ -86,6 +88,15 @@ def _heading_comment(text: str) -> list[str]:
         if not line.startswith("#:"):
             lines.append(line.removeprefix("#").strip())
     return lines
+
+
+def _use(case: Case) -> Iterator[str]:
+    said = case.spec.evidence
+    yield f"**{said.question}** {said.context_of_use}"
+    if said.quantities_of_interest:
+        yield f"What is read from it: {said.quantities_of_interest.rstrip('.')}."
+    if said.applicability:
+        yield f"How near it is to that use: {said.applicability}"
 
 
 def _numbers(case: Case) -> Iterator[tuple[str, str]]:
