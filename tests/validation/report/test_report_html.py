@@ -213,7 +213,8 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
     assert len(states) == 13
     assert states["numerical code verification"] == "given"
     assert states["test samples"] == "yours"
-    assert "Not stated" in found.context_of_use
+    assert found.context_of_use == kidney.evidence["context_of_use"]
+    assert "Not stated" in credibility(dataclasses.replace(kidney, evidence={})).context_of_use
     stated = dataclasses.replace(
         kidney,
         evidence={

@@ -96,7 +96,7 @@ def _use(case: Case) -> Iterator[str]:
     if said.quantities_of_interest:
         yield f"What is read from it: {said.quantities_of_interest.rstrip('.')}."
     if said.applicability:
-        yield f"How near it is to that use: {said.applicability}"
+        yield f"How near it is to that use. {said.applicability}"
 
 
 def _numbers(case: Case) -> Iterator[tuple[str, str]]:
