@@ -4,6 +4,7 @@
 PALPATE_CI_RUN="$$-$(date +%s)"
 TMPDIR="$(mktemp -d "${TMPDIR:-/tmp}/ci-XXXXXX")"
 export CI=true PALPATE_CI_RUN TMPDIR
+unset PYTHONDONTWRITEBYTECODE # each run of pytest would compile every test and palpate anew: 10 s
 logs="$(mktemp -d)"
 checkout="$(git status --porcelain 2>/dev/null)"
 summary=()
