@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -192,12 +193,16 @@ class ElasticBody:
         whole.axpy(1.0, matrix, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         return whole
 
+    @cached_property
+    def _energy(self) -> Any:
+        return fenicsx.form(self.energy)
+
     def strain_energy(self, displacement: Floats) -> float:
         """Stored energy [J]."""
         self.set_displacement(displacement)
         if self._smoothed is not None:
             return self._smoothed.energy()
-        return fenicsx.assemble_scalar(fenicsx.form(self.energy))
+        return fenicsx.assemble_scalar(self._energy)
 
 
 class DiscreteProblem(ElasticBody):

@@ -12,18 +12,20 @@ owns; what is summed or compared over a whole body goes through `total`, `smalle
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import logging
 import re
 import warnings
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.reference.availability import require_available
-from palpate.reference.jit_cache import cache_folder, locked, remove_unfinished
+from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
 
 require_available()
 if importlib.util.find_spec("dolfinx_solver"):
@@ -50,38 +52,56 @@ else:
     _ADD = dolfinx.la.InsertMode.add
 
 # -O2 without -march=native or -ffast-math: the same digits on every machine of the family.
-_JIT = {"cffi_extra_compile_args": ["-O2", "-g0"], "timeout": 60}
+_OPTIONS: dict[str, Any] = {"cffi_extra_compile_args": ["-O2", "-g0"]}
+# How long the compiler waits for another process's form before it raises TimeoutError [s].
+_PATIENCE, _PATIENCE_OF_RANKS = 1, 60
+_Made = TypeVar("_Made")
+_Given = ParamSpec("_Given")
+
+
+def _compiles(make: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+    """Let a function find and keep compiled forms in our folder, beside other processes."""
+
+    @functools.wraps(make)
+    def made(*given: _Given.args, **named: _Given.kwargs) -> _Made:
+        folder = cache_folder(dolfinx.__version__)
+        if COMM.size == 1:
+            with _compiler(folder, _PATIENCE):
+                return compiled_in(folder, lambda: make(*given, **named))
+        # One rank compiles while the others wait for it: it alone may wait, and for all of it.
+        with locked(folder) if COMM.rank == 0 else contextlib.nullcontext():
+            if COMM.rank == 0:
+                remove_unfinished(folder)
+            with _compiler(folder, _PATIENCE_OF_RANKS):
+                return make(*given, **named)
+
+    return made
 
 
 @contextlib.contextmanager
-def _compiling() -> Iterator[dict[str, Any]]:
-    """Yield options for the compiler of forms, with its cache locked and its log quiet."""
+def _compiler(folder: Path, patience: int) -> Iterator[None]:
+    """The compiler of forms with its folder, its patience [s], and its log quiet."""
     defaults = (
         dolfinx.jit.DOLFINX_DEFAULT_JIT_PARAMETERS
         if _IS_OLD
         else dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS
     )
-    folder = cache_folder(dolfinx.__version__)
-    options = {**_JIT, "cache_dir": str(folder)}
     root = logging.getLogger()
     level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
-    old_default = defaults["cache_dir"]
-    # One rank compiles while the others wait for it: it alone may wait for the lock.
-    lock = locked(folder) if COMM.rank == 0 else contextlib.nullcontext()
-    with lock, warnings.catch_warnings():
+    before = {key: defaults[key] for key in ("cache_dir", "timeout")}
+    with warnings.catch_warnings():
         # The old compiler uses names that numpy deprecates, and leaves files to the collector.
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.simplefilter("ignore", ResourceWarning)
-        if COMM.rank == 0:
-            remove_unfinished(folder)
         # 0.5 compiles elements and coordinate maps without a way to pass options.
-        defaults["cache_dir"] = (folder, old_default[1])
+        defaults["cache_dir"] = (folder, before["cache_dir"][1])
+        defaults["timeout"] = (patience, before["timeout"][1])
         # cffi builds through setuptools, which reconfigures the root logger and logs every command.
         logging.disable(logging.INFO)
         try:
-            yield options
+            yield
         finally:
-            defaults["cache_dir"] = old_default
+            defaults.update(before)
             logging.disable(disabled)
             root.setLevel(level)
             root.handlers[:] = handlers
@@ -97,6 +117,7 @@ def give_back_dropped() -> None:
     PETSc.garbage_cleanup(COMM)
 
 
+@_compiles
 def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     """Return a dolfinx mesh of linear tetrahedra, spread over the ranks; it renumbers both."""
     give_back_dropped()
@@ -104,60 +125,59 @@ def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
     own_rows = slice(None) if COMM.rank == 0 else slice(0)
     x = np.ascontiguousarray(points[own_rows], dtype=np.float64)
     rows = np.ascontiguousarray(cells[own_rows], dtype=np.int64)
-    with _compiling():
-        if _IS_OLD:
-            shape = ufl.Cell("tetrahedron", geometric_dimension=3)
-            domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1))
-            no_ghosts = dolfinx.mesh.GhostMode.none
-            return dolfinx.mesh.create_mesh(COMM, rows, x, domain, no_ghosts)
-        import basix.ufl
+    if _IS_OLD:
+        shape = ufl.Cell("tetrahedron", geometric_dimension=3)
+        domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1))
+        no_ghosts = dolfinx.mesh.GhostMode.none
+        return dolfinx.mesh.create_mesh(COMM, rows, x, domain, no_ghosts)
+    import basix.ufl
 
-        element = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
-        return dolfinx.mesh.create_mesh(COMM, rows, element, x)
+    element = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
+    return dolfinx.mesh.create_mesh(COMM, rows, element, x)
 
 
+@_compiles
 def vector_space(mesh: Any, degree: int) -> Any:
     """Return the space of continuous displacements of a polynomial degree."""
-    with _compiling():
-        if _IS_OLD:
-            return fem.VectorFunctionSpace(mesh, ("Lagrange", degree))
-        return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    if _IS_OLD:
+        return fem.VectorFunctionSpace(mesh, ("Lagrange", degree))
+    return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
 
 
+@_compiles
 def taylor_hood_space(mesh: Any, degree: int) -> Any:
     """Return displacements of a degree with continuous scalars of one degree less."""
-    with _compiling():
-        if _IS_OLD:
-            cell = mesh.ufl_cell()
-            parts = [
-                ufl.VectorElement("Lagrange", cell, degree),
-                ufl.FiniteElement("Lagrange", cell, degree - 1),
+    if _IS_OLD:
+        cell = mesh.ufl_cell()
+        parts = [
+            ufl.VectorElement("Lagrange", cell, degree),
+            ufl.FiniteElement("Lagrange", cell, degree - 1),
+        ]
+        return fem.FunctionSpace(mesh, ufl.MixedElement(parts))
+    import basix.ufl
+
+    return fem.functionspace(
+        mesh,
+        basix.ufl.mixed_element(
+            [
+                basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,)),
+                basix.ufl.element("Lagrange", "tetrahedron", degree - 1),
             ]
-            return fem.FunctionSpace(mesh, ufl.MixedElement(parts))
-        import basix.ufl
-
-        return fem.functionspace(
-            mesh,
-            basix.ufl.mixed_element(
-                [
-                    basix.ufl.element("Lagrange", "tetrahedron", degree, shape=(3,)),
-                    basix.ufl.element("Lagrange", "tetrahedron", degree - 1),
-                ]
-            ),
-        )
+        ),
+    )
 
 
+@_compiles
 def part_of_space(mixed: Any, part: int = 0) -> tuple[Any, np.ndarray[Any, Any]]:
     """Return a part of a mixed space as one of its own, and where its dofs are.
 
     Not by dolfinx's `collapse`: from degree 3 on an edge has two dofs, and that numbers them by
     each cell's own sense of direction (0.5.2 and 0.11), so that neighbours disagree.
     """
-    with _compiling():
-        if _IS_OLD:
-            space = fem.FunctionSpace(mixed.mesh, mixed.ufl_element().sub_elements()[part])
-        else:
-            space = fem.functionspace(mixed.mesh, mixed.ufl_element().sub_elements[part])
+    if _IS_OLD:
+        space = fem.FunctionSpace(mixed.mesh, mixed.ufl_element().sub_elements()[part])
+    else:
+        space = fem.functionspace(mixed.mesh, mixed.ufl_element().sub_elements[part])
     size = space.dofmap.bs
     there = mixed.sub(part).dofmap
     dofs = np.empty(size * _num_local_blocks(space), dtype=np.int32)
@@ -172,12 +192,12 @@ def _num_local_blocks(space: Any) -> int:
     return int(index_map.size_local + index_map.num_ghosts)
 
 
+@_compiles
 def cell_space(mesh: Any) -> Any:
     """Return the space of scalars that are constant in each cell."""
-    with _compiling():
-        if _IS_OLD:
-            return fem.FunctionSpace(mesh, ("DG", 0))
-        return fem.functionspace(mesh, ("DG", 0))
+    if _IS_OLD:
+        return fem.FunctionSpace(mesh, ("DG", 0))
+    return fem.functionspace(mesh, ("DG", 0))
 
 
 def cell_function(mesh: Any, values: Floats) -> Any:
@@ -197,12 +217,12 @@ def cell_values(function: Any) -> Floats:
     return np.array(function.x.array[cell_dofs(function.function_space)[:, 0]])
 
 
+@_compiles
 def cell_tensor_space(mesh: Any) -> Any:
     """Return the space of 3 x 3 tensors that are constant in each cell."""
-    with _compiling():
-        if _IS_OLD:
-            return fem.TensorFunctionSpace(mesh, ("DG", 0))
-        return fem.functionspace(mesh, ("DG", 0, (3, 3)))
+    if _IS_OLD:
+        return fem.TensorFunctionSpace(mesh, ("DG", 0))
+    return fem.functionspace(mesh, ("DG", 0, (3, 3)))
 
 
 def quadrature_points(degree: int) -> Points:
@@ -213,39 +233,39 @@ def quadrature_points(degree: int) -> Points:
     return np.asarray(points, dtype=np.float64)
 
 
+@_compiles
 def quadrature_space(mesh: Any, degree: int, size: int) -> Any:
     """Return the space of values at the quadrature points of each cell, so many at each.
 
     Of degree 0, with one point, that of vectors that are constant in each cell.
     """
-    with _compiling():
-        if _IS_OLD:
-            family, cell = ("Quadrature" if degree else "DG"), mesh.ufl_cell()
-            scheme = "default" if degree else None
-            element = ufl.VectorElement(family, cell, degree, dim=size, quad_scheme=scheme)
-            return fem.FunctionSpace(mesh, element)
-        import basix.ufl
+    if _IS_OLD:
+        family, cell = ("Quadrature" if degree else "DG"), mesh.ufl_cell()
+        scheme = "default" if degree else None
+        element = ufl.VectorElement(family, cell, degree, dim=size, quad_scheme=scheme)
+        return fem.FunctionSpace(mesh, element)
+    import basix.ufl
 
-        if degree == 0:
-            return fem.functionspace(mesh, ("DG", 0, (size,)))
-        element = basix.ufl.quadrature_element("tetrahedron", (size,), degree=degree)
-        return fem.functionspace(mesh, element)
+    if degree == 0:
+        return fem.functionspace(mesh, ("DG", 0, (size,)))
+    element = basix.ufl.quadrature_element("tetrahedron", (size,), degree=degree)
+    return fem.functionspace(mesh, element)
 
 
+@_compiles
 def scalar_space(mesh: Any, degree: int) -> Any:
     """Return the space of continuous scalars of a polynomial degree."""
-    with _compiling():
-        if _IS_OLD:
-            return fem.FunctionSpace(mesh, ("Lagrange", degree))
-        return fem.functionspace(mesh, ("Lagrange", degree))
+    if _IS_OLD:
+        return fem.FunctionSpace(mesh, ("Lagrange", degree))
+    return fem.functionspace(mesh, ("Lagrange", degree))
 
 
+@_compiles
 def tensor_space(mesh: Any, degree: int) -> Any:
     """Return the space of continuous 3 x 3 tensors of a polynomial degree."""
-    with _compiling():
-        if _IS_OLD:
-            return fem.TensorFunctionSpace(mesh, ("Lagrange", degree))
-        return fem.functionspace(mesh, ("Lagrange", degree, (3, 3)))
+    if _IS_OLD:
+        return fem.TensorFunctionSpace(mesh, ("Lagrange", degree))
+    return fem.functionspace(mesh, ("Lagrange", degree, (3, 3)))
 
 
 def part_of(function: Any, space: Any, dofs: np.ndarray[Any, Any]) -> Any:
@@ -261,12 +281,12 @@ def values_at(function: Any, places: Points, cells: np.ndarray[Any, Any]) -> Flo
     return np.asarray(found, dtype=np.float64).reshape(len(places), -1)
 
 
+@_compiles
 def form(expression: Any) -> Any:
     """Compile a UFL form, or take it from the cache."""
-    with _compiling() as options:
-        if _IS_OLD:
-            return fem.form(expression, jit_params=options)
-        return fem.form(expression, jit_options=options)
+    if _IS_OLD:
+        return fem.form(expression, jit_params=_OPTIONS)
+    return fem.form(expression, jit_options=_OPTIONS)
 
 
 def create_matrix(compiled: Any) -> Any:
@@ -349,14 +369,14 @@ def _table(rows: Any, mesh: Any) -> np.ndarray[Any, Any]:
 class _CellExpression:
     """A compiled UFL expression at fixed points of the reference cell."""
 
+    @_compiles
     def __init__(self, mesh: Any, expression: Any, reference_points: Points) -> None:
         self._mesh = mesh
         self._cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
-        with _compiling() as options:
-            if _IS_OLD:
-                self._compiled = fem.Expression(expression, reference_points, jit_params=options)
-            else:
-                self._compiled = fem.Expression(expression, reference_points, jit_options=options)
+        if _IS_OLD:
+            self._compiled = fem.Expression(expression, reference_points, jit_params=_OPTIONS)
+        else:
+            self._compiled = fem.Expression(expression, reference_points, jit_options=_OPTIONS)
 
     def __call__(self) -> np.ndarray[Any, Any]:
         """Values now, shape (num_cells, num_points * value_size)."""

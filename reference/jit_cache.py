@@ -3,8 +3,8 @@
 FFCx marks a form as "being compiled" by a `.c` file and as ready by a `.c.cached` file beside it.
 A run killed in between leaves the first without the second, and every later run waits for it and
 fails with a TimeoutError. Here the folder is private to this version of palpate and dolfinx and is
-only used under a lock that the system releases when its holder dies; so whoever holds the lock
-knows that a `.c` without its `.c.cached` is a dead run's, and removes it.
+only used under a lock that many may share and that the system releases when its holder dies; so
+whoever has it alone knows that a `.c` without its `.c.cached` is a dead run's, and removes it.
 """
 
 from __future__ import annotations
@@ -14,12 +14,17 @@ import contextlib
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import palpate
 from palpate.meshes.temporaries import scratch_folder
 
+Made = TypeVar("Made")
+# A form that still is not there when nobody else holds the lock and nothing is left over: a
+# failure of another kind. Twice it may just have been finished by somebody else.
+_TRIES_ALONE = 3
 _FOR_THIS_PROCESS = contextlib.ExitStack()
 atexit.register(_FOR_THIS_PROCESS.close)
 
@@ -45,28 +50,62 @@ def cache_folder(dolfinx_version: str) -> Path:
 
 
 def remove_unfinished(folder: Path) -> list[str]:
-    """Remove the `.c` files of compilations that never finished; call with the lock held."""
-    names = {path.name for path in folder.iterdir()}  # once: every form that is loaded asks
+    """Remove the `.c` files of compilations that never finished; call with the lock held alone."""
+    names = {path.name for path in folder.iterdir()}
     unfinished = sorted(n for n in names if n.endswith(".c") and f"{n}.cached" not in names)
     for name in unfinished:
         (folder / name).unlink(missing_ok=True)
     return unfinished
 
 
+def compiled_in(folder: Path, make: Callable[[], Made]) -> Made:
+    """What `make` makes with the forms of a folder, beside others who do the same.
+
+    Args:
+        folder: Of compiled forms.
+        make: Raises TimeoutError where another process is at the same form, or has died over it;
+            it is called again when that one has ended.
+
+    Returns:
+        What `make` returned.
+    """
+    tries_alone = 0
+    while True:
+        with locked(folder, alone=False):
+            try:
+                return make()
+            except TimeoutError:
+                if tries_alone == _TRIES_ALONE:
+                    raise
+        with locked(folder, wait=False) as is_alone:
+            if is_alone:
+                tries_alone += not remove_unfinished(folder)
+
+
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; waits for another process that is compiling, however long.
+def locked(folder: Path, *, alone: bool = True, wait: bool = True) -> Iterator[bool]:
+    """Hold the folder's lock; yields whether it is held.
+
+    Args:
+        folder: Of compiled forms.
+        alone: Nobody else may hold it; else nobody else may hold it alone.
+        wait: For those who hold it, however long; else it may be not held.
 
     Windows has no such lock: there two processes that compile the same form disturb each other.
     """
     try:
         import fcntl
     except ImportError:
-        yield
+        yield True
         return
+    how = (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | (0 if wait else fcntl.LOCK_NB)
     with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
         try:
-            yield
+            fcntl.flock(lock, how)
+        except BlockingIOError:
+            yield False
+            return
+        try:
+            yield True
         finally:
             fcntl.flock(lock, fcntl.LOCK_UN)

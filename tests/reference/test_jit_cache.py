@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 
+import pytest
+
 from palpate.reference.child_process import child_environment
-from palpate.reference.jit_cache import cache_folder, locked, remove_unfinished
+from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
 
 
 def test_the_folder_is_private_and_named_by_versions(tmp_path, monkeypatch):
@@ -75,3 +78,49 @@ def test_the_lock_dies_with_its_holder(tmp_path):
     assert killed.returncode == -6
     with locked(tmp_path):
         assert (tmp_path / "lock").exists()
+
+
+def test_who_shares_the_lock_keeps_out_who_wants_it_alone(tmp_path):
+    with locked(tmp_path, alone=False), locked(tmp_path, alone=False, wait=False) as shared:
+        assert shared
+        with locked(tmp_path, wait=False) as alone:
+            assert not alone
+    with locked(tmp_path, wait=False) as alone, locked(tmp_path, alone=False, wait=False) as shared:
+        assert (alone, shared) == (True, False)
+
+
+def test_a_form_that_a_dead_run_left_is_compiled_anew(tmp_path):
+    source = tmp_path / "form.c"
+    source.write_text("")
+
+    def compiles():
+        if source.exists():
+            raise TimeoutError
+        return "made"
+
+    assert compiled_in(tmp_path, compiles) == "made"
+
+
+def test_a_form_that_another_process_compiles_is_waited_for_and_left_alone(tmp_path):
+    source, calls = tmp_path / "form.c", []
+    source.write_text("")
+    with contextlib.ExitStack() as other:
+        other.enter_context(locked(tmp_path, alone=False))
+
+        def compiles():
+            calls.append(source.exists())
+            if len(calls) < 5:
+                raise TimeoutError
+            other.close()
+            return "made"
+
+        assert compiled_in(tmp_path, compiles) == "made"
+    assert calls == [True] * 5
+
+
+def test_what_never_comes_is_an_error(tmp_path):
+    def compiles():
+        raise TimeoutError("no form")
+
+    with pytest.raises(TimeoutError, match="no form"):
+        compiled_in(tmp_path, compiles)
