@@ -40,6 +40,15 @@ def hold(matrix: Any, held: Indices, x: Any, b: Any, *, is_symmetric: bool) -> N
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
 
+def symmetric_part(matrix: Any) -> Any:
+    """(A + A^T) / 2 as a PETSc matrix of its own, to be destroyed by the caller."""
+    part = PETSc.Mat()
+    matrix.transpose(part)
+    part.axpy(1.0, matrix)
+    part.scale(0.5)
+    return part
+
+
 class LinearSolver:
     """Solves A du = b with some entries of du prescribed.
 

@@ -20,7 +20,7 @@ from palpate.meshes.problem import Strain
 from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import DiscreteProblem
-from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+from palpate.reference.linear_solver import LinearSolveError, LinearSolver, symmetric_part
 
 _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
@@ -81,16 +81,9 @@ class Newton:
         self._sampler = sampler
         self.relative_tolerance = relative_tolerance
         self._max_iterations = max_iterations
-        space = discrete.space
-        self._linear = LinearSolver(
-            space.coordinates,
-            is_symmetric=not discrete.has_followers,
-            has_contact=bool(discrete.contacts),
-            num_multipliers=discrete.num_pressures,
-            largest_direct=largest_direct,
-            to_local=discrete.to_local,
-        )
-        source = space.transferred.source
+        self._largest_direct = largest_direct
+        self._linear = self._solver(is_symmetric=not discrete.has_followers)
+        source = discrete.space.transferred.source
         self._cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self._has_contact = bool(discrete.contacts)
         self.is_linear = discrete.strain is Strain.LINEAR
@@ -106,6 +99,17 @@ class Newton:
     def linear_solver(self) -> str:
         """Name of the linear solver."""
         return self._linear.name
+
+    def _solver(self, *, is_symmetric: bool) -> LinearSolver:
+        eq = self._discrete
+        return LinearSolver(
+            eq.space.coordinates,
+            is_symmetric=is_symmetric,
+            has_contact=bool(eq.contacts),
+            num_multipliers=eq.num_pressures,
+            largest_direct=self._largest_direct,
+            to_local=eq.to_local,
+        )
 
     def destroy(self) -> None:
         """Give what the linear solver holds back at once."""
@@ -151,13 +155,24 @@ class Newton:
         """Whether the tangent stiffness is positive definite at an equilibrium.
 
         An equilibrium that is not stable is never reached by a body. True without a test under
-        linear strain, and under follower loads, whose tangent is not symmetric.
+        linear strain. Under follower loads K is not symmetric, and its symmetric part is asked:
+        where that is positive definite, the real parts of all eigenvalues of K are above 0 (T. J.
+        I'A. Bromwich, Acta Math. 30 (1906) 295-304), so that no other equilibrium is beside this
+        one. It is all of K where the pressure has a potential, as inside a closed surface.
         """
         eq = self._discrete
-        if self.is_linear or eq.has_followers or fenicsx.total(eq.free.size) == 0:
+        if self.is_linear or fenicsx.total(eq.free.size) == 0:
             return True
         matrix = eq.tangent(displacement, load_factor)
-        return self._linear.is_positive_definite(matrix, eq.held.dofs)
+        if not eq.has_followers:
+            return self._linear.is_positive_definite(matrix, eq.held.dofs)
+        part = symmetric_part(matrix)
+        solver = self._solver(is_symmetric=True)
+        try:
+            return solver.is_positive_definite(part, eq.held.dofs)
+        finally:
+            solver.destroy()
+            part.destroy()
 
     def keep(self, displacement: Floats, load_factor: float) -> None:
         """Tell the tools where an equilibrium has the body."""

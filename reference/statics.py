@@ -76,7 +76,8 @@ def solve_static(
     Note:
         Saint-Venant-Kirchhoff loses equilibrium under strong compression (stretch 0.577), and in
         confined compression its stability in shear before that. An equilibrium whose tangent is
-        not positive definite is not accepted (not tested under follower pressure).
+        not positive definite is not accepted; under follower pressure the tangent's symmetric part
+        is asked, which is more than stability needs where the pressure has no potential.
         A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
         relative residual of the result says so.
         Tools touch the body at nodes (see `contact_points`): what is smaller than a facet slips in
