@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.field_norms import l2_norms
 from palpate.meshes.problem import Problem
+from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
 from palpate.validation.metrics.grid_convergence import (
     Convergence,
@@ -25,9 +28,12 @@ _ORDER = 2.0
 # Relative: seven digits kept, and solves to 1e-9 of the forces, step upon step.
 _NOISE = 1e-6
 # Those of `MOVING_TRUTH_METRICS` that are norms of a difference.
-_NORMS = ("displacement_l2", "displacement_max", "trajectory_l2")
+_NORMS = ("displacement_l2", "displacement_max", "max_displacement", "trajectory_l2")
 # Of the last difference of a norm over the one before: more, and nothing settles.
 LARGEST_GROWTH = 1.5
+# Of a motion's outputs, the last ones, over which its end is compared: see `difference`.
+LAST_PART = 0.25
+LEAST_OUTPUTS = 4
 
 
 def truth_metrics(problem: Problem) -> tuple[str, ...]:
@@ -90,10 +96,6 @@ def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridCo
         elif shown.error_bar is None and metric in _NORMS and _grows_little(values):
             shown = replace(shown, error_bar=SAFETY_FACTOR * reach + _NOISE)
         found[metric] = shown
-    # No farther off than the worst point.
-    worst = found["displacement_max"].error_bar
-    if found["max_displacement"].error_bar is None and worst is not None:
-        found["max_displacement"] = replace(found["max_displacement"], error_bar=worst)
     return found
 
 
@@ -102,8 +104,36 @@ def _grows_little(values: Sequence[float]) -> bool:
 
 
 def difference(metric: str, problem: Problem, one: State, other: State) -> float:
-    """Infinite where the metric has nothing to measure: no swing, no displacement."""
+    """How far two runs are apart in a metric, over its scale [-].
+
+    At the end of a swing two runs that are at odds may meet by chance, each on its way elsewhere: a
+    bar from that would be nothing, with the truth a whole swing off. So metrics of the last state
+    have the largest difference over the last part of the motion, LAST_PART of its outputs and no
+    fewer than LEAST_OUTPUTS, and the largest displacement, a number that agrees by chance sooner
+    still, has that of the worst point.
+
+    Infinite where the metric has nothing to measure: no swing, no displacement.
+    """
+    name = "displacement_max" if metric == "max_displacement" else metric
     try:
-        return measure(metric, problem, one, other).value
+        found = measure(name, problem, one, other)
     except InputError:
         return math.inf
+    norm = _AT_THE_END.get(name)
+    if norm is None or one.trajectory is None or other.trajectory is None:
+        return found.value
+    last = max(LEAST_OUTPUTS, math.ceil(LAST_PART * len(other.trajectory.times)))
+    apart = one.trajectory.displacements[-last:] - other.trajectory.displacements[-last:]
+    largest = float(norm(problem.mesh, apart).max())
+    return max(found.value, largest / found.scale if found.scale > 0.0 else found.value)
+
+
+def _largest_norms(_mesh: TetMesh, moved: Points) -> Floats:
+    norms: Floats = np.linalg.norm(moved, axis=2).max(axis=1)
+    return norms
+
+
+_AT_THE_END: dict[str, Callable[[TetMesh, Points], Floats]] = {
+    "displacement_l2": l2_norms,
+    "displacement_max": _largest_norms,
+}
