@@ -19,7 +19,7 @@ from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.grid_convergence import Convergence
 from palpate.validation.references import motions, stored_motions
-from palpate.validation.references.motion_sequences import assess_sequence
+from palpate.validation.references.motion_sequences import assess_sequence, difference
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
 from palpate.validation.references.stored_motions import STEPS
@@ -149,6 +149,19 @@ def swinging(frequency: float) -> tuple[Problem, State]:
         trajectory=Trajectory(times, fields),
     )  # fmt: skip
     return problem, state
+
+
+def test_swings_that_meet_at_the_end_by_chance_are_not_near_each_other() -> None:
+    problem, one = swinging(0.3)
+    span = problem.time
+    assert span is not None
+    # cos is even: as far on one side of a turning point as the other is on the other one.
+    turns = 2.0 * round(0.3 * span.end_time)
+    _, other = swinging(turns / span.end_time - 0.3)
+    assert measure("displacement_l2", problem, one, other).value < 1e-12
+    for metric in ("displacement_l2", "displacement_max", "max_displacement"):
+        assert difference(metric, problem, one, other) > 0.2
+        assert difference(metric, problem, one, one) == 0.0
 
 
 def test_steps_of_second_order_give_a_bar_that_holds_the_limit() -> None:
