@@ -76,14 +76,14 @@ def simulate_implicit(
         The trajectory at the outputs; every number in it is finite.
 
     Raises:
-        InputError: No time span or step, outputs that are not whole steps apart, a tool that is
-            driven by a force or inside the body at the start, or a load or support that cannot be
-            used.
+        InputError: No time span or step, outputs that are not whole steps apart, a tool inside the
+            body at the start, or a load or support that cannot be used.
         ReferenceStepError: A step had no answer, however short; carries the last good state.
 
     Note:
-        Tools touch the body at nodes (see `contact_points`). Where their forces set in at once (a
-        node is caught, or dragged from the start) steps are of first order.
+        Tools touch the body at nodes (see `contact_points`); one that a force drives has its mass
+        and moves along its line, from rest (see `driven_motion`). Where their forces set in at
+        once (a node is caught, or dragged from the start) steps are of first order.
         Unconditionally stable for linear problems only; of what the time step does not resolve
         nothing is true. Halve the step to see how far it is resolved.
     """

@@ -5,6 +5,7 @@ J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375; the equations stand i
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.contact.implicit_tools import ImplicitTools
+from palpate.reference.contact.step_length import step_length
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.explicit import row_sums_of_mass
@@ -33,9 +35,6 @@ _MAX_ITERATIONS = 25
 _SLOW = 0.2
 # Nodes come and go, and multipliers follow them.
 _MOST_WITH_TOOLS = 40
-# Of the force along a Newton step with tools, what may be left at its end.
-_NEARLY = 0.5
-_MOST_TRIALS = 6
 _EPS = float(np.finfo(float).eps)
 
 
@@ -275,7 +274,7 @@ class Motion:
         new = self.loads.at_supports(state.u + dt * state.v + 0.5 * dt**2 * state.a, time + dt)
         if not self._is_sound(new):
             new = self.loads.at_supports(state.u, time + dt)
-        self.tools.begin_step(time + dt, mass)
+        self.tools.begin_step(time, dt, m, mass)
         most = _MOST_WITH_TOOLS if self.tools else _MAX_ITERATIONS
         rounding, last, is_lost = 0.0, sys.float_info.max, False
         for iteration in range(most + 1):
@@ -285,7 +284,11 @@ class Motion:
                 raise StepLostError("the residual is not finite")
             is_settled = self.tools.settle(new, norm / scale if scale else 0.0)
             is_balanced = norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding)
-            if is_settled and is_balanced:
+            if (
+                is_settled
+                and is_balanced
+                and self.tools.are_balanced(new, self.tolerance, rounding)
+            ):
                 break
             if iteration == most:
                 raise StepLostError(f"no convergence in {most} iterations")
@@ -294,21 +297,25 @@ class Motion:
             # Multipliers taken over have changed the forces.
             residual = trial.balance + self.tools.force(new)
             still, stiffness = np.zeros(len(held)), 1.0 - m.alpha_f
+            solve = functools.partial(
+                self._solve, trial.middle, gap=still, mass=mass, stiffness=stiffness,
+                time=time + stiffness * dt, touching=new,
+                rate=stiffness * m.gamma / (m.beta * dt),
+            )  # fmt: skip
             try:
-                du = self._solve(
-                    trial.middle, residual, still, mass, stiffness, time + stiffness * dt, new,
-                    rate=stiffness * m.gamma / (m.beta * dt), is_fresh=is_fresh,
-                )  # fmt: skip
+                du, ways = self.tools.solve_with_driven(solve, new, residual, is_fresh=is_fresh)
             except LinearSolveError as error:
                 raise StepLostError(str(error)) from None
             rounding = 4.0 * _EPS * float(self._matrix.norm()) * self._size(new)
             if self.tools:
-                du *= self._length(state, new, du, time, dt, residual)
+                length = self._length(state, new, (du, ways), time, dt, residual)
+                du, ways = length * du, length * ways
             is_lost = not self._is_sound(new + du)
             if is_lost and is_fresh:
                 raise StepLostError("a cell would invert")
             if not is_lost:
                 new = new + du
+                self.tools.go_to(self.tools.ways + ways)
         moved = new - state.u
         # What holds the supports does work too: all that is out of balance there.
         work = float((trial.external + self.tools.force(new)) @ moved)
@@ -350,26 +357,30 @@ class Motion:
         return _Trial(new_v, new_a, mid_u, damped, viscous, external, balance, residual, scale)
 
     def _length(
-        self, state: State, new: Floats, du: Floats, time: float, dt: float, residual: Floats
+        self,
+        state: State,
+        new: Floats,
+        step: tuple[Floats, Floats],
+        time: float,
+        dt: float,
+        residual: Floats,
     ) -> float:
-        """How far along a Newton step the balance of forces along it is nearly met, at most 1.
+        """How much of a Newton step of body and driven tools to take; these stay where they are."""
+        du, ways = step
+        start = self.tools.ways
 
-        Full steps go to and fro where nodes come to a tool and leave it.
-        """
-        first = float(fenicsx.total(float(residual @ du)))
-        low, high, length = 0.0, 1.0, 1.0
-        for _ in range(_MOST_TRIALS):
+        def along(length: float) -> float | None:
             further = new + length * du
             if not self._is_sound(further):
-                high = length
-                length = 0.5 * (low + high)
-                continue
+                return None
+            self.tools.go_to(start + length * ways)
             here = self._trial(state, further, time, dt).residual
-            along = float(fenicsx.total(float(here @ du)))
-            if abs(along) <= _NEARLY * abs(first) or (length == 1.0 and along > 0.0):
-                return length
-            low, high = (length, high) if along > 0.0 else (low, length)
-            length = 0.5 * (low + high)
+            of_tools = float(self.tools.lacking(further)[0] @ ways)
+            return float(fenicsx.total(float(here @ du))) + of_tools
+
+        first = float(fenicsx.total(float(residual @ du)))
+        length = step_length(along, first + float(self.tools.lacking(new)[0] @ ways))
+        self.tools.go_to(start)
         return length
 
     def _is_sound(self, u: Floats) -> bool:

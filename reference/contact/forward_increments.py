@@ -23,7 +23,6 @@ from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference.contact.box_faces import seen_at
 from palpate.reference.contact.contact_points import find_contact_points
-from palpate.reference.contact.tool_contact import require_on_path
 from palpate.reference.contact.tool_distance import tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
@@ -93,7 +92,11 @@ class _SteppedTool:
     def __init__(
         self, tool: RigidTool, space: TransferredSpace, held: Indices, mobility: Floats
     ) -> None:
-        require_on_path(tool)
+        if tool.drive is not None:
+            raise InputError(
+                "explicit steps take a tool along its path: of one that a force drives the "
+                'multipliers hang together; ask checks against = "truth", or give the path'
+            )
         self._tool = tool
         self._is_rough = tool.friction_coefficient > 0.0
         self._points = find_contact_points(space, tool.contact_facets, held)

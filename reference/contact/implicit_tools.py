@@ -15,7 +15,7 @@ its own force and the one before, or it would be of another time by a part of th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,12 +23,15 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
+from palpate.reference.contact.driven_motion import DrivenTool
 from palpate.reference.contact.tool_contact import (
     ToolContact,
     create_contacts,
-    require_on_path,
 )
 from palpate.reference.mesh_transfer import TransferredSpace
+
+if TYPE_CHECKING:
+    from palpate.reference.generalised_alpha import AlphaMethod
 
 # The multipliers carry all but this many times the tolerance of the forces on tools.
 _OVER_TOLERANCE = 100.0
@@ -50,19 +53,18 @@ class ImplicitTools:
         held: Degrees of freedom that are held, shape (n,).
         tolerance: Relative residual of a step [-].
 
-    Raises:
-        InputError: A tool that is driven by a force.
+    Attributes:
+        driven: Those that a force drives.
     """
 
     def __init__(
         self, problem: Problem, space: TransferredSpace, held: Indices, tolerance: float
     ) -> None:
-        for tool in problem.tools:
-            require_on_path(tool)
         self._is_rough = any(tool.friction_coefficient > 0.0 for tool in problem.tools)
         carried = _OVER_TOLERANCE * tolerance
         self._carried = max(carried, _OF_DRAG) if self._is_rough else carried
         self._contacts: Sequence[ToolContact] = create_contacts(problem, space, held)
+        self.driven = tuple(DrivenTool(c) for c in self._contacts if c.tool.drive is not None)
         self._held = held
         materials = (problem.material, *(i.material for i in problem.inclusions))
         self._density = max(material.density for material in materials)
@@ -84,17 +86,73 @@ class ImplicitTools:
                 )
             contact.keep(displacement)
 
-    def begin_step(self, time: float, mass_factor: float) -> None:
+    def begin_step(self, time: float, dt: float, method: AlphaMethod, mass_factor: float) -> None:
         """Put the tools where they are at the end of a step, with what pressed in the last.
 
         Args:
-            time: At its end [s].
+            time: At its start [s].
+            dt: Its length [s].
+            method: Of the step.
             mass_factor: Of the mass in the step's tangent [1/s2].
         """
         for contact in self._contacts:
             contact.stiffen(mass_factor * self._density)
-            contact.set_time(time)
+            contact.set_time(time + dt)
             contact.go_back()
+        for tool in self.driven:
+            tool.begin_step(time, dt, method)
+
+    @property
+    def ways(self) -> Floats:
+        """How far the driven tools are along their lines [m], shape (num_driven,)."""
+        return np.array([tool.way for tool in self.driven])
+
+    def go_to(self, ways: Floats) -> None:
+        """Put the driven tools so far along their lines [m]."""
+        for tool, way in zip(self.driven, ways, strict=True):
+            tool.go_to(float(way))
+
+    def lacking(self, displacement: Floats) -> tuple[Floats, Floats]:
+        """What the driven tools are out of balance by, and the forces it is part of [N]."""
+        both = np.array([tool.lacking(displacement) for tool in self.driven]).reshape(-1, 2)
+        return both[:, 0], both[:, 1]
+
+    def are_balanced(self, displacement: Floats, tolerance: float, rounding: float) -> bool:
+        """Whether the driven tools are, but for a part of their forces, or for so many newtons."""
+        lacking, forces = self.lacking(displacement)
+        return bool((np.abs(lacking) <= tolerance * forces + rounding).all())
+
+    def solve_with_driven(
+        self,
+        solve: Callable[..., Floats],
+        displacement: Floats,
+        residual: Floats,
+        *,
+        is_fresh: bool,
+    ) -> tuple[Floats, Floats]:
+        """A Newton step of body and driven tools (`driven_motion`).
+
+        Args:
+            solve: By the body's tangent, flat, which may be asked for as it is now.
+            displacement: Where the step begins, flat [m].
+            residual: Of the body there, flat [N].
+            is_fresh: Whether the tangent is to be as it is now.
+
+        Returns:
+            The step of the body, flat, and of the ways [m], shape (num_driven,).
+        """
+        du = solve(residual, is_fresh=is_fresh)
+        if not self.driven:
+            return du, np.zeros(0)
+        rows = [tool.stiffness(displacement) for tool in self.driven]
+        couplings = np.array([coupling for coupling, _ in rows])
+        answers = np.array(
+            [solve(c, is_fresh=False) if fenicsx.norm(c) > 0.0 else 0.0 * c for c in couplings]
+        )
+        matrix = np.diag([own for _, own in rows]) - fenicsx.total(couplings @ answers.T)
+        lacking = self.lacking(displacement)[0] + fenicsx.total(couplings @ du)
+        ways: Floats = np.linalg.solve(matrix, lacking)
+        return du + ways @ answers, ways
 
     def end_step(
         self,
@@ -122,11 +180,22 @@ class ImplicitTools:
             the tool's velocity, and leave it again. What the body gains by that the tool gave.
         """
         v, a = velocity.reshape(-1, 3).copy(), acceleration.reshape(-1, 3).copy()
+
+        def inertia(field: Points) -> Floats:
+            flat = momentum(self._free(field.copy()).ravel(), np.zeros_like(velocity))
+            whole: Floats = fenicsx.total(flat.reshape(-1, 3).sum(axis=0))
+            return whole
+
         rows = zip(self._impulses, self._last_forces, self._contacts, strict=True)
         for row, last, contact in rows:
             held = contact.held_nodes(displacement, dt)
-            dv = self._free(held.change(v, held.velocities))
-            da = self._free(held.change(a, np.zeros_like(held.velocities)))
+            driven = next((tool for tool in self.driven if tool.contact is contact), None)
+            if driven is None:
+                dv = held.change(v, held.velocities)
+                da = held.change(a, np.zeros_like(held.velocities))
+            else:
+                dv, da = driven.end_step(held, v, a, inertia)
+            dv, da = self._free(dv), self._free(da)
             given = momentum(dv.ravel(), da.ravel()).reshape(-1, 3).sum(axis=0)
             force = contact.state(displacement).force
             row += dt * (force + late * (last - force)) - fenicsx.total(given)
@@ -160,6 +229,9 @@ class ImplicitTools:
         """
         if not self._contacts:
             return True
+        lacking, forces = self.lacking(displacement)
+        of_tools = np.abs(lacking) / np.where(forces > 0.0, forces, 1.0)
+        relative_residual = max(relative_residual, float(of_tools.max(initial=0.0)))
         if relative_residual > (_BALANCED if self._is_rough else _ROUGH):
             return False
         slid = [contact.let_go(displacement)[0] for contact in self._contacts]

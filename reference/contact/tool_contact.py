@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
@@ -386,12 +385,3 @@ def create_contacts(
         m.youngs_modulus for m in (problem.material, *(i.material for i in problem.inclusions))
     )
     return tuple(ToolContact(space, tool, held, stiffest, unknowns) for tool in problem.tools)
-
-
-def require_on_path(tool: RigidTool) -> None:
-    """Raise InputError for a tool that is driven by a force."""
-    if tool.drive is not None:
-        raise InputError(
-            "the reference's motions take a tool along its path; give the path instead of a force, "
-            "or take the time span away: its statics know forces"
-        )

@@ -82,7 +82,7 @@ def test_held_components_stay_and_the_rest_leaves_the_ball(box):
                 "drive": ForceDrive((0.0, 0.0, -1.0), 1.0, TabularAmplitude((0.0,), (1.0,)), 0.1),
                 "path": path([0.0], [[0.5, 0.5, 1.6]]),
             },
-            "path instead of a force",
+            'checks against = "truth"',
         ),
         ({"path": path([0.0, 1.0], [[0.5, 0.5, 1.3], [0.5, 0.5, 1.0]])}, "0.2 m deep"),
     ],
