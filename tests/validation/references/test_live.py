@@ -56,6 +56,21 @@ def test_p1_more_than_half_away_tells_nothing(block: Problem) -> None:
     assert bars(0.0049)["displacement_l2"] == math.inf
 
 
+def test_numbers_that_agree_by_chance_have_no_bar_of_nothing(block: Problem) -> None:
+    fine = state(block, 0.01)
+
+    def bars(coarse: State) -> dict[str, float]:
+        alike = dataclasses.replace(
+            coarse, volume=fine.volume, max_displacement=fine.max_displacement
+        )
+        states = {(SAME_MESH, Strain.LINEAR): alike, (QUADRATIC, Strain.LINEAR): fine}
+        return {metric: bar for (metric, _), bar in estimate_bars(block, states).items()}
+
+    near = bars(state(block, 0.008))
+    assert near["max_displacement"] == near["displacement_max"] == pytest.approx(0.2)
+    assert set(bars(state(block, 0.001)).values()) == {math.inf}
+
+
 def test_two_meshes_have_a_wider_bar_than_three() -> None:
     # Estimates that halve: what is left is the difference, three times over.
     assert error_bar_of_two(0.01, (0.04, 0.02)) == pytest.approx(0.03)
