@@ -130,7 +130,7 @@ def _of_polyhedron(shape: str, geometry: float, *, counts: bool) -> str:
     """What the case's mesh leaves out of the true surface, in words."""
     of_what = f"a polyhedron of {shape}" if shape else "a polyhedron"
     rest = "" if counts else ", beside the bar"
-    return f"the case's mesh is {of_what}: its geometry adds {geometry:.2g}{rest}"
+    return f"the case's mesh is {of_what}: its geometry adds up to {geometry:.2g}{rest}"
 
 
 def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:

@@ -12,7 +12,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.references.bar_parts import GEOMETRY
 from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.references.true_bodies import name_of_body
+from palpate.validation.references.true_bodies import name_of_body, surface_key
 
 
 def shape_of(references: ReferenceSet) -> str:
@@ -46,7 +46,12 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
             f"This truth has no geometry part: what flat facets leave out of {of} is in no bar; "
             f"`palpate reference build {case.name}` works it out."
         )
-    elif of and told:
+    elif of and "of" in told:
+        if (told["of"], told.get("surface", "")) != (of, surface_key(case)):
+            notes.append(
+                f"The geometry part of this truth is of {told['of']} as it was when it was built, "
+                f"and the case has {of} now: `palpate reference build {case.name}` makes it anew."
+            )
         notes += _notes_of_part(case, of, told)
     if problem.inclusions:
         notes.append(
@@ -57,9 +62,9 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
 
 
 def _notes_of_part(case: Case, of: str, told: Mapping[str, Any]) -> list[str]:
-    failures = told.get("failures", {})
+    failures, in_case_units = told.get("failures", {}), case.spec.units.in_case_units
     notes = [
-        f"What {of} adds ({strain} strain) is not known: there {case.spec.units.in_case_units(why)}"
+        f"What {of} adds ({strain} strain) is not known: there {in_case_units(str(why))}"
         for strain, why in (failures.items() if isinstance(failures, dict) else ())
     ]
     notes = [note if note.endswith(".") else f"{note}." for note in notes]
@@ -70,8 +75,8 @@ def _notes_of_part(case: Case, of: str, told: Mapping[str, Any]) -> list[str]:
         )
     if case.problem.time is not None and told.get("degree") == 1:
         notes.append(
-            "The geometry part of this motion is the difference of two runs of linear tetrahedra "
-            f"with {told.get('steps_per_output')} steps from output to output, good to "
-            "some 15 % of itself."
+            "The geometry part of this motion is from two runs of linear tetrahedra with "
+            f"{told.get('steps_per_output')} steps from output to output: up to 15 % short, which "
+            "its factor of safety makes good."
         )
     return notes

@@ -5,12 +5,12 @@ same cells cut in eight, once as they are and once with the boundary on the true
 same supports and loads (a force or a moment keeps its size, a pressure or traction its pascals).
 All else is alike in the two, so that what they differ by is the surface, however coarse the cells.
 Chords leave a gap of second order in the length of an edge, and of the finer body's a quarter is
-left, so that the whole is 4/3 of the difference.
+left, so that the whole is 4/3 of the difference, and 5/3 of it a bound.
 
 Tools keep their paths in space, as somebody who places a probe by coordinates would: where the
 true surface is nearer it is pressed deeper, and that is geometry too. A motion is solved implicitly
 with few steps, and but for small bodies with linear tetrahedra, the same in both: two more runs of
-about the cost of one of the truth's, good to some 15 per cent of the part.
+about the cost of one of the truth's, which fall short by up to 15 per cent of the part.
 """
 
 from __future__ import annotations
@@ -36,7 +36,13 @@ from palpate.validation.references.motion_runs import TIME_LIMIT, solve_implicit
 from palpate.validation.references.motion_sequences import difference, truth_metrics
 from palpate.validation.references.sequences import at_points_of
 from palpate.validation.references.sets import ReferenceSet, solve_state
-from palpate.validation.references.true_bodies import TrueBody, name_of_body, on_moved, true_body
+from palpate.validation.references.true_bodies import (
+    TrueBody,
+    name_of_body,
+    on_moved,
+    surface_key,
+    true_body,
+)
 from palpate.validation.states import Progress, State
 
 # Cells of the pair that are still quadratic; of linear ones the relative difference is as good as
@@ -113,6 +119,8 @@ def with_geometry(
     if not of or not truths:
         return references
     told: dict[str, Any] = {"of": of}
+    if key := surface_key(case):
+        told["surface"] = key
     found: dict[Strain, Found] = {}
     failures: dict[str, str] = {}
     body: TrueBody | None = None

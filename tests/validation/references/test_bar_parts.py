@@ -120,7 +120,7 @@ def test_parts_are_kept_in_the_file_and_told_in_the_verdict(block, tmp_path, mon
         "time": pytest.approx(0.25 * bar),
     }
     assert f"(+- {bar:.2g}: mesh {0.75 * bar:.2g}, time {0.25 * bar:.2g})" in check.message
-    assert "its geometry adds 0.3, beside the bar" in check.message
+    assert "its geometry adds up to 0.3, beside the bar" in check.message
     assert check.bar_says.startswith("mesh ")
     assert check.bar_says.endswith("; beside it: geometry 0.3")
     counted = dataclasses.replace(check, reference_error=bar + 0.3)

@@ -112,7 +112,8 @@ def test_planes_are_pulled_by_the_hole_of_the_true_sphere(judged):
     off = 1.0 - P * chords / abs(REACTION)
     assert found.value == pytest.approx(off, rel=0.02)
     assert off > 0.02
-    assert found.bar_parts["geometry"] == pytest.approx(off, rel=0.1)
+    # In units of the number expected; with its factor of safety.
+    assert found.bar_parts["geometry"] == pytest.approx(1.25 * off, rel=0.1)
 
 
 @pytest.mark.dolfinx
@@ -132,4 +133,4 @@ def test_stress_has_a_geometry_part_too(judged):
     found = checks["published_stress"]
     assert found.value <= found.reference_error
     assert found.bar_parts["geometry"] > 0.01
-    assert "its geometry adds" in found.message
+    assert "its geometry adds up to" in found.message
