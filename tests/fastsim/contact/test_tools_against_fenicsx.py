@@ -10,7 +10,8 @@ import pytest
 from palpate.fastsim.contact.static_contact import solve_contact
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.boundary_conditions import Support
-from palpate.meshes.problem import Problem, Strain, TimeSpan
+from palpate.meshes.bricks import brick_box, held, side
+from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -22,10 +23,12 @@ from palpate.meshes.rigid_tool import (
     ToolShape,
 )
 from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.smooth_path import smooth_path
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 
 if is_available():
+    from palpate.reference.dynamics import simulate_implicit
     from palpate.reference.explicit import simulate_explicit
     from palpate.reference.statics import solve_static
 
@@ -134,3 +137,34 @@ def test_vertices_that_are_held_in_part() -> None:
         slab(TOOLS["sphere"], supports=(Support(top, components=(False, True, False)),)),
         Strain.GREEN,
     )
+
+
+def plate_drawn_over_a_block(number: int, time_step: float) -> Problem:
+    """20 x 20 x 10 mm in bricks, `number` high; a plate presses it and is drawn 2 mm along."""
+    mesh = brick_box((2 * number, 2 * number, number), (0.02, 0.02, 0.01))
+    places = 1e-3 * np.array([[0, 0, 10.01], [0, 0, 9.6], [2, 0, 9.6]])
+    path = smooth_path(ToolPath(np.array([0.0, 0.06, 0.12]), places, np.array([DOWN] * 3)))
+    plate = RigidTool(PlaneShape(), path, 0.3, side(mesh, 2, 0.01))
+    span = TimeSpan(0.12, time_step, mass_damping=200.0, num_outputs=6)
+    bottom = held(side(mesh, 2, 0.0))
+    return Problem(mesh, Material(1e4, 0.3, 1000.0), (bottom,), (), time=span, tools=(plate,))
+
+
+def test_finer_meshes_and_steps_come_to_the_truth_with_friction() -> None:
+    truth = simulate_implicit(
+        plate_drawn_over_a_block(2, 0.005),
+        strain=Strain.LINEAR,
+        spectral_radius=0.0,
+        relative_tolerance=1e-6,
+    ).tool_forces[0]
+    # It sticks, and then slips under mu N.
+    assert abs(truth[3, 0]) < 0.01 * truth[3, 2]
+    assert truth[-1, 0] == pytest.approx(-0.3 * truth[-1, 2], rel=1e-3)
+    off = []
+    for number, time_step in ((2, 2.5e-4), (4, 1.25e-4), (8, 6.25e-5)):
+        problem = plate_drawn_over_a_block(number, time_step)
+        ours = simulate(problem, strain=Strain.LINEAR).tools[0].mean_forces
+        off.append(np.abs(ours - truth).max(axis=0)[[0, 2]] / np.abs(truth).max(axis=0)[[0, 2]])
+    assert (off[1] < 0.5 * off[0]).all()
+    assert (off[2] < 0.6 * off[1]).all()
+    assert (off[2] < 0.015).all()
