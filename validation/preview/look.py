@@ -258,8 +258,8 @@ def _misses(look: Look, case: Case, problem: Problem) -> None:
         length = edge_that_would_do(min(errors.values()), min(asked))
         look.warnings.append(
             f"a check asks for {100.0 * min(asked):.2g} % of the true displacement, and no element "
-            f"is expected to be that near ({told}): edges {length:.1g} times as long may do, least "
-            "of them where it is held"
+            f"is expected to be that near ({told}): edges {length:.2g} times as long may do, first "
+            "of all where it is held"
         )
 
 

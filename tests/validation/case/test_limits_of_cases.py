@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -18,9 +19,7 @@ SPEED_SQUARED = 0.7 / (1.3 * 0.4)
 @pytest.mark.parametrize("name", builtin_cases())
 def test_a_reason_says_what_is_needed_not_what_was_measured(name: str) -> None:
     for check in load_case(name).checks:
-        assert "measured;" not in check.reason
-        assert not check.reason.endswith("measured"), check.reason
-        assert "slack" not in check.reason
+        assert not re.search(r"[0-9%] measured|slack", check.reason), check.reason
 
 
 @pytest.mark.parametrize("name", builtin_cases())
