@@ -1,6 +1,6 @@
 # Sourced by run and nightly: stages one after another or beside one another, and their summary.
 # All that a run starts carries its mark in the environment, and has its temporary files in one
-# folder, so that what is left behind is found; both go away with the run.
+# folder: processes that are left behind are found, and all of it goes away with the run.
 PALPATE_CI_RUN="$$-$(date +%s)"
 TMPDIR="$(mktemp -d "${TMPDIR:-/tmp}/ci-XXXXXX")"
 export CI=true PALPATE_CI_RUN TMPDIR
@@ -9,6 +9,7 @@ logs="$(mktemp -d)"
 checkout="$(git status --porcelain 2>/dev/null)"
 summary=()
 failed=0
+cores="$(env -u OMP_NUM_THREADS nproc)" # which nproc takes for an order
 patience=10 # with what still ends by itself [s]
 declare -A running=() begun=()
 
@@ -44,22 +45,39 @@ stage() { # stage NAME COMMAND...: now, on the screen
 beside() {
     local name="$1"
     shift
-    while [ "${#running[@]}" -ge "$(nproc)" ]; do next_end; done
+    while [ "${#running[@]}" -ge "$cores" ]; do next_end; done
     echo "... begun: $name"
     set -m # a process group of its own, which end_all ends with all that it started
-    "$@" >"$logs/$name" 2>&1 </dev/null &
+    (
+        code=0
+        "$@" || code=$?
+        echo "$code" >"$logs/$name.code"
+    ) >"$logs/$name" 2>&1 </dev/null &
     set +m
     running[$!]="$name"
     begun[$name]=$SECONDS
 }
-next_end() {
-    local process name code=0
-    wait -n -p process "${!running[@]}" || code=$?
-    name="${running[$process]}"
-    unset "running[$process]"
-    printf '\n=== %s\n' "$name"
-    cat "$logs/$name"
-    outcome "$name" "$code" "$((SECONDS - begun[$name]))"
+next_end() { # not by `wait -n`, which forgets one of two that end together
+    local process name code lives
+    while :; do
+        for process in "${!running[@]}"; do
+            name="${running[$process]}" lives=""
+            kill -0 "$process" 2>/dev/null && lives=1
+            if [ -s "$logs/$name.code" ]; then
+                code="$(cat "$logs/$name.code")"
+            elif [ -z "$lives" ]; then
+                code=137 # killed
+            else
+                continue
+            fi
+            unset "running[$process]"
+            printf '\n=== %s\n' "$name"
+            cat "$logs/$name"
+            outcome "$name" "$code" "$((SECONDS - begun[$name]))"
+            return
+        done
+        sleep 0.2
+    done
 }
 end_of_all() { # wait for what runs beside
     while [ "${#running[@]}" -gt 0 ]; do next_end; done
@@ -75,8 +93,8 @@ tests_in() { # tests_in VENV ARGS...
 }
 
 marked() { # processes that this run has started, and that still live
-    local file
-    grep -lzF "PALPATE_CI_RUN=$PALPATE_CI_RUN" /proc/[0-9]*/environ 2>/dev/null | while read -r file; do
+    local file all=(/proc/[0-9]*/environ) # before grep, which carries the mark too
+    grep -lzF "PALPATE_CI_RUN=$PALPATE_CI_RUN" "${all[@]}" 2>/dev/null | while read -r file; do
         file="${file%/environ}"
         case "$(sed 's/.*) //' "$file/stat" 2>/dev/null)" in
         "" | Z*) ;; # gone, or a zombie
@@ -84,22 +102,16 @@ marked() { # processes that this run has started, and that still live
         esac
     done
 }
-nothing_is_left() { # no process, no file of ours among the temporary ones, a clean checkout
+nothing_is_left() { # no process, and a checkout as it was; temporary files go in any case
     local code=0 process left
     for ((; patience > 0; patience--)); do # a browser takes a moment to go
         [ -n "$(marked)" ] || break
         sleep 1
     done
     for process in $(marked); do
-        echo "process $process is left: $(tr '\0' ' ' <"/proc/$process/cmdline")"
+        echo "process $process is left: $(tr '\0' ' ' 2>/dev/null <"/proc/$process/cmdline")"
         code=1
     done
-    left="$(find "$TMPDIR" -mindepth 1 -maxdepth 1 -name 'palpate-*')"
-    if [ -n "$left" ]; then
-        echo "temporary files are left:"
-        echo "$left"
-        code=1
-    fi
     left="$(git status --porcelain 2>/dev/null)"
     if [ "$left" != "$checkout" ]; then
         echo "the checkout is not as it was:"
