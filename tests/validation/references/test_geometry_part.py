@@ -17,6 +17,7 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceCrashedError
 from palpate.validation.case import CaseError, load_case
 from palpate.validation.exchange.facets import facet_areas
+from palpate.validation.judging import judge
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.references import geometry_part, true_bodies
@@ -374,3 +375,22 @@ reason = "closed form"
     # The candidate answered for the polyhedron.
     assert judged("candidate").verdict is Verdict.FAILED
     assert dataclasses.is_dataclass(found)
+
+
+def test_a_truth_solved_here_gets_its_part_within_a_time(case_of, monkeypatch):
+    limits = []
+    squeezed(monkeypatch)
+    solve = geometry_part.solve_state
+
+    def timed(*args, time_limit, **words):
+        limits.append(time_limit)
+        return solve(*args, **words)
+
+    case = case_of(SPHERE)
+    monkeypatch.setattr(geometry_part, "solve_state", timed)
+    monkeypatch.setattr(judge.availability, "is_available", lambda: True)
+    monkeypatch.setattr(judge, "solve_live", lambda *_args, **_words: references_of(case.problem))
+    found = judge.find_references(case, live=True, progress=lambda _line: None)
+    assert found.bar_parts("volume", Strain.LINEAR).geometry > 0.05
+    assert shape_of(found) == "a sphere"
+    assert 0.0 < min(limits) <= max(limits) <= geometry_part.LIVE_SECONDS
