@@ -35,6 +35,7 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
     if not any(spec.against == "truth" for spec in case.checks):
         return []
     of, told, problem = name_of_body(case), _told(references), case.problem
+    anew = f"`palpate reference build {case.name if case.is_builtin else case.path.name}`"
     notes = []
     if not of and case.spec.geometry.shape is None:
         notes.append(
@@ -44,13 +45,13 @@ def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
     elif of and "of" not in told and any(references.truth(strain) for strain in Strain):
         notes.append(
             f"This truth has no geometry part: what flat facets leave out of {of} is in no bar; "
-            f"`palpate reference build {case.name}` works it out."
+            f"{anew} works it out."
         )
     elif of and "of" in told:
         if (told["of"], told.get("surface", "")) != (of, surface_key(case)):
             notes.append(
                 f"The geometry part of this truth is of {told['of']} as it was when it was built, "
-                f"and the case has {of} now: `palpate reference build {case.name}` makes it anew."
+                f"and the case has {of} now: {anew} makes it anew."
             )
         notes += _notes_of_part(case, of, told)
     if problem.inclusions:

@@ -190,7 +190,7 @@ def test_a_truth_stored_without_its_part_says_so(case_of):
     old = references_of(case.problem)
     (note,) = geometry_notes(case, old)
     assert "no geometry part: what flat facets leave out of a sphere" in note
-    assert "`palpate reference build curved`" in note
+    assert "`palpate reference build curved.toml`" in note
     without = ReferenceSet({}, {}, "nowhere")
     assert geometry_notes(case, without) == []
 
