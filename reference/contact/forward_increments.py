@@ -95,7 +95,8 @@ class _SteppedTool:
         if tool.drive is not None:
             raise InputError(
                 "explicit steps take a tool along its path: of one that a force drives the "
-                'multipliers hang together; ask checks against = "truth", or give the path'
+                'multipliers hang together; ask checks against = "truth", solve by degree 2, or '
+                "give the path"
             )
         self._tool = tool
         self._is_rough = tool.friction_coefficient > 0.0
