@@ -178,7 +178,7 @@ class Launches:
             num_chunks = -(-(last - first) // CHUNK)
             self._launch(
                 "touch_vertices", last - first, m.go, m.row, number, t.tools, self.tool_steps,
-                t.offsets, first, t.vertices, t.stiffness, self.scheme.keep, t.rest,
+                t.increments, t.offsets, first, t.vertices, t.stiffness, self.scheme.keep, t.rest,
                 m.displacement, m.increment, m.external, self.scheme.mobility, t.begins,
                 t.is_known, m.force, m.touch, t.acting, t.vertex_moments, t.extremes,
             )  # fmt: skip

@@ -36,6 +36,12 @@ template <typename Real> Pose RigidTools<Real>::Tool::at(const ToolStep &step) c
     return {along(step.pose.position, settings.direction, offset), step.pose.rotation};
 }
 
+template <typename Real> Pose RigidTools<Real>::Tool::after(const ToolStep &step) const {
+    // What pushes a driven tool is not known before it has touched: as fast as in the last step.
+    const double ahead = offset + increment;
+    return {along(step.pose.position, settings.direction, ahead), step.pose.rotation};
+}
+
 template <typename Real>
 typename RigidTools<Real>::Touched
 RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<const ToolStep> now,
@@ -52,7 +58,7 @@ RigidTools<Real>::touch(std::size_t thread, const Portion &portion, std::span<co
                                                   4 * portion.last_owned, {}, &TouchVertex::entry);
         Reaction &reaction = _reactions[thread][t];
         reaction = fastsim::touch<Real>(tool.settings, {begin, end}, tool.at(now[t]),
-                                        tool.at(next[t]), motion, push, thread);
+                                        tool.after(next[t]), motion, push, thread);
         is_known = is_known && reaction.gap >= -tool.settings.deepest &&
                    reaction.fastest <= 0.5 * tool.settings.deepest;
     }

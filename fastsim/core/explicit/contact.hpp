@@ -61,6 +61,7 @@ template <typename Real> class RigidTools {
         Point impulse{};
 
         Pose at(const ToolStep &step) const;
+        Pose after(const ToolStep &step) const;
     };
     std::vector<Tool> _tools;
     std::vector<std::vector<Reaction>> _reactions; // by thread, of each tool

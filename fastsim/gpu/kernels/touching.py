@@ -124,6 +124,7 @@ def make(kit: Kit) -> dict[str, Any]:
         number: int,
         tools: wp.array2d(dtype=Tool),
         steps: wp.array3d(dtype=vec13),
+        increments: wp.array2d(dtype=f64),
         offsets: wp.array2d(dtype=f64),
         first: int,
         vertices: wp.array(dtype=int),
@@ -152,7 +153,8 @@ def make(kit: Kit) -> dict[str, Any]:
         now = steps[body, row[body], number]
         next = steps[body, row[body] + 1, number]
         now_origin = origin_of(now, tool, offset)
-        next_origin = origin_of(next, tool, offset)
+        # What pushes a driven tool is not known yet: as fast as in the last step.
+        next_origin = origin_of(next, tool, offset + increments[body, number])
         now_turn = rotation_of(now)
         next_turn = rotation_of(next)
         place = rest[point] + double(displacement[body, point])

@@ -185,6 +185,17 @@ def test_friction_drags_at_most_mu_times_the_pressure(slab: TetMesh, law: Contac
     assert abs(force[1]) < 1e-3 * force[2]
 
 
+def test_a_driven_tool_drags_what_it_slides_over(slab: TetMesh) -> None:
+    # A plane on top, pushed down and along: friction is against its own way.
+    rising = TabularAmplitude((0.0, 0.3), (0.0, 1.0), True)
+    drive = ForceDrive((0.8, 0.0, -0.6), 100.0, rising, 5.0)
+    start = ToolPath(np.zeros(1), np.array([[0.0, 0.0, 0.5]]), np.array([[0.0, 1.0, 0.0, 0.0]]))
+    tool = RigidTool(PlaneShape(), start, 0.2, drive=drive)
+    force = simulate(pressed(slab, tool, 0.3)).tools[0].mean_forces
+    assert force[-1, 2] > 10.0
+    assert force[-1, 0] == pytest.approx(-0.2 * force[-1, 2], rel=0.05)
+
+
 def test_a_tool_driven_by_a_force_comes_to_rest_under_it(slab: TetMesh) -> None:
     drive = ForceDrive((0.0, 0.0, -1.0), 60.0, TabularAmplitude((0.0, 0.3), (0.0, 1.0), True), 5.0)
     start = ToolPath(np.array([0.0]), np.array([[0.5, 0.5, 0.901]]))

@@ -220,10 +220,11 @@ def test_tools_push_as_the_cores(
         assert np.abs(difference).max() <= 1e-8 * scale, name
 
 
-def test_a_tool_driven_by_a_force_moves_as_the_cores(ragged_box: TetMesh) -> None:
-    drive = ForceDrive((0.0, 0.0, -1.0), 30.0, TabularAmplitude((0.0,), (1.0,)), mass=20.0)
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_tool_driven_by_a_force_moves_as_the_cores(ragged_box: TetMesh, friction: float) -> None:
+    drive = ForceDrive((0.6, 0.0, -0.8), 30.0, TabularAmplitude((0.0,), (1.0,)), mass=20.0)
     start = ToolPath(np.array([0.0]), np.array([[0.8, 0.5, 1.605]]))
-    problem = standing(ragged_box, RigidTool(SphereShape(0.4), start, drive=drive))
+    problem = standing(ragged_box, RigidTool(SphereShape(0.4), start, friction, drive=drive))
     core, device = (simulate(problem, device=name) for name in ("cpu", WARP))
     assert apart(core, device) <= 1e-9
     moved = core.tools[0].positions[-1, 2] - core.tools[0].positions[0, 2]
