@@ -43,11 +43,12 @@ def run(num_ranks, *arguments):
         **os.environ,
         "PYTHONPATH": os.pathsep.join(str(Path(p).absolute()) for p in sys.path if p),
         "OMP_NUM_THREADS": "1",
-        # A test machine may have one core, and run as root.
+        # A test machine may have one core, and run as root. With two, whoever yields while it
+        # waits loses its core to another process for a whole slice, at each of thousands of calls.
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
         "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        "OMPI_MCA_mpi_yield_when_idle": "1",
+        "OMPI_MCA_mpi_yield_when_idle": str(int(os.cpu_count() == 1)),
     }
     return subprocess.run(
         [
