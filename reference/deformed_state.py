@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
 from palpate.reference import fenicsx
+from palpate.reference.across_ranks import last_offered
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import ufl
 from palpate.reference.kinematics import cofactor, deformation_gradient
@@ -68,7 +69,7 @@ def find_smallest_stretch(body: ElasticBody, displacement: Floats) -> tuple[floa
     found = float(np.sqrt(max(squared[cell, point], 0.0)))
     least = fenicsx.smallest(found)
     # Of equal ranks the last one's word counts.
-    return least, fenicsx.last_of_ranks(place, found == least)
+    return least, last_offered(place, found == least)
 
 
 def least_moduli(body: ElasticBody, displacement: Floats) -> Floats:

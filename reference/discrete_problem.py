@@ -264,7 +264,7 @@ class DiscreteProblem(ElasticBody):
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 
     def carried(self, other: DiscreteProblem, values: Floats, cells: Indices) -> Floats:
-        """A flat vector of another mesh's problem as one of this one's, on one rank.
+        """A flat vector of another mesh's problem as one of this one's.
 
         Args:
             other: On a mesh of the same body.

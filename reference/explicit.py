@@ -19,6 +19,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import fenicsx
+from palpate.reference.across_ranks import is_anywhere
 from palpate.reference.contact.forward_increments import SteppedTools
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
@@ -89,7 +90,7 @@ def simulate_explicit(
         force = run.force(now, before, step * dt)
         ahead = (dt**2 * force / run.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
         ahead = tools.keep_out(now, run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt, dt)
-        if not np.isfinite(ahead).all():
+        if is_anywhere(not np.isfinite(ahead).all()):
             raise ReferenceBlowUpError(step, step * dt, body.at_points(now))
         now, before = ahead, now
         if (step + 1) % per_output == 0:

@@ -180,14 +180,15 @@ def part_of_space(mixed: Any, part: int = 0) -> tuple[Any, np.ndarray[Any, Any]]
         space = fem.functionspace(mixed.mesh, mixed.ufl_element().sub_elements[part])
     size = space.dofmap.bs
     there = mixed.sub(part).dofmap
-    dofs = np.empty(size * _num_local_blocks(space), dtype=np.int32)
+    dofs = np.empty(size * num_local_blocks(space), dtype=np.int32)
     for cell, blocks in enumerate(cell_dofs(space)):
         own = (size * blocks[:, None] + np.arange(size)).ravel()
         dofs[own] = there.cell_dofs(cell)
     return space, dofs
 
 
-def _num_local_blocks(space: Any) -> int:
+def num_local_blocks(space: Any) -> int:
+    """Number of nodes in the cells of this rank, those that another one owns too."""
     index_map = space.dofmap.index_map
     return int(index_map.size_local + index_map.num_ghosts)
 
@@ -277,8 +278,11 @@ def part_of(function: Any, space: Any, dofs: np.ndarray[Any, Any]) -> Any:
 
 def values_at(function: Any, places: Points, cells: np.ndarray[Any, Any]) -> Floats:
     """Values of a function at places [m], each in a cell of this rank, shape (n, value_size)."""
+    size = function.function_space.dofmap.bs
+    if len(places) == 0:
+        return np.zeros((0, size))
     found = function.eval(places, np.asarray(cells, dtype=np.int32))
-    return np.asarray(found, dtype=np.float64).reshape(len(places), -1)
+    return np.asarray(found, dtype=np.float64).reshape(-1, size)
 
 
 @_compiles
@@ -320,12 +324,6 @@ def total(value: Any) -> Any:
     return COMM.allreduce(value, MPI.SUM)
 
 
-def every_row(rows: Floats) -> Floats:
-    """The different rows of a table over all ranks, sorted, the same on each."""
-    different: Floats = np.unique(np.vstack(COMM.allgather(np.unique(rows, axis=0))), axis=0)
-    return different
-
-
 def smallest(value: float) -> float:
     """Smallest of the ranks' numbers; NaN where one is."""
     return -largest(-value)
@@ -336,11 +334,6 @@ def largest(value: float) -> float:
     if COMM.size == 1:
         return value
     return float(np.max(COMM.allgather(value)))
-
-
-def last_of_ranks(value: Any, is_offered: bool) -> Any:
-    """The value of the last rank that offers one, the same on each."""
-    return [v for v in COMM.allgather(value if is_offered else None) if v is not None][-1]
 
 
 def norm(values: Floats) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Indices
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc
-from palpate.reference.linear_solver import LinearSolveError, hold
+from palpate.reference.linear_solver import LinearSolveError, errors_of, hold
 
 # What a solve may take before the next one gets factors of its own.
 _FEW_ITERATIONS = 12
@@ -99,10 +99,8 @@ class LaggedFactors:
             is_new = ksp is self._exact
             ksp.setOperators(matrix)
             pc.setReusePreconditioner(not is_new)
-            try:
+            with errors_of(self.name):
                 ksp.solve(b, x)
-            except PETSc.Error as error:
-                raise LinearSolveError(f"PETSc error {error.ierr} in {self.name}") from None
             if ksp.getConvergedReason() > 0:
                 self._is_old = not is_new and ksp.getIterationNumber() > _FEW_ITERATIONS
                 return

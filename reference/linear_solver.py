@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.reference import fenicsx
+from palpate.reference.across_ranks import is_met_by_all
 from palpate.reference.fenicsx import PETSc
 
 # Beyond this the factors of a 3-D solid cost more time and memory than multigrid.
@@ -21,6 +23,26 @@ _MAX_KRYLOV_ITERATIONS = 2_000
 
 class LinearSolveError(RuntimeError):
     """The linear solver gave up: the tangent is singular, or not positive definite."""
+
+
+@contextlib.contextmanager
+def errors_of(name: str) -> Iterator[None]:
+    """Turn an error of PETSc that every rank meets into a solver's.
+
+    One that a single rank meets stays what it is: the others wait for it inside the solve.
+
+    Args:
+        name: Of the solver.
+
+    Raises:
+        LinearSolveError: In the place of PETSc's.
+    """
+    try:
+        yield
+    except PETSc.Error as error:
+        if not is_met_by_all():
+            raise
+        raise LinearSolveError(f"PETSc error {error.ierr} in {name}") from None
 
 
 class PreconditionerError(LinearSolveError):
@@ -238,18 +260,15 @@ class LinearSolver:
         ksp = self._direct()
         try:
             ksp.setOperators(matrix)
-            ksp.solve(b, x)
+            with errors_of("MUMPS"):
+                ksp.solve(b, x)
             return self._has_good_pivots(ksp) if self._is_symmetric else True
-        except PETSc.Error as error:
-            raise LinearSolveError(f"PETSc error {error.ierr} in MUMPS") from None
         finally:
             ksp.destroy()
 
     def _run(self, b: Any, x: Any) -> None:
-        try:
+        with errors_of(self.name):
             self._ksp.solve(b, x)
-        except PETSc.Error as error:
-            raise LinearSolveError(f"PETSc error {error.ierr} in {self.name}") from None
         reason = self._ksp.getConvergedReason()
         if reason < 0:
             # What multigrid cannot do says nothing about the matrix.

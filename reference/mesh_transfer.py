@@ -16,6 +16,7 @@ from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.errors import InputError, MeshError
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.reference import fenicsx
+from palpate.reference.across_ranks import exchange
 
 
 def require_manifold_cells(mesh: TetMesh) -> None:
@@ -70,6 +71,14 @@ class TransferredMesh:
             tuple(row): int(number)
             for number, row in zip(np.flatnonzero(on_boundary), rows, strict=True)
         }
+
+    @cached_property
+    def rank_of_cell(self) -> Indices:
+        """The rank that has each of the TetMesh's cells, shape (num_cells,)."""
+        ranks = np.zeros(self.source.num_cells, dtype=np.int32)
+        ranks[self.cell_of_cell] = fenicsx.COMM.rank
+        everywhere: Indices = fenicsx.total(ranks)
+        return everywhere
 
     def facet_entities(self, facets: Indices, what: str) -> Indices:
         """Numbers of boundary facets in this rank's part of the dolfinx mesh, sorted.
@@ -150,6 +159,11 @@ class TransferredSpace:
         return int(self.space.dofmap.index_map.size_local)
 
     @property
+    def num_local_blocks(self) -> int:
+        """Likewise with those that its cells share with other ranks."""
+        return fenicsx.num_local_blocks(self.space)
+
+    @property
     def num_global_blocks(self) -> int:
         """Number of nodes of the space over all ranks."""
         return int(self.space.dofmap.index_map.size_global)
@@ -221,7 +235,10 @@ def map_points(transferred: TransferredMesh, degree: int, space: Any) -> Transfe
 def carry_field(
     source: TransferredSpace, field: Any, target: TransferredSpace, cells: Indices
 ) -> Floats:
-    """Values of a function of one mesh at the nodes of another of the same body, on one rank.
+    """Values of a function of one mesh at the nodes of another of the same body.
+
+    Each rank asks for the values at its own nodes where the cells that these lie in are: two meshes
+    are spread over the ranks in different ways.
 
     Args:
         source: Space of the first mesh.
@@ -230,11 +247,22 @@ def carry_field(
         cells: Cell of the first TetMesh that each cell of the second lies in.
 
     Returns:
-        Flat, in the order of `target`; exact where the first space is part of the second.
+        Flat, what this rank owns, in the order of `target`; exact where the first space is part of
+        the second.
     """
-    number = np.empty(source.transferred.source.num_cells, dtype=np.int32)
-    number[source.transferred.cell_of_cell] = np.arange(len(number), dtype=np.int32)
-    dofs = fenicsx.cell_dofs(target.space)
-    cell_of_dof = np.empty(target.num_blocks, dtype=np.int32)
-    cell_of_dof[dofs] = number[cells[target.transferred.cell_of_cell]][:, None]
-    return fenicsx.values_at(field, target.coordinates, cell_of_dof).ravel()
+    here = source.transferred
+    number = np.full(here.source.num_cells, -1, dtype=np.int32)
+    number[here.cell_of_cell] = np.arange(len(here.cell_of_cell), dtype=np.int32)
+    cell_of_dof = np.empty(target.num_local_blocks, dtype=np.int32)
+    of_cells = cells[target.transferred.cell_of_cell]
+    cell_of_dof[fenicsx.cell_dofs(target.space)] = of_cells[:, None]
+    asked = cell_of_dof[: target.num_blocks]
+    holder = here.rank_of_cell[asked]
+    order = np.argsort(holder, kind="stable")
+    parts = np.split(order, np.searchsorted(holder[order], np.arange(1, fenicsx.COMM.size)))
+    places = target.coordinates
+    questions = exchange([(places[part], asked[part]) for part in parts])
+    answers = [fenicsx.values_at(field, x, number[of]) for x, of in questions]
+    values: Floats = np.empty((target.num_blocks, target.space.dofmap.bs))
+    values[order] = np.concatenate(exchange(answers))
+    return values.ravel()

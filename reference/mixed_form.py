@@ -188,12 +188,13 @@ class MixedProblem(DiscreteProblem):
             raise TypeError("a mixed problem takes up a mixed one")
         other.set_displacement(values)
         both = np.zeros(self.num_dofs)
-        places = (self._dofs, self._pressure_dofs)
+        own_pressures = self._pressure_dofs[: self._pressures.num_blocks]
+        places = (self._own_dofs, own_pressures)
         spaces = ((other.space, self.space), (other._pressures, self._pressures))
         given = (other._dofs, other._pressure_dofs)
         for taken, dofs, (source, target) in zip(given, places, spaces, strict=True):
             part = fenicsx.part_of(other._unknown, source.space, taken)
             both[dofs] = carry_field(source, part, target, cells)
         # The unknown is p h / mu.
-        both[self._pressure_dofs] *= other.pressure_unit / self.pressure_unit
+        both[own_pressures] *= other.pressure_unit / self.pressure_unit
         return self.to_local(both)

@@ -3,37 +3,52 @@
     mpirun -n 4 palpate solve CASE --with reference -o RESULT.vtu
 
 Only rank 0 reads, judges, prints and writes; the other processes do nothing but their part of
-each solve. An error that every rank meets is raised on rank 0 as usual; one that a single rank
-meets, while the others wait for it inside a solve, ends them all.
+each solve, and leave Ctrl-C to it. An error that every rank meets is raised on rank 0 as usual; so
+is one of another rank that the others did not wait for. One that a single rank meets while the
+others wait for it inside a solve ends them all, with a line that says which rank and why; so does
+the end of rank 0, and a time limit. A rank that is killed is mpirun's to notice: it ends the rest.
 """
 
 from __future__ import annotations
 
 import functools
 import os
+import signal
 import sys
 import threading
 import time
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import load_problem, save_problem
 from palpate.meshes.temporaries import scratch_folder
 from palpate.reference.availability import require_available
-from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
+from palpate.reference.errors import (
+    ReferenceCrashedError,
+    ReferenceFailedError,
+    ReferenceUnavailableError,
+)
 
 # Variables in which Open MPI and MPICH tell a process its place.
 _PLACES = (("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"), ("PMI_SIZE", "PMI_RANK"))
 _TAG = 1
 _POLL = 0.005  # [s]
-# A rank in trouble waits this long for the others to be in trouble too [s].
-_PATIENCE = 10.0
+# Time limits are told by rank 0; where it cannot, since it is deep in a library that waits for
+# another rank, the system ends it so much later [s].
+_GRACE = 20.0
+# mpirun drops what it has not yet passed on of the last lines when it ends them all [s].
+_TO_BE_HEARD = 0.5
 
 Say: TypeAlias = Callable[[str], None]
 # What is done on every rank, with a place to tell progress.
 Task: TypeAlias = Callable[[Problem, Say], Any]
+
+# Whether the others are at a task that rank 0 has not come to the end of.
+_is_under_way = False
 
 
 def _place() -> tuple[int, int]:
@@ -64,21 +79,29 @@ def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress:
 
     Raises:
         ReferenceUnavailableError: mpirun is not that of the MPI FEniCSx was built with.
+        ReferenceCrashedError: Another rank alone had an error, after its part of the last call that
+            all do together.
     """
+    global _is_under_way
     comm = _communicator()
     with scratch_folder("ranks") as folder:
         given = folder / "problem.npz"
         save_problem(given, problem)
         sent = given.read_bytes()
+    _is_under_way = True
     for rank in range(1, comm.size):
         comm.send((task, sent), dest=rank, tag=_TAG)
-    timer = threading.Timer(time_limit, _end_all, (comm, 3, f"no answer within {time_limit:g} s"))
+    limit = min(time_limit, threading.TIMEOUT_MAX)
+    timer = threading.Timer(limit, _end_all, (comm, 3, f"no answer within {limit:g} s"))
     timer.daemon = True
     timer.start()
+    _set_alarm(limit + _GRACE)
     try:
         answer, error = _together(comm, lambda say: task(problem, say), progress)
     finally:
         timer.cancel()
+        _set_alarm(0.0)
+    _is_under_way = False
     if error is not None:
         raise error
     return answer
@@ -86,27 +109,41 @@ def solve_on_ranks(task: Task, problem: Problem, *, time_limit: float, progress:
 
 def follow() -> int:
     """Do rank 0's tasks until it has no more; return the exit status of a follower."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         comm = _communicator()
-    except (ReferenceFailedError, ImportError):
-        return 0  # rank 0 meets the same and tells it
-    while True:
-        while not comm.iprobe(source=0, tag=_TAG):
-            time.sleep(_POLL)
-        received = comm.recv(source=0, tag=_TAG)
-        if received is None:
-            return 0
-        _together(comm, functools.partial(_do_part, *received), _say_nothing)
+    except (ReferenceFailedError, ImportError) as error:
+        # Rank 0 meets the same and tells it. Where it does not, it would wait for this one.
+        time.sleep(_GRACE)
+        print(f"palpate: rank {_place()[1]}: {error}", file=sys.stderr, flush=True)
+        return 2
+    try:
+        while True:
+            while not comm.iprobe(source=0, tag=_TAG):
+                time.sleep(_POLL)
+            received = comm.recv(source=0, tag=_TAG)
+            if received is None:
+                return 0
+            _together(comm, functools.partial(_do_part, *received), _say_nothing)
+    except BaseException as error:
+        _end_all(comm, 4, f"rank {comm.rank}: {type(error).__name__}: {error}")
+        raise
 
 
-def dismiss() -> None:
-    """Let the followers go; called on rank 0 at its end, whatever happened."""
+def dismiss(code: int) -> None:
+    """Let the followers go; called on rank 0 at its end, whatever happened.
+
+    Args:
+        code: Exit status of rank 0; that of all, where the others still wait for it in a task.
+    """
     if num_ranks() == 1:
         return
     try:
         comm = _communicator()
     except (ReferenceFailedError, ImportError):
         return
+    if _is_under_way:
+        _abort(comm, code)
     for rank in range(1, comm.size):
         comm.send(None, dest=rank, tag=_TAG)
 
@@ -134,20 +171,34 @@ def _do_part(task: Task, sent: bytes, say: Say) -> Any:
 
 
 def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any, Exception | None]:
-    """Do this rank's part; return its answer, or the error that every rank met."""
+    """Do this rank's part; return its answer, or its error, or on rank 0 that of another rank."""
+    from palpate.reference.across_ranks import comes
+    from palpate.reference.fenicsx import MPI
+
+    answer, error = None, None
     try:
         answer = part(progress)
-    except Exception as error:
-        # The others may wait inside the solve for what this rank will never send.
-        everyone = comm.Ibarrier()
-        deadline = time.monotonic() + _PATIENCE
-        while not everyone.Test():
-            if time.monotonic() > deadline:
-                _end_all(comm, _exit_code(error), f"rank {comm.rank}: {error}")
-            time.sleep(_POLL)
-        return None, error
-    comm.Ibarrier().Wait()
-    return answer, None
+    except Exception as own:
+        error = own
+    worst = np.array([0 if error is None else _exit_code(error)])
+    everyone = comm.Iallreduce(MPI.IN_PLACE, worst, MPI.MAX)
+    if error is None:
+        everyone.Wait()
+    elif not comes(everyone):
+        # The others wait inside the task for what this rank will never send.
+        _end_all(comm, _exit_code(error), f"rank {comm.rank}: {error}")
+    if worst[0] == 0:
+        return answer, None
+    told = comm.gather(None if error is None else f"rank {comm.rank}: {error}")
+    if error is None and told is not None:
+        error = ReferenceCrashedError(int(worst[0]), next(line for line in told if line))
+    return None, error
+
+
+def _set_alarm(seconds: float) -> None:
+    """Have the system end this process, by a signal that nobody takes; 0 to have it not."""
+    if hasattr(signal, "setitimer"):  # not on Windows
+        signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
 def _exit_code(error: Exception) -> int:
@@ -158,6 +209,12 @@ def _exit_code(error: Exception) -> int:
 
 def _end_all(comm: Any, code: int, why: str) -> None:
     print(f"palpate: {why}", file=sys.stderr, flush=True)
+    _abort(comm, code)
+
+
+def _abort(comm: Any, code: int) -> None:
+    sys.stdout.flush()
+    time.sleep(_TO_BE_HEARD)
     comm.Abort(code)
 
 

@@ -101,10 +101,12 @@ def main() -> None:
     if ranks.is_follower():
         sys.exit(ranks.follow())
     outlive_readers()
+    code = int(ExitCode.INTERNAL_ERROR)
     try:
-        sys.exit(_lead())
+        code = _lead()
     finally:
-        ranks.dismiss()
+        ranks.dismiss(code)
+    sys.exit(code)
 
 
 def _lead() -> int:

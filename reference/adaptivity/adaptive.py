@@ -197,8 +197,7 @@ def mark_bulk(errors: Floats, part: float) -> NDArray[np.bool_]:
 def _guess_from(
     last: Equilibrium | None, refined: LocallyRefined | None
 ) -> Callable[[DiscreteProblem], Floats] | None:
-    # Cells and their parts may be on different ranks.
-    if last is None or refined is None or fenicsx.COMM.size > 1:
+    if last is None or refined is None:
         return None
 
     def guess(finer: DiscreteProblem) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.reference import fenicsx
+from palpate.reference.across_ranks import different_rows
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
 
@@ -52,7 +53,7 @@ class GradientRecovery:
         mu = discrete.lame[1]
         values = [fenicsx.cell_values(x) for x in discrete.lame]
         kinds = np.column_stack([*values, *parts])
-        everywhere = fenicsx.every_row(kinds)
+        everywhere = different_rows(kinds)
         self._parts = [(kinds == kind).all(axis=1).astype(float) for kind in everywhere]
         self._inside = fenicsx.cell_function(mesh, np.ones(len(kinds)))
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 2 * (degree - 1)})

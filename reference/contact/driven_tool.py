@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
+from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import ToolContact
 from palpate.reference.contact.tool_path import (
     OVER_NEWTON,
@@ -90,9 +91,10 @@ def press(
         )
     drive.keep(found)
     before = contact.state(found.displacement)
-    points = contact.points.rest
+    rest = contact.points.rest
+    middle = fenicsx.total(rest.sum(axis=0)) / fenicsx.total(len(rest))
     size = float(np.linalg.norm(np.ptp(contact.source_points, axis=0)))
-    farthest = _FARTHEST * (size + float(np.linalg.norm(points.mean(axis=0) - contact.position)))
+    farthest = _FARTHEST * (size + float(np.linalg.norm(middle - contact.position)))
     longest = min(0.25 * contact.points.facet_size, first_reach(contact))
     low, step = (0.0, lacking), longest
     while True:

@@ -21,6 +21,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
+from palpate.reference import fenicsx
 from palpate.reference.contact.box_faces import seen_at
 from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.tool_distance import tool_distance
@@ -54,7 +55,7 @@ class SteppedTools:
     def require_outside(self, displacement: Floats) -> None:
         """Raise InputError where a tool is in the body at the start."""
         for number, tool in enumerate(self._tools, start=1):
-            depth = -float(tool.gaps(displacement, 0.0).min(initial=0.0))
+            depth = -fenicsx.smallest(float(tool.gaps(displacement, 0.0).min(initial=0.0)))
             if depth > 0.0:
                 raise InputError(
                     f"tool {number} is {depth:g} m deep in the body at the start; begin its path "
@@ -80,8 +81,8 @@ class SteppedTools:
 
     def mean_forces(self) -> Points:
         """On each tool since this was last asked [N], shape (num_tools, 3)."""
-        means = np.array([tool.sum_of_forces for tool in self._tools]).reshape(-1, 3)
-        means = means / max(self._steps, 1)
+        sums = np.array([tool.sum_of_forces for tool in self._tools]).reshape(-1, 3)
+        means: Points = fenicsx.total(sums) / max(self._steps, 1)
         self._steps = 0
         for tool in self._tools:
             tool.sum_of_forces = np.zeros(3)

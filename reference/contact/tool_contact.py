@@ -25,6 +25,7 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
+from palpate.reference.across_ranks import all_rows
 from palpate.reference.contact.box_faces import HeldFaces
 from palpate.reference.contact.contact_points import find_contact_points
 from palpate.reference.contact.friction import Drag, Friction
@@ -190,12 +191,14 @@ class ToolContact:
 
     def go_on_from(self, other: ToolContact) -> None:
         """Take the multipliers of the same tool on another mesh, of the nearest point there."""
-        places, known = self.points.rest, np.flatnonzero(other.points.areas > 0.0)
-        if known.size == 0:
+        known = np.flatnonzero(other.points.areas > 0.0)
+        there = all_rows(other.points.rest[known])
+        pressure = all_rows(other.pressure[known])
+        if len(there) == 0:
             return
-        there = other.points.rest[known]
-        nearest = [int(np.argmin(np.einsum("ij,ij->i", there - x, there - x))) for x in places]
-        self.pressure = other.pressure[known[nearest]]
+        arms = (there - place for place in self.points.rest)
+        nearest = [int(np.argmin(np.einsum("ij,ij->i", arm, arm))) for arm in arms]
+        self.pressure = pressure[nearest]
 
     def bear(self, displacement: Floats, forces: Floats) -> None:
         """Take as multipliers what holds the body where it is, of the nodes that touch.
