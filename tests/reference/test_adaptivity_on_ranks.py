@@ -44,7 +44,7 @@ for name, file, goals, formulation, most in (
 )[: 1 + COMM.size]:
     if name == "misheard":
         mesh_transfer.exchange = misheard
-        most = 1.5 * on_second[file][0]
+        most = 2.5 * on_second[file][0]
     lines = []
     found = solve_adaptively(
         load_problem(f"{sys.argv[1]}/{file}.npz"),
