@@ -58,8 +58,8 @@ class Comparison:
         message: One line on it.
         scale: What errors of `metric_of_bar` are divided by, over the number expected [-].
         uncertainty: Of the number expected, as the case states it, and of what was fitted or read
-            between states, relative to the number expected [-]; of a truth the first alone, its
-            bars hold the rest; infinite where the states tell nothing of it.
+            between states, relative to the number expected [-]; infinite where the states tell
+            nothing of it.
         stated: What of that the case states, likewise.
     """
 
@@ -103,9 +103,8 @@ def compare_published(
     except InputError as why:
         return Comparison(math.inf, f"no {spec.quantity} to be had: {why}")
     found = float(getattr(swing, spec.quantity))
-    off = 0.0
-    if spec.against == "candidate":
-        off = float(getattr(fit_uncertainty(*series, swing), spec.quantity))
+    # Also of a truth: its bars are of two fits alike, not of what one fit makes of a motion.
+    off = float(getattr(fit_uncertainty(*series, swing), spec.quantity))
     is_frequency = spec.quantity == "frequency"
     wanted = abs(spec.expected or 0.0) if is_frequency else swing.frequency
     why_not = too_coarse(motion, wanted)

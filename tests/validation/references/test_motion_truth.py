@@ -246,7 +246,7 @@ def test_what_no_check_asks_for_is_not_solved(monkeypatch: pytest.MonkeyPatch) -
 
     def implicit(_problem: Problem, strain: Strain, *_rest: object, **_options: object) -> State:
         calls.append(("implicit", strain))
-        return stored.states[QUADRATIC, strain]
+        return dataclasses.replace(truth_of("wave"), label=QUADRATIC, strain=strain)
 
     monkeypatch.setattr(motions, "solve_explicit", explicit)
     monkeypatch.setattr(motions, "solve_implicit", implicit)
@@ -337,14 +337,14 @@ def test_this_version_finds_the_stored_truth() -> None:
 
 def test_a_truth_that_would_take_too_long_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     case = load_case("wave")
-    stored = find_references(case, live=False, progress=lambda _line: None)
     calls: list[float] = []
 
     def implicit(
         _problem: Problem, strain: Strain, *_rest: object, time_limit: float, **_options: object
     ) -> State:
         calls.append(time_limit)
-        return dataclasses.replace(stored.states[QUADRATIC, strain], seconds=30.0)
+        assert strain is Strain.LINEAR
+        return dataclasses.replace(truth_of("wave"), label=QUADRATIC, seconds=30.0)
 
     monkeypatch.setattr(motions, "solve_implicit", implicit)
     found = solve_motion_set(

@@ -138,7 +138,7 @@ def test_a_bar_below_zero_or_nan_is_refused(bar):
 def test_a_bar_below_what_the_kept_meshes_and_steps_make_it_is_refused(name):
     problem, references = references_of(name)
     metric = "displacement_max" if problem.time is None else "trajectory_l2"
-    place = (metric, Strain.LINEAR)
+    place = (metric, Strain.GREEN)
     assert math.isfinite(references.bars[place])
     smaller = {**references.bars, place: 0.5 * references.bars[place]}
     spoiled = dataclasses.replace(references, bars=smaller)
@@ -155,21 +155,21 @@ def test_supports_hold_in_every_stored_state():
 
 def test_a_motion_starts_at_rest_and_has_the_times_of_its_case():
     problem, references = references_of("wave")
-    motion = references.states[QUADRATIC, Strain.GREEN].trajectory
+    motion = references.states[TRUTH, Strain.LINEAR].trajectory
     late = Trajectory(motion.times + 0.01, motion.displacements)
-    told = contradictions(problem, changed(references, QUADRATIC, trajectory=late))
+    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=late))
     assert "are not the 101 outputs" in told
     moved = motion.displacements.copy()
     moved[0] = moved[-1]
     begun = Trajectory(motion.times, moved)
-    told = contradictions(problem, changed(references, QUADRATIC, trajectory=begun))
+    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=begun))
     assert "start at rest" in told
     short = Trajectory(motion.times[:-1], motion.displacements[:-1])
-    told = contradictions(problem, changed(references, QUADRATIC, trajectory=short))
+    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=short))
     assert "does not fit the mesh and [time]" in told
-    told = contradictions(problem, changed(references, QUADRATIC, trajectory=None))
+    told = contradictions(problem, changed(references, TRUTH, Strain.LINEAR, trajectory=None))
     assert "no motion over [time]" in told
-    last = changed(references, QUADRATIC, displacement=0.5 * motion.displacements[-1])
+    last = changed(references, TRUTH, Strain.LINEAR, displacement=0.5 * motion.displacements[-1])
     assert "not the last state of its motion" in contradictions(problem, last)
 
 
