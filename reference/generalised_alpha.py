@@ -31,8 +31,8 @@ from palpate.reference.viscosity import Viscosity
 
 _MAX_ITERATIONS = 25
 # Of the residual, what may be left by an iteration with the tangent of an earlier one. To assemble
-# it costs as much as some six solves by factors that are there.
-_SLOW = 0.2
+# and factor it costs as much as ten solves or more by factors that are there.
+_SLOW = 0.3
 # Nodes come and go, and multipliers follow them.
 _MOST_WITH_TOOLS = 40
 _EPS = float(np.finfo(float).eps)
@@ -243,7 +243,9 @@ class Motion:
             self.viscosity.add_tangent(self._matrix, stiffness, rate)
         if self._kept is not None:
             self._kept[1].destroy()
-            if self._kept[0] != factors and isinstance(self.solver, LaggedFactors):
+            # Contact changes a few nodes at a time: then old factors serve many iterations.
+            is_new = self._kept[0] != factors or not self.tools
+            if is_new and isinstance(self.solver, LaggedFactors):
                 self.solver.forget()
         self._kept = factors, self._matrix.copy()
 
