@@ -8,10 +8,13 @@ on as slowly as either of them says:
     bar = SAFETY max(d_n, ratio d_(n-1)) ratio / (1 - ratio)
 
 d_(n-1) stands beside d_n because a signed number may pass by chance through the value of the mesh
-before, and the worst point may lie where no cell was cut; the norm of a difference does neither,
-and goes without. For the same reason (d_n / d_(n-2))^(1/2) takes the place of d_n / d_(n-1) where
-d_n is above d_(n-1), if there is a d_(n-2). The largest displacement is no farther off than the
-displacement at its worst point: where both are asked for, its bar is no larger than that one's.
+before, and the worst point may lie where no cell was cut. For the same reason
+(d_n / d_(n-2))^(1/2) takes the place of d_n / d_(n-1) where d_n is above d_(n-1), if there is a
+d_(n-2). The norm of a difference passes through nothing, but is small too where the cells that
+matter were not cut, as in slender bodies of long cells: there the estimates fall more slowly than
+it did. So beside it d_(n-1) counts by e_n / e_(n-1). The largest displacement is no farther off
+than the displacement at its worst point: where both are asked for, its bar is no larger than that
+one's.
 
 The area of flat faces changes by what its edges do: its derivative is a line load along each edge,
 whose dual goes as log r. Edges pull both ways, so that differences cancel by chance; and where the
@@ -121,7 +124,7 @@ def error_bar(
     Args:
         differences: Between each mesh and the one before, shape (n,), >= 0.
         estimates: Of the error on each mesh, the first one too, shape (n + 1,), >= 0.
-        is_norm: See `Quantity.is_norm`: the difference before the last counts for nothing.
+        is_norm: See `Quantity.is_norm`: the difference before the last counts by the estimates.
         least_ratio: Of what is left after a mesh over what was before it; none less is believed.
 
     Returns:
@@ -133,18 +136,15 @@ def error_bar(
     before, last = differences[-2:]
     if max(before, last) <= NOISE:
         return SAFETY * NOISE
-    ratios = [
-        least_ratio,
-        last / before if before > 0.0 else math.inf,
-        estimates[-1] / estimates[-2] if estimates[-2] > 0.0 else least_ratio,
-    ]
+    of_estimates = estimates[-1] / estimates[-2] if estimates[-2] > 0.0 else 0.0
+    of_differences = last / before if before > 0.0 else math.inf
     # A difference that was small by chance says nothing of the rate: the one before does.
     if len(differences) > 2 and before < last and differences[-3] > 0.0:
-        ratios[1] = math.sqrt(last / differences[-3])
-    ratio = max(ratios)
+        of_differences = math.sqrt(last / differences[-3])
+    ratio = max(least_ratio, of_differences, of_estimates)
     if ratio > LARGEST_RATIO:
         return math.inf
-    apart = last if is_norm else max(last, ratio * before)
+    apart = max(last, (of_estimates if is_norm else ratio) * before)
     return max(SAFETY * apart * ratio / (1.0 - ratio), SAFETY * NOISE)
 
 
