@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Collection, Mapping
@@ -175,10 +176,11 @@ def _solve_adaptive_set(
     states: dict[tuple[str, Strain], State] = {}
     bars: Bars = {}
     records: dict[str, Any] = {}
+    # First: on several ranks smoothed tetrahedra are solved beside all that these hold.
+    for strain, element in itertools.product(Strain, Element):
+        state = solve_state(problem, strain, 1, progress, element=element)
+        states[state.label, strain] = replace(state, stresses=None)
     for strain in Strain:
-        for element in Element:
-            state = solve_state(problem, strain, 1, progress, element=element)
-            states[state.label, strain] = replace(state, stresses=None)
         if strain not in truth_strains:
             states[QUADRATIC, strain] = replace(
                 solve_state(problem, strain, DEGREE, progress), stresses=None, integrals=None
