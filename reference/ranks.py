@@ -152,8 +152,15 @@ def dismiss(code: int) -> None:
 def _communicator() -> Any:
     """All ranks, on a channel of its own: dolfinx too has barriers under way on COMM_WORLD."""
     require_available()
+    names = (name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+    taken = {number: signal.getsignal(number) for number in (getattr(signal, n) for n in names)}
     from palpate.reference.fenicsx import COMM
 
+    # PETSc answers these itself from when it is loaded, by an end of all ranks with a code of its
+    # own.
+    for number, handler in taken.items():
+        if handler is not None:
+            signal.signal(number, handler)
     if COMM.size != num_ranks():
         raise ReferenceUnavailableError(
             f"mpirun started {num_ranks()} processes, and the MPI of FEniCSx sees {COMM.size}; "
