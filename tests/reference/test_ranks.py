@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 from pathlib import Path
 
@@ -264,14 +265,24 @@ def test_the_command_solves_on_two_ranks_and_writes_once(mpirun, tmp_path):
 
 @pytest.mark.nightly  # every collective call waits for the slower rank, and there are thousands
 def test_references_are_built_on_two_ranks_and_are_those_of_one(mpirun, tmp_path):
-    case = shutil.copytree(EXAMPLE, tmp_path / "case") / "bar.toml"
-    # No memory for a second mesh: the truth's own refinement is told above.
-    case.write_text(case.read_text() + "\n[truth]\nmemory = 1e-6\n")
-    done = mpirun(2, "-m", "palpate.validation.cli", "reference", "build", str(case))
-    assert done.returncode == 0, done.stderr
-    for kind in ("P1", "smoothed"):
-        for strain in ("linear", "green"):
-            assert f"reference {kind}, {strain} strain: unchanged" in done.stdout
+    built = []
+    for n in (1, 2):
+        case = shutil.copytree(EXAMPLE, tmp_path / str(n)) / "bar.toml"
+        # No memory for a second mesh: the truth's own refinement has a test of its own.
+        case.write_text(case.read_text() + "\n[truth]\nmemory = 1e-6\n")
+        done = mpirun(n, "-m", "palpate.validation.cli", "reference", "build", str(case))
+        assert done.returncode == 0, done.stderr
+        with np.load(case.parent / "references" / "bar.pending.npz") as stored:
+            states = json.loads(str(stored["header"]))["states"]
+            built.append([(s, stored[f"displacement_{k}"]) for k, s in enumerate(states)])
+    labels = [(state["label"], state["strain"]) for state, _ in built[0]]
+    assert len(set(labels)) == len(labels) == 8  # linear, smoothed, quadratic, refined
+    assert labels == [(state["label"], state["strain"]) for state, _ in built[1]]
+    for (alone, moved), (both, also_moved) in zip(*built, strict=True):
+        assert np.abs(moved).max() > 1e-3
+        assert np.abs(also_moved - moved).max() < 1e-9 * np.abs(moved).max(), alone["label"]
+        for name in ("volume", "surface_area", "smallest_det_f", "max_displacement"):
+            assert both[name] == pytest.approx(alone[name], rel=1e-9), alone["label"]
 
 
 def test_what_ranks_cannot_share_rank_0_has_solved_apart(mpirun, tmp_path):
