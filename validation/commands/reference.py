@@ -103,7 +103,7 @@ def build(
                 case.problem,
                 progress,
                 wanted=wanted,
-                truth_strains=sorted(judged),
+                truth_strains=sorted({s.strain or case.strain for s in case.checks}),
                 request=request,
             )
             found = with_geometry(

@@ -89,7 +89,7 @@ def test_a_failure_against_the_truth_says_how_far_it_is_and_what_is_needed(
     assert f"{100 * (worst.value or 0.0):.2g} %" in trust.answer
     assert f"{100 * worst.limit:.2g} % is needed" in trust.answer
     (group,) = trust.failures
-    assert group.startswith(f"{sum(c.verdict == 'failed' for c in kidney.checks)} of")
+    assert group.startswith(f"{sum(c.verdict != 'passed' for c in kidney.checks)} of")
     first = trust.scale[0]
     assert first.css == "failed"
     assert first.dot > first.needed  # beyond the line
