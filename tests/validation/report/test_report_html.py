@@ -52,7 +52,7 @@ def test_table_one_prints_the_paper_and_the_fitted_reference(kidney: CaseResult)
 
 def test_the_page_is_whole_and_offline(kidney: CaseResult, tmp_path: Path) -> None:
     text = html.write_report([kidney], tmp_path).read_text("utf-8")
-    assert "9 passed, 1 failed, 1 inconclusive" in text
+    assert "9 passed, 1 inconclusive, 1 failed" in text
     assert "Error budget" in text
     assert "calibration, not a validation" in re.sub(r"\s+", " ", text)
     assert "default-src 'none'" in text
@@ -91,7 +91,7 @@ def test_no_picture_is_said_and_the_verdict_stays(
     monkeypatch.setattr(html, "draw_pictures", lambda _result, _folder: {})
     text = html.write_report([kidney], tmp_path).read_text("utf-8")
     assert "could not be drawn" in text
-    assert "9 passed, 1 failed, 1 inconclusive" in text
+    assert "9 passed, 1 inconclusive, 1 failed" in text
 
 
 def test_the_scene_is_the_solution(kidney: CaseResult) -> None:
