@@ -247,7 +247,8 @@ class Motion:
             is_new = self._kept[0] != factors or not self.tools
             if is_new and isinstance(self.solver, LaggedFactors):
                 self.solver.forget()
-        self._kept = factors, self._matrix.copy()
+        if self._slow > 0.0:  # else nothing comes back to it
+            self._kept = factors, self._matrix.copy()
 
     def start(self, u: Floats, v: Floats) -> State:
         """The state at time 0, with the acceleration that balances it."""
