@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.reference.errors import ReferenceUnavailableError
+from palpate.validation.candidates.candidate import Candidate
 from palpate.validation.case import Case
 from palpate.validation.metrics.possible_motion import unmeasurable_state
-from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import CandidateFailedError, Progress, State
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def audit_result(
     """
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AuditTask
-    from palpate.validation.mechanics.audit import audit_on_own_mesh
+    from palpate.validation.metrics.audit import audit_on_own_mesh
 
     problem = case.problem
     if problem.time is not None:

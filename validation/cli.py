@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.validation.candidates.faults import Fault
 from palpate.validation.commands import reference as reference_cli
 from palpate.validation.commands.audit import audit
 from palpate.validation.commands.bench import bench
@@ -27,7 +28,6 @@ from palpate.validation.commands.sweep import sweep
 from palpate.validation.commands.touch import touch
 from palpate.validation.commands.words import listed
 from palpate.validation.quoting import for_terminal
-from palpate.validation.simulators.faults import Fault
 from palpate.validation.states import ExitCode
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import version_lines

@@ -40,11 +40,11 @@ def palpate_case() -> JudgeCase:
         time_limit: float = 600.0,
         live: bool = False,
     ) -> CaseResult:
+        from palpate.validation.candidates.candidate import candidates_for, result_candidate
         from palpate.validation.case import load_case
         from palpate.validation.judging.judge import judge_case
         from palpate.validation.judging.outputs import check_name
         from palpate.validation.quoting import for_terminal
-        from palpate.validation.simulators.candidate import candidates_for, result_candidate
         from palpate.validation.solving import known_word
         from palpate.validation.states import Elements, Verdict
 

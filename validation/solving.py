@@ -101,10 +101,10 @@ def solve(
 
         return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
     if simulator is Simulator.CONDENSED:
-        from palpate.validation.simulators.condensed import run_condensed
+        from palpate.validation.candidates.condensed import run_condensed
 
         return run_condensed(problem, used, progress, element=kind)
-    from palpate.validation.simulators.candidate import fastsim_candidate
+    from palpate.validation.candidates.candidate import fastsim_candidate
 
     return fastsim_candidate(method=way, element=kind, device=device).solve(problem, used, progress)
 

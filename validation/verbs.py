@@ -151,9 +151,9 @@ def judge(
     >>> palpate.judge("block").verdict, palpate.judge("block", nothing_moves).verdict
     (<Verdict.PASSED: 'passed'>, <Verdict.FAILED: 'failed'>)
     """
+    from palpate.validation.candidates.candidate import candidates_for, function_candidate
+    from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
     from palpate.validation.judging.judge import judge_case
-    from palpate.validation.simulators.candidate import candidates_for, function_candidate
-    from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 
     chosen = None if element is None else known_word(Elements, element, "element")
     if simulator is None or isinstance(simulator, str):
@@ -195,8 +195,8 @@ def compare(
     >>> palpate.compare("block", 1.02 * answer.displacement).verdict
     <Verdict.FAILED: 'failed'>
     """
+    from palpate.validation.candidates.candidate import answer_candidate
     from palpate.validation.judging.judge import judge_case
-    from palpate.validation.simulators.candidate import answer_candidate
 
     candidate = answer_candidate(answer)
     return judge_case(_case(case), live=live, candidate=candidate, progress=progress)
@@ -234,7 +234,7 @@ def audit(
     (True, True)
     """
     from palpate.validation.auditing import audit_result
-    from palpate.validation.simulators.candidate import answer_candidate
+    from palpate.validation.candidates.candidate import answer_candidate
 
     if degree not in (1, 2, 3):
         raise InputError(f"degree = {degree}: use 1, 2 or 3")

@@ -20,7 +20,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import IndexRangeError
 from palpate.meshes.problem import Material, Problem
 from palpate.validation.exchange.supports import held_components
-from palpate.validation.mechanics.audit import audit_on_own_mesh
+from palpate.validation.metrics.audit import audit_on_own_mesh
 
 
 def test_the_corners_of_held_facets_are_held_points() -> None:

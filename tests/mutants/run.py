@@ -35,9 +35,7 @@ from draw import PACKAGES, ROOT, Mutant, all_mutants, draw
 
 HERE = Path(__file__).parent
 WORK = ROOT / "build" / "mutants"
-TESTS = [
-    f"tests/validation/{name}" for name in (*PACKAGES, "commands", "evidence", "simulators", "case")
-]
+TESTS = [f"tests/validation/{name}" for name in (*PACKAGES, "commands", "candidates", "case")]
 # Longer tests are not the place where a slip of one line should be noticed, nor are those of other
 # packages beyond so many seconds of them.
 LONGEST, OTHERS = 20.0, 40.0

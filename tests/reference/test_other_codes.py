@@ -19,7 +19,7 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 from palpate.validation.exchange.nodal_loads import rest_arrays
-from palpate.validation.simulators import adapters
+from palpate.validation.peers import adapters
 
 if is_available():
     from palpate.reference.discrete_problem import DiscreteProblem

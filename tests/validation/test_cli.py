@@ -18,13 +18,13 @@ from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Strain
 from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.availability import is_available
+from palpate.validation.candidates.candidate import result_candidate
+from palpate.validation.candidates.fastsim import run_fastsim
+from palpate.validation.candidates.faults import Fault
 from palpate.validation.case import builtin_cases, load_case
-from palpate.validation.evidence.error_budget import case_budgets
+from palpate.validation.judging.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.report.table_one import state_table
-from palpate.validation.simulators.candidate import result_candidate
-from palpate.validation.simulators.fastsim import run_fastsim
-from palpate.validation.simulators.faults import Fault
 from palpate.validation.states import ExitCode, Verdict
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import extras, version_of
@@ -344,11 +344,11 @@ def test_report_of_ones_own_surface_from_another_folder(tmp_path: Path, write_ca
 @pytest.mark.once
 def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     from palpate.meshes.problem import Strain
+    from palpate.validation.candidates.fastsim import run_fastsim
     from palpate.validation.case import load_case
     from palpate.validation.metrics import displacement_l2, make_state
     from palpate.validation.references.sets import SAME_MESH, solve_state
     from palpate.validation.references.stored import load_stored
-    from palpate.validation.simulators.fastsim import run_fastsim
 
     problem = load_case(name).problem
     stored = load_stored(name, problem)

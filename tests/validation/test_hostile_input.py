@@ -20,12 +20,12 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import read_mesh, read_surface, write_mesh, write_surface
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.result_changes import describe_since, read_accepted
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.simulators.candidate import result_candidate
 from palpate.validation.states import CandidateFailedError
 
 WORDS = (

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from palpate.validation import quoting
+from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.commands.words import progress_lines
 from palpate.validation.judging import outputs
@@ -27,7 +28,6 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, Judged
 from palpate.validation.report.html import report_environment
 from palpate.validation.report.table_one import state_table_csv
-from palpate.validation.simulators.candidate import result_candidate
 from palpate.validation.states import Verdict
 
 ESCAPE, RIGHT_TO_LEFT, HALF, NONE = "\x1b[2J", "\u202e", "\ud800", "\ufffe"

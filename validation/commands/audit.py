@@ -19,7 +19,7 @@ from palpate.validation.states import ExitCode
 
 if TYPE_CHECKING:
     from palpate.reference.result import Audit
-    from palpate.validation.simulators.candidate import Candidate
+    from palpate.validation.candidates.candidate import Candidate
 
 _INVERTED = "a cell is inverted"
 # What has to be a number, and how it is called.
@@ -118,7 +118,7 @@ def _audited(
     result: Path | None, simulator: Simulator | None, element: Element | None
 ) -> Candidate:
     """A file, or the condensed model's answer by linear strain, whatever it is held against."""
-    from palpate.validation.simulators.candidate import linear_candidate, result_candidate
+    from palpate.validation.candidates.candidate import linear_candidate, result_candidate
 
     if (result is None) == (simulator is None):
         raise InputError("name a result, or say --with condensed")

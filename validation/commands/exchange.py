@@ -40,12 +40,12 @@ def compare(
     element: ElementOfResult = None,
 ) -> None:
     """Judge somebody else's result; the exit code is the verdict."""
+    from palpate.validation.candidates.candidate import result_candidate
     from palpate.validation.case import load_case
     from palpate.validation.exchange.result_files import read_result, room_for_answer
     from palpate.validation.judging import outputs
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators.candidate import result_candidate
 
     loaded = load_case(case)
     require_outputs({"--json": json}, inputs=input_files([loaded], result))

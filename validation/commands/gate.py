@@ -12,6 +12,8 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.commands.words import (
     AskedTimeStep,
     ChosenElements,
@@ -28,8 +30,6 @@ from palpate.validation.commands.words import (
     progress_lines,
 )
 from palpate.validation.quoting import for_terminal
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.solving import Simulator
 from palpate.validation.states import ExitCode, Precision
 
@@ -91,9 +91,9 @@ def gate(
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.fastsim.explicit_body import Precision as StepPrecision
     from palpate.reference.availability import require_available
+    from palpate.validation.candidates.candidate import Stepping, candidates_for
+    from palpate.validation.candidates.seeded import with_fault
     from palpate.validation.case import QUICK, builtin_cases, load_cases
-    from palpate.validation.evidence.metamorphic import judge_relations
-    from palpate.validation.evidence.self_test import run_self_test
     from palpate.validation.judging import outputs
     from palpate.validation.judging.annotations import github_annotations
     from palpate.validation.judging.askable import askable_cases
@@ -106,12 +106,12 @@ def gate(
     )
     from palpate.validation.judging.judge import exit_code, judge_case
     from palpate.validation.judging.many_cases import judge_cases
+    from palpate.validation.judging.metamorphic import judge_relations
     from palpate.validation.judging.result_changes import read_accepted, with_changes
+    from palpate.validation.judging.self_test import run_self_test
     from palpate.validation.judging.together import together
     from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
     from palpate.validation.output_files import input_files, require_outputs
-    from palpate.validation.simulators.candidate import Stepping, candidates_for
-    from palpate.validation.simulators.seeded import with_fault
 
     stepping = Stepping(integrator, time_step, iterations)
     # Single precision granted to a device is what its steps are made in.

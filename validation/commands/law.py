@@ -11,14 +11,14 @@ import typer
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
+from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.commands.words import SimulatorCommand, TimeLimit, progress_lines
 from palpate.validation.quoting import for_json, for_terminal
-from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.states import ExitCode
 
 if TYPE_CHECKING:
     from palpate.meshes.problem import Material
-    from palpate.validation.constitutive.checks import Finding
+    from palpate.validation.diagnosis.law_checks import Finding
 
 _WHO = ("fastsim", "reference")
 
@@ -55,10 +55,13 @@ def law(
     Of another simulator the stress alone, by bodies of single cells that it brings to rest.
     """
     from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.validation.constitutive import checks, laws_of, outside, seeded
-    from palpate.validation.constitutive.materials import example_material
+    from palpate.validation.candidates.outside import OutsideSimulator
+    from palpate.validation.diagnosis import law_checks as checks
+    from palpate.validation.diagnosis import law_of_simulator as laws_of
+    from palpate.validation.diagnosis import law_outside as outside
+    from palpate.validation.diagnosis import law_seeded as seeded
+    from palpate.validation.diagnosis.law_materials import example_material
     from palpate.validation.output_files import require_outputs
-    from palpate.validation.simulators.outside import OutsideSimulator
 
     if who not in _WHO:
         raise InputError(f"--with {who}: use {' or '.join(_WHO)}")

@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
+from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.commands.gate import require_builtin, tell_unexpected
 from palpate.validation.commands.words import (
     AskedTimeStep,
@@ -24,7 +25,6 @@ from palpate.validation.commands.words import (
     progress_lines,
 )
 from palpate.validation.report.figure_form import FigureForm
-from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT
 from palpate.validation.solving import Simulator
 
 
@@ -52,6 +52,7 @@ def report(
 
     One case gives report.html; several give a page each, and index.html.
     """
+    from palpate.validation.candidates.candidate import Stepping, candidates_for
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
     from palpate.validation.judging.askable import askable_cases
@@ -61,7 +62,6 @@ def report(
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
     from palpate.validation.run_folder import RESULTS, require_run_folder, run_folder
-    from palpate.validation.simulators.candidate import Stepping, candidates_for
 
     if every == bool(names):
         raise InputError("name the cases, or say --all for every built-in one")

@@ -40,14 +40,14 @@ def scoreboard(
     limit. A second call only computes what is missing there.
     PALPATE_BENCH_PYTHON names more interpreters that have simulators, separated like PATH.
     """
+    from palpate.validation.candidates.outside import OutsideSimulator
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.output_files import input_files
+    from palpate.validation.peers.board import compute_board
+    from palpate.validation.peers.board_kept import Kept
+    from palpate.validation.peers.board_page import write_board
+    from palpate.validation.peers.entries import Entry, chosen_entries, read_entries
     from palpate.validation.run_folder import require_run_folder, run_folder
-    from palpate.validation.scoreboard.board import compute_board
-    from palpate.validation.scoreboard.entries import Entry, chosen_entries, read_entries
-    from palpate.validation.scoreboard.kept import Kept
-    from palpate.validation.scoreboard.page import write_board
-    from palpate.validation.simulators.outside import OutsideSimulator
 
     everybody = chosen_entries(entry, read_entries())
     if simulator is not None:

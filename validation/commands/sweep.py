@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
+from palpate.validation.candidates.outside import DEFAULT_TIME_LIMIT, OutsideSimulator
 from palpate.validation.commands.words import (
     Device,
     Folder,
@@ -19,7 +20,6 @@ from palpate.validation.commands.words import (
     TimeLimit,
     progress_lines,
 )
-from palpate.validation.simulators.outside import DEFAULT_TIME_LIMIT, OutsideSimulator
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements
 
@@ -60,8 +60,8 @@ def sweep(
     from palpate.validation.case import load_case
     from palpate.validation.output_files import input_files
     from palpate.validation.run_folder import require_run_folder, run_folder
-    from palpate.validation.sweeps.sweep import sweep as run_sweep
-    from palpate.validation.sweeps.variants import read_axis
+    from palpate.validation.studies.sweep import sweep as run_sweep
+    from palpate.validation.studies.sweep_variants import read_axis
 
     if scheduler is not None and jobs > 1:
         raise InputError("--jobs is for this machine: give it or --scheduler, not both")
@@ -71,7 +71,7 @@ def sweep(
     inputs = input_files([loaded], command=simulator)
     require_run_folder(output, inputs=inputs)
     if simulator is not None:
-        from palpate.validation.sweeps.iterations import read_moves, sweep_iterations
+        from palpate.validation.studies.sweep_iterations import read_moves, sweep_iterations
 
         is_fastsims = element is not Elements.LINEAR or device != "cpu" or scheduler
         if is_fastsims or with_ is not Simulator.FASTSIM:

@@ -44,8 +44,8 @@ from palpate.validation.diagnosis.support_slips import (
     tool_force_explanations,
 )
 from palpate.validation.exchange.length_units import LENGTH
-from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.laws import OTHER_STRAIN
+from palpate.validation.metrics.body import Body
+from palpate.validation.metrics.laws import OTHER_STRAIN
 from palpate.validation.states import CandidateFailedError, State
 
 _OWN_MESH = "The answer is on a mesh of its own: only units were tried"

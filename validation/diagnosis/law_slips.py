@@ -10,8 +10,8 @@ from palpate.meshes.problem import Material
 from palpate.validation.diagnosis.explanation import Cause, Explanation
 from palpate.validation.diagnosis.factors import snapped
 from palpate.validation.diagnosis.static_answer import StaticAnswer, fit
-from palpate.validation.mechanics.finite_laws import laws_instead_of_law
-from palpate.validation.mechanics.laws import (
+from palpate.validation.metrics.finite_laws import laws_instead_of_law
+from palpate.validation.metrics.laws import (
     OTHER_STRAIN,
     Array,
     hooke,

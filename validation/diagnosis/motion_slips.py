@@ -27,10 +27,10 @@ from palpate.validation.diagnosis.factors import (
 )
 from palpate.validation.diagnosis.law_slips import lame_slips
 from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
-from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.finite_laws import laws_instead_of_law
-from palpate.validation.mechanics.laws import OTHER_STRAIN
-from palpate.validation.mechanics.stepping import Slip, Start, Stepper, Update
+from palpate.validation.metrics.body import Body
+from palpate.validation.metrics.finite_laws import laws_instead_of_law
+from palpate.validation.metrics.laws import OTHER_STRAIN
+from palpate.validation.metrics.stepping import Slip, Start, Stepper, Update
 from palpate.validation.states import State
 
 Fields = NDArray[np.float64]

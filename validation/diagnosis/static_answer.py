@@ -9,7 +9,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.validation.diagnosis.explanation import OF_FORCE, Cause, Explanation
 from palpate.validation.diagnosis.factors import is_unit, snapped
-from palpate.validation.mechanics.body import Body, Mask, imbalance
+from palpate.validation.metrics.body import Body, Mask, imbalance
 
 
 class StaticAnswer:

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.validation.diagnosis.explanation import CONVERGED, OF_TOOL_FORCE, Cause, Explanation
 from palpate.validation.diagnosis.factors import in_words
 from palpate.validation.diagnosis.static_answer import StaticAnswer, cause_of, known_factor
-from palpate.validation.mechanics.body import Body, Mask, ratio
+from palpate.validation.metrics.body import Body, Mask, ratio
 from palpate.validation.states import State
 
 # Held components that are this far off, in parts of the largest displacement, are not held: in

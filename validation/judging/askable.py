@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from palpate.meshes.errors import InputError
+from palpate.validation.candidates.candidate import Candidate
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import Progress
 
 

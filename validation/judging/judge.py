@@ -11,6 +11,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import availability
+from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.diagnosis import Diagnosis, diagnose
@@ -35,7 +36,6 @@ from palpate.validation.references.geometry_part import LIVE_SECONDS, with_geome
 from palpate.validation.references.live import solve_live
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import load_stored, references_folder
-from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import (
     CandidateFailedError,
     ExitCode,

@@ -8,10 +8,10 @@ import signal
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 
+from palpate.validation.candidates.candidate import Candidate
 from palpate.validation.case import Case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import Precision, Progress, in_silence
 
 # A process needs a second to begin, as long as a few cases take.

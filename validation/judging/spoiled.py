@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.candidates.faults import Fault, spoil_displacement
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.pairs import measures_of
-from palpate.validation.simulators.faults import Fault, spoil_displacement
 from palpate.validation.states import State, Trajectory
 
 _Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]

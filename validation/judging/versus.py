@@ -12,6 +12,11 @@ from dataclasses import dataclass
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.candidates.candidate import (
+    Candidate,
+    candidates_for,
+    fastsim_candidate,
+)
 from palpate.validation.case import Case
 from palpate.validation.case.parts import part_of_check
 from palpate.validation.judging.checks import decide
@@ -21,11 +26,6 @@ from palpate.validation.metrics import CATALOGUE, Metric, Part, is_still, measur
 from palpate.validation.metrics.pairs import Difference
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
-from palpate.validation.simulators.candidate import (
-    Candidate,
-    candidates_for,
-    fastsim_candidate,
-)
 from palpate.validation.states import (
     CandidateFailedError,
     Progress,

@@ -32,6 +32,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.reference.result import LOST
+from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.result_files import ResultFile
@@ -44,7 +45,6 @@ from palpate.validation.references.live import estimate_bars, solve_live
 from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, ReferenceSet, solve_state
 from palpate.validation.references.sets import SAME_MESH as LINEAR
 from palpate.validation.references.sets import TRUTH as GRADED
-from palpate.validation.simulators.result_states import state_of_result
 from palpate.validation.states import CandidateFailedError, Progress, State, gravest
 
 SAME_MESH, TRUTH = "same mesh", "truth"

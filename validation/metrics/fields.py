@@ -12,7 +12,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.field_norms import SMALLEST_CHANGE
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.mechanics.body import body_of, shape_gradients
+from palpate.validation.metrics.body import body_of, shape_gradients
 from palpate.validation.metrics.finite import measurable_rows, smallest
 from palpate.validation.metrics.pairs import Difference, ratio
 from palpate.validation.states import State

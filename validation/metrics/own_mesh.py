@@ -24,8 +24,8 @@ from palpate.meshes.problem import Inclusion, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.exchange.time_reading import read_at
-from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics.between_points import Reading, read_between
+from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.fields import det_f, gradient_norm
 from palpate.validation.metrics.own_reactions import own_reactions
 from palpate.validation.metrics.pairs import Difference

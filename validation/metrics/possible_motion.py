@@ -26,10 +26,10 @@ from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import lumped_mass
 from palpate.validation.exchange.supports import held_components
-from palpate.validation.mechanics.body import body_of, load_force
-from palpate.validation.mechanics.springs import stiffness_times
+from palpate.validation.metrics.body import body_of, load_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency
+from palpate.validation.metrics.springs import stiffness_times
 from palpate.validation.states import State, Trajectory
 
 # A pressure follows: it may turn round and its area may grow.

@@ -37,7 +37,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.exchange.supports import held_components
-from palpate.validation.mechanics.body import body_of
+from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
 from palpate.validation.metrics.numbers import Number
 from palpate.validation.metrics.pairs import measures_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import lumped_mass
-from palpate.validation.mechanics.body import body_of
+from palpate.validation.metrics.body import body_of
 from palpate.validation.states import Trajectory
 
 # Two are the limit, where phase and amplitude cannot be told apart.

@@ -37,7 +37,7 @@ from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.exchange.supports import pushes_of_supports
-from palpate.validation.mechanics.body import (
+from palpate.validation.metrics.body import (
     Body,
     body_of,
     dead_force,
@@ -46,10 +46,10 @@ from palpate.validation.mechanics.body import (
     shape_gradients,
     sum_at_points,
 )
-from palpate.validation.mechanics.springs import spring_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.own_mesh import problem_on
 from palpate.validation.metrics.pairs import Difference, ratio
+from palpate.validation.metrics.springs import spring_force
 from palpate.validation.metrics.stress_slips import slip_in_stress
 from palpate.validation.states import CellStresses, OwnMesh, State, StressIntegrals
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Strain
-from palpate.validation.mechanics.body import Body
+from palpate.validation.metrics.body import Body
 
 # Relative to the largest component: seven digits, and sums.
 _SAME = 1e-4

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.meshes.boundary_conditions import PointForce
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.mechanics.body import dead_force
+from palpate.validation.metrics.body import dead_force
 from palpate.validation.states import State
 
 # What has a limit all the same, under linear strain.

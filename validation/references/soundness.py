@@ -16,11 +16,11 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_loads import touchable_points
 from palpate.validation.exchange.supports import held_components, held_slopes
-from palpate.validation.mechanics.body import body_of
-from palpate.validation.mechanics.stepping import Slip, Stepper, steps_per_output
 from palpate.validation.metrics import COMPARISONS, make_state
+from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
+from palpate.validation.metrics.stepping import Slip, Stepper, steps_per_output
 from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bars
 from palpate.validation.references.bar_parts import wrong_record
 from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR

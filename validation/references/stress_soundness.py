@@ -15,7 +15,7 @@ from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Problem
 from palpate.validation.exchange.nodal_loads import touchable_points
 from palpate.validation.exchange.supports import held_components, held_slopes
-from palpate.validation.mechanics.body import dead_force
+from palpate.validation.metrics.body import dead_force
 from palpate.validation.states import State
 
 # Of the largest nodal force: solved to 1e-10, summed over the points of a cell cut in eight twice.

@@ -18,14 +18,14 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
-from palpate.validation.evidence.error_budget import (
+from palpate.validation.exchange.conventions import describe_conventions
+from palpate.validation.judging.citation import citation
+from palpate.validation.judging.error_budget import (
     Budget,
     budget_rows,
     case_budgets,
     motion_budgets,
 )
-from palpate.validation.exchange.conventions import describe_conventions
-from palpate.validation.judging.citation import citation
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, tone_of
 from palpate.validation.references.sets import OF_ELEMENT

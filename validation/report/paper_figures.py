@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib import pyplot
 
-from palpate.validation.evidence.error_budget import Budget
+from palpate.validation.judging.error_budget import Budget
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.figure_form import FigureForm
 from palpate.validation.report.motion_plot import motion_figure

@@ -9,7 +9,10 @@ import numpy as np
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.drawing.scene import (
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.report.camera import first_eye, way_to_eye
+from palpate.validation.report.looks import STRAIN_NAMES, Look, error_top, looks_of
+from palpate.validation.report.scene import (
     BLUE,
     GREEN,
     RED,
@@ -20,9 +23,6 @@ from palpate.validation.drawing.scene import (
     draw,
     joined,
 )
-from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.camera import first_eye, way_to_eye
-from palpate.validation.report.looks import STRAIN_NAMES, Look, error_top, looks_of
 from palpate.validation.report.surroundings import arrows_around, tools_placed
 
 _MILLI = 1e3

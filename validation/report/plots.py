@@ -11,9 +11,9 @@ import matplotlib as mpl
 from markupsafe import escape
 from matplotlib import pyplot
 
-from palpate.validation.evidence.error_budget import DISCRETISATION, MODEL, TIME, Budget
-from palpate.validation.evidence.remainder import SOLVER
+from palpate.validation.judging.error_budget import DISCRETISATION, MODEL, TIME, Budget
 from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.remainder import SOLVER
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.states import Verdict
 

@@ -9,9 +9,9 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import RigidTool
-from palpate.validation.drawing.scene import OCHRE, Surface
-from palpate.validation.preview.acting import acting
-from palpate.validation.preview.picture import force_arrows, spring_arrow, tool_surface
+from palpate.validation.report.acting import acting
+from palpate.validation.report.picture import force_arrows, spring_arrow, tool_surface
+from palpate.validation.report.scene import OCHRE, Surface
 
 _MILLI = 1e3
 

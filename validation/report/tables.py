@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from palpate.validation.evidence.error_budget import Budget, budget_rows
+from palpate.validation.judging.error_budget import Budget, budget_rows
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import csv_text
 from palpate.validation.report.table_one import state_table_csv

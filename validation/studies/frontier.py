@@ -28,14 +28,14 @@ from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.candidates.interpreters import interpreter_with
+from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
+from palpate.validation.peers import adapters
 from palpate.validation.references.sets import solve_state
 from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
-from palpate.validation.simulators import adapters
-from palpate.validation.simulators.interpreters import interpreter_with
-from palpate.validation.simulators.outside import OutsideSimulator
 from palpate.validation.states import CandidateFailedError, Progress
 from palpate.validation.studies.study import Study
 from palpate.validation.versions import version_of

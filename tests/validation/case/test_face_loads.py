@@ -16,9 +16,9 @@ from palpate.validation.case import Case, load_case
 from palpate.validation.diagnosis.load_slips import load_explanations
 from palpate.validation.diagnosis.static_answer import StaticAnswer
 from palpate.validation.exchange.nodal_loads import nodal_force
-from palpate.validation.mechanics.body import Body
-from palpate.validation.preview.look import look_at
-from palpate.validation.preview.picture import draw_case
+from palpate.validation.metrics.body import Body
+from palpate.validation.report.look import look_at
+from palpate.validation.report.picture import draw_case
 
 Write = Callable[..., Path]
 FORCE = 'kind = "force"\nforce = [60.0, 20.0, -10.0]'

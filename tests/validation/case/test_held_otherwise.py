@@ -19,10 +19,10 @@ from palpate.validation.case import load_case
 from palpate.validation.case.regions import flat_normal
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.supports import free_part, held_slopes, pushes_of_supports
-from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.stepping import Slip, Stepper
-from palpate.validation.preview.look import look_at
-from palpate.validation.preview.picture import draw_case
+from palpate.validation.metrics.body import Body
+from palpate.validation.metrics.stepping import Slip, Stepper
+from palpate.validation.report.look import look_at
+from palpate.validation.report.picture import draw_case
 
 Write = Callable[..., Path]
 CLAMP = "[[support]]\nregion = { half_space = { point = [0.001, 0.0, 0.0], "
@@ -213,7 +213,7 @@ def test_what_slides_and_flies_is_drawn(write_case: Write, tmp_path: Path) -> No
 @pytest.mark.dolfinx
 def test_both_audits_know_slanted_walls(write_case: Write) -> None:
     from palpate.reference.audit import audit_displacement
-    from palpate.validation.mechanics.audit import audit_on_own_mesh
+    from palpate.validation.metrics.audit import audit_on_own_mesh
 
     problem = load_case(slanted(write_case)).problem
     found = solve_static(problem).displacement

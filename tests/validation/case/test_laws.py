@@ -18,13 +18,13 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Inclusion, Material, Strain
 from palpate.meshes.problem_files import load_problem, save_problem
-from palpate.validation import simulators
+from palpate.validation.candidates.outside import NOT_POSED
 from palpate.validation.case import load_case
 from palpate.validation.exchange.case_folder import case_key, write_case_folder
-from palpate.validation.simulators.outside import NOT_POSED
+from palpate.validation.peers import adapters
 
 CASES = Path(__file__).parents[3] / "validation" / "cases"
-ADAPTERS = Path(simulators.__file__).parent / "adapters"
+ADAPTERS = Path(adapters.__file__).parent
 MODULI = "youngs_modulus = 10.0\npoissons_ratio = 0.3\n"
 CONSTANTS = 'law = "mooney-rivlin"\nc10 = 1.0\nc01 = 0.5\nbulk_modulus = 10.0\n'
 

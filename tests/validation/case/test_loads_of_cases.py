@@ -20,12 +20,12 @@ from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.candidates.candidate import fastsim_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Verdict
 
 NAMES = ("bend", "flight", "ring", "sphere", "submerged", "turned")

@@ -17,12 +17,12 @@ from palpate.validation.case import Case, load_case
 from palpate.validation.case.errors import CaseError
 from palpate.validation.diagnosis.diagnose import diagnose
 from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.mechanics.audit import audit_on_own_mesh
-from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.springs import spring_force, stiffness_times
+from palpate.validation.metrics.audit import audit_on_own_mesh
+from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.pairs import make_state
-from palpate.validation.preview.look import look_at
-from palpate.validation.preview.picture import draw_case
+from palpate.validation.metrics.springs import spring_force, stiffness_times
+from palpate.validation.report.look import look_at
+from palpate.validation.report.picture import draw_case
 
 Write = Callable[..., Path]
 LOAD = "[[load]]"

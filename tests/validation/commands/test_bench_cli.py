@@ -11,9 +11,10 @@ import pytest
 from rich.console import Console
 
 from palpate.meshes.errors import InputError
-from palpate.validation.benchmarks import run, steps
-from palpate.validation.benchmarks.children import Tool
 from palpate.validation.commands.bench import bench, print_bench
+from palpate.validation.peers import bench_run as run
+from palpate.validation.peers import bench_steps as steps
+from palpate.validation.peers.bench_children import Tool
 
 
 def _row(tool: str, seconds: float) -> run.Row:

@@ -12,10 +12,10 @@ import pytest
 import palpate
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
+from palpate.validation.candidates.candidate import fastsim_candidate, function_candidate
 from palpate.validation.cli import main
 from palpate.validation.judging.versus import judge_versus, read_limits
-from palpate.validation.simulators import adapters
-from palpate.validation.simulators.candidate import fastsim_candidate, function_candidate
+from palpate.validation.peers import adapters
 from palpate.validation.states import Verdict
 
 NUMPY = f"{sys.executable} {Path(adapters.__file__).parent / 'numpy_dense.py'} {{case}} {{result}}"

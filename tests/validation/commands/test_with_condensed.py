@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import palpate
+from palpate.validation.candidates.candidate import condensed_candidate
 from palpate.validation.case import QUICK
 from palpate.validation.cli import main
 from palpate.validation.judging.askable import askable_cases
-from palpate.validation.simulators.candidate import condensed_candidate
 
 
 def run(monkeypatch, *arguments):

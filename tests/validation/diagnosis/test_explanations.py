@@ -19,9 +19,9 @@ from palpate.validation.diagnosis.answers import answer_explanations
 from palpate.validation.diagnosis.asked import isotropy_explanation, turned_otherwise
 from palpate.validation.diagnosis.explanation import OF_FORCE, choose
 from palpate.validation.diagnosis.factors import displacement_words, in_words, snapped
-from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.laws import law_of, laws_instead_of
 from palpate.validation.metrics import make_state
+from palpate.validation.metrics.body import Body
+from palpate.validation.metrics.laws import law_of, laws_instead_of
 from palpate.validation.states import OwnMesh, State, Trajectory
 
 Field = NDArray[np.float64]
@@ -132,9 +132,9 @@ def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> Non
 
 
 def test_tools_that_are_left_out_and_their_forces_are_named() -> None:
-    from palpate.validation.simulators.candidate import fastsim_candidate
-    from palpate.validation.simulators.faults import Fault
-    from palpate.validation.simulators.seeded import with_fault
+    from palpate.validation.candidates.candidate import fastsim_candidate
+    from palpate.validation.candidates.faults import Fault
+    from palpate.validation.candidates.seeded import with_fault
 
     problem = load_case("press").problem
     right = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)
@@ -218,8 +218,8 @@ def test_solver_noise_is_no_anisotropy() -> None:
 
 
 def test_relations_that_only_a_law_with_axes_breaks_say_so(answers: Any) -> None:
-    from palpate.validation.evidence.metamorphic import judge_relations
-    from palpate.validation.simulators.candidate import Candidate
+    from palpate.validation.candidates.candidate import Candidate
+    from palpate.validation.judging.metamorphic import judge_relations
 
     def judged(mistake: str) -> tuple[Diagnosis, ...]:
         def solve(given: Problem, strain: Strain, _progress: Callable[[str], None]) -> State:

@@ -15,15 +15,15 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.diagnosis import diagnose
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.report.html import write_report
-from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Progress, State, Verdict
 
 SIMULATOR = Path(__file__).parent / "one_file_simulator.py"

@@ -14,14 +14,14 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.candidates.fastsim import run_fastsim
+from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.exchange.conventions import describe_conventions
 from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.exchange.result_files import ResultFileError, read_result
 from palpate.validation.exchange.written_result import write_solution
-from palpate.validation.mechanics.body import Body
 from palpate.validation.metrics import Part, make_state, measure
-from palpate.validation.simulators.fastsim import run_fastsim
-from palpate.validation.simulators.result_states import state_of_result
+from palpate.validation.metrics.body import Body
 from palpate.validation.states import CandidateFailedError, State
 
 Field = NDArray[np.float64]

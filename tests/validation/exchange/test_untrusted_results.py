@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.exchange.result_files import ResultFileError, read_result, room_for_answer
-from palpate.validation.simulators.candidate import result_candidate
 
 Field = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.exchange.nodal_loads import rest_arrays
 from palpate.validation.importing import UnitSystem
-from palpate.validation.simulators import adapters
+from palpate.validation.peers import adapters
 
 Bring = Callable[..., Any]
 FOLDER = Path(adapters.__file__).parent

@@ -9,13 +9,13 @@ from typer.testing import CliRunner
 
 from palpate.fastsim.explicit_body import Precision as StepPrecision
 from palpate.meshes.errors import InputError
+from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.simulators.candidate import candidates_for, fastsim_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.solving import solve
 from palpate.validation.states import Precision, Verdict
 

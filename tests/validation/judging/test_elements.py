@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.candidates.candidate import (
+    fastsim_candidate,
+    result_candidate,
+)
 from palpate.validation.case import load_case
 from palpate.validation.judging import judge as judging
 from palpate.validation.judging import outputs
@@ -18,10 +22,6 @@ from palpate.validation.judging.result_changes import describe_since, read_accep
 from palpate.validation.references.sets import SAME_MESH, SMOOTHED
 from palpate.validation.references.stored import load_stored
 from palpate.validation.report.html import write_report
-from palpate.validation.simulators.candidate import (
-    fastsim_candidate,
-    result_candidate,
-)
 from palpate.validation.states import Verdict
 
 

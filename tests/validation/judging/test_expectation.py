@@ -11,6 +11,7 @@ from palpate.meshes.errors import FileFormatError
 from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.refinement import refine_problem
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.cli import main
 from palpate.validation.judging import expectation
@@ -23,7 +24,6 @@ from palpate.validation.judging.expectation import (
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.side_by_side import side_by_side, side_by_side_markdown
 from palpate.validation.references.stored import load_stored
-from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.states import Elements, Verdict
 
 BOTH = [fastsim_candidate(element=element) for element in Elements.BOTH.each]

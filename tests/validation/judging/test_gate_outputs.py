@@ -13,6 +13,9 @@ import pytest
 
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
+from palpate.validation.candidates.candidate import fastsim_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis.explanation import Cause, Diagnosis, Explanation
 from palpate.validation.judging import outputs
@@ -20,9 +23,6 @@ from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.result_changes import describe_since, read_accepted, with_changes
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Verdict
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from palpate.meshes.errors import InputError
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_cases
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.many_cases import judge_cases
-from palpate.validation.simulators.candidate import fastsim_candidate
 
 OWN = """schema = 1
 title = "Nobody stored a reference of this one"

@@ -13,6 +13,8 @@ import palpate.validation
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.reference.integrators.schemes import Integrator
+from palpate.validation.candidates.candidate import Stepping, candidates_for, outside_candidate
+from palpate.validation.candidates.outside import CommandError, OutsideSimulator
 from palpate.validation.case import load_case
 from palpate.validation.case.load import Case
 from palpate.validation.cli import app
@@ -20,8 +22,6 @@ from palpate.validation.exchange.result_files import ResultFileError
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet
-from palpate.validation.simulators.candidate import Stepping, candidates_for, outside_candidate
-from palpate.validation.simulators.outside import CommandError, OutsideSimulator
 from palpate.validation.states import CandidateFailedError, Verdict, in_silence
 
 ADAPTERS = Path(palpate.validation.__file__).parent / "simulators/adapters"

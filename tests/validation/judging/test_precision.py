@@ -16,20 +16,20 @@ from palpate.fastsim.explicit_body import Precision as Arithmetic
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import signed_volumes
+from palpate.validation.candidates.candidate import Candidate, fastsim_candidate, result_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass, nodal_force
 from palpate.validation.exchange.supports import held_components
 from palpate.validation.judging import judge, outputs
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.mechanics.body import body_of, shape_gradients
-from palpate.validation.mechanics.stepping import steps_per_output
 from palpate.validation.metrics import make_state
+from palpate.validation.metrics.body import body_of, shape_gradients
+from palpate.validation.metrics.stepping import steps_per_output
 from palpate.validation.references.sets import SAME_MESH, SMOOTHED, ReferenceSet
 from palpate.validation.references.stored import load_stored
-from palpate.validation.simulators.candidate import Candidate, fastsim_candidate, result_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import Precision, Trajectory, Verdict
 
 REMARK = "agrees to single precision"

@@ -15,14 +15,14 @@ from palpate.meshes.boundary_conditions import BodyForce, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.refinement import refine_problem
+from palpate.validation.candidates.candidate import fastsim_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
-from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import State, Verdict
 from palpate.validation.studies.csm3 import bar_body
 

@@ -17,6 +17,8 @@ from pydantic import ValidationError
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.candidates.candidate import fastsim_candidate
+from palpate.validation.candidates.seeded import on_own_mesh
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_judge import CaseJudge
@@ -26,8 +28,6 @@ from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import stress_integrals
 from palpate.validation.references.reference_files import read_reference, write_reference
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH, ReferenceSet
-from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.simulators.seeded import on_own_mesh
 from palpate.validation.states import (
     CellStresses,
     Precision,

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.candidates.candidate import Candidate
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.judging import judge as judging
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.mechanics.body import Body
-from palpate.validation.mechanics.smoothing import Smoothing
 from palpate.validation.metrics import make_state
+from palpate.validation.metrics.body import Body
+from palpate.validation.metrics.smoothing import Smoothing
 from palpate.validation.references.sets import SMOOTHED, ReferenceSet
 from palpate.validation.references.stored import load_stored
-from palpate.validation.simulators.candidate import Candidate
 from palpate.validation.states import Verdict
 
 INCLUSION = """

@@ -7,9 +7,9 @@ import threading
 from typing import Any
 
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.states import CandidateFailedError, State
 
 FASTSIM = fastsim_candidate()

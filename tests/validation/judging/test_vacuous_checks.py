@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.judging import outputs
 from palpate.validation.judging.annotations import github_annotations
@@ -22,7 +23,6 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet
-from palpate.validation.simulators.candidate import Candidate, fastsim_candidate
 from palpate.validation.states import Verdict
 
 WriteCase = Callable[..., Path]

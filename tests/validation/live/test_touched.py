@@ -13,6 +13,9 @@ import pytest
 from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.problem import Element, Strain
+from palpate.validation.candidates.candidate import fastsim_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.live.client import Client, connected
@@ -21,9 +24,6 @@ from palpate.validation.live.live_case import Touch, live_case, problem_of
 from palpate.validation.live.pane import Pane, Surface
 from palpate.validation.live.server import PageServer
 from palpate.validation.live.simulation import Simulation
-from palpate.validation.simulators.candidate import fastsim_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.solving import solve
 from palpate.validation.states import Verdict
 

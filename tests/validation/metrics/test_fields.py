@@ -16,8 +16,8 @@ from palpate.meshes.problem import Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.mechanics.body import body_of, load_force
 from palpate.validation.metrics import CATALOGUE, fields, make_state, measure
+from palpate.validation.metrics.body import body_of, load_force
 from palpate.validation.states import State, Verdict
 
 E, NU = 1000.0, 0.25

@@ -18,14 +18,14 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.candidates.result_states import with_own_mesh
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.mechanics.body import body_of
 from palpate.validation.metrics import CATALOGUE, make_state, measure, own_mesh
+from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.own_reactions import own_reactions
 from palpate.validation.metrics.pairs import Difference
-from palpate.validation.simulators.result_states import with_own_mesh
 from palpate.validation.states import OwnMesh, State, Trajectory, Verdict
 
 Field = NDArray[np.float64]

@@ -16,11 +16,11 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import signed_volumes
+from palpate.validation.candidates.fastsim import Way, run_fastsim
+from palpate.validation.candidates.result_states import with_own_mesh
 from palpate.validation.exchange.point_location import locate_points
-from palpate.validation.mechanics.body import Body, body_of
 from palpate.validation.metrics import Part, make_state, measure, stress_integrals
-from palpate.validation.simulators.fastsim import Way, run_fastsim
-from palpate.validation.simulators.result_states import with_own_mesh
+from palpate.validation.metrics.body import Body, body_of
 from palpate.validation.states import CellStresses, OwnMesh, State
 
 Field = NDArray[np.float64]

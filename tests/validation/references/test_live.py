@@ -16,8 +16,8 @@ from palpate.reference.adaptivity.error_bars import error_bar_of_two
 from palpate.reference.adaptivity.goals import Budget
 from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
-from palpate.validation.mechanics.body import dead_force
 from palpate.validation.metrics import COMPARISONS, make_state, measure
+from palpate.validation.metrics.body import dead_force
 from palpate.validation.references import live
 from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.limits import has_point_forces, without_limits

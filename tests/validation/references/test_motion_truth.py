@@ -13,6 +13,9 @@ import pytest
 from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.reference.errors import ReferenceStepError, ReferenceUnavailableError
+from palpate.validation.candidates.candidate import fastsim_candidate, result_candidate
+from palpate.validation.candidates.faults import Fault
+from palpate.validation.candidates.seeded import with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
@@ -23,9 +26,6 @@ from palpate.validation.references.motion_sequences import assess_sequence, diff
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.references.sets import QUADRATIC, SAME_MESH
 from palpate.validation.references.stored_motions import STEPS, refine_where_rough
-from palpate.validation.simulators.candidate import fastsim_candidate, result_candidate
-from palpate.validation.simulators.faults import Fault
-from palpate.validation.simulators.seeded import with_fault
 from palpate.validation.states import State, Trajectory, Verdict
 
 SPEED = math.sqrt(0.3 / (1.3 * 0.4) + 1.0 / 1.3)  # of confined waves, E = 1, nu = 0.3, rho = 1

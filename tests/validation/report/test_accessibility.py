@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 
 from palpate.meshes.problem import Element
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
+from palpate.validation.peers.board import compute_board
+from palpate.validation.peers.board_kept import Kept
+from palpate.validation.peers.board_page import write_board
+from palpate.validation.peers.entries import Entry
 from palpate.validation.report import html
-from palpate.validation.scoreboard.board import compute_board
-from palpate.validation.scoreboard.entries import Entry
-from palpate.validation.scoreboard.kept import Kept
-from palpate.validation.scoreboard.page import write_board
-from palpate.validation.simulators.candidate import fastsim_candidate
 from palpate.validation.states import in_silence
 
 pytestmark = pytest.mark.browser

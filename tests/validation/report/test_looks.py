@@ -11,9 +11,8 @@ import pytest
 
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
-from palpate.validation.drawing.scene import BLUE as SUPPORT
-from palpate.validation.drawing.scene import Panel, Surface, extent
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.camera import way_to_eye
@@ -21,9 +20,10 @@ from palpate.validation.report.colours import BLUE, OCHRE, RED
 from palpate.validation.report.looks import colours_of, looks_of
 from palpate.validation.report.motion_plot import motion_svg
 from palpate.validation.report.pictures import _pictures
+from palpate.validation.report.scene import BLUE as SUPPORT
+from palpate.validation.report.scene import Panel, Surface, extent
 from palpate.validation.report.surroundings import arrows_around
 from palpate.validation.report.viewer_data import viewer_json
-from palpate.validation.simulators.candidate import fastsim_candidate
 
 BOTH = [fastsim_candidate(element=element) for element in Element]
 

@@ -11,16 +11,16 @@ from pathlib import Path
 import pytest
 
 from palpate.meshes.problem import Element
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
-from palpate.validation.evidence.error_budget import case_budgets
 from palpate.validation.judging.citation import citation
+from palpate.validation.judging.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.figure_form import FigureForm
 from palpate.validation.report.paper_figures import write_figures
 from palpate.validation.report.tables import write_tables
-from palpate.validation.simulators.candidate import fastsim_candidate
 
 MILLIMETRE = 72.0 / 25.4  # points
 

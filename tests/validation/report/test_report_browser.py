@@ -14,13 +14,13 @@ import pytest
 
 from palpate.meshes.problem import Element
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
+from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
 from palpate.validation.report.pdf import find_browser, print_pdf
 from palpate.validation.report.viewer_data import viewer_json
-from palpate.validation.simulators.candidate import fastsim_candidate
 
 pytestmark = pytest.mark.browser
 

@@ -11,9 +11,9 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import Case, builtin_cases, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.expectation import Expectation, read_expected
-from palpate.validation.preview.picture import draw_case
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import load_stored
+from palpate.validation.report.picture import draw_case
 
 
 def write_cases(made: Path) -> None:

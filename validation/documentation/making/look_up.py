@@ -8,10 +8,10 @@ import re
 
 from making.tables import table
 from palpate.meshes.material_law import Law
-from palpate.validation.benchmarks.run import ALONE, NAMES
+from palpate.validation.candidates.faults import Fault
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.metrics.metric import Metric
-from palpate.validation.simulators.faults import Fault
+from palpate.validation.peers.bench_run import ALONE, NAMES
 from palpate.validation.studies import STUDIES, load_study
 
 
@@ -91,7 +91,7 @@ def benchmarks() -> str:
         "in one run; `--json` keeps the rows. Those that are not installed are named.\n"
     ]
     for name in (*NAMES, *ALONE):
-        module = importlib.import_module(f"palpate.validation.benchmarks.{name}")
+        module = importlib.import_module(f"palpate.validation.peers.bench_{name}")
         paragraphs = (inspect.getdoc(module) or "").split("\n\n")
         parts += [f"## `{name}`\n", *(_plain(" ".join(p.split())) + "\n" for p in paragraphs)]
     return "\n".join(parts)

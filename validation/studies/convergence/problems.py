@@ -27,7 +27,7 @@ from palpate.meshes.bricks import brick_box, held, rollers
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.mechanics.body import body_of
+from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.grid_convergence import GridConvergence, assess_grid_convergence
 from palpate.validation.studies.bodies import Solve, volume_change
 from palpate.validation.studies.closed_forms import confined_modulus, stretch_under

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Element
-from palpate.validation.preview.bending_rule import expected_error
+from palpate.validation.report.bending_rule import expected_error
 from palpate.validation.report.colours import BLUE, RED
 from palpate.validation.report.line_plot import Line, Panel, line_figure
 from palpate.validation.report.study_page import Figure, Finding, Table, judged

@@ -1,0 +1,284 @@
+"""Seeded errors land in their own column; failures and refusals are shown; pages need no server."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from palpate.fastsim.dynamic_relaxation import relax
+from palpate.fastsim.statics import solve_static
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import with_law
+from palpate.validation.candidates.interpreters import versions_with
+from palpate.validation.case import load_case
+from palpate.validation.cli import main
+from palpate.validation.judging.error_budget import farthest_probe
+from palpate.validation.judging.judge import find_references
+from palpate.validation.peers import adapters, entries
+from palpate.validation.peers.board import compute_board
+from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, Score
+from palpate.validation.peers.board_kept import Kept
+from palpate.validation.peers.board_page import write_board
+from palpate.validation.peers.board_runs import Run, Status
+from palpate.validation.peers.board_words import reason
+from palpate.validation.peers.entries import Entry, chosen_entries, read_entries
+from palpate.validation.states import Verdict, in_silence
+
+FOLDER = Path(adapters.__file__).parent
+NUMPY = f"{sys.executable} {FOLDER / 'numpy_dense.py'} {{case}} {{result}}"
+# Somebody else's program: it answers every case with what `answer` is.
+PROGRAM = """
+import json, sys
+from pathlib import Path
+{answer}
+import numpy as np
+key = json.loads(Path(sys.argv[1], "case.json").read_text("utf-8"))["case_key"]
+np.savez(sys.argv[2], displacement=u, case_key=key)
+"""
+FAULTS = {
+    "crashes": "sys.exit('out of rubber')",
+    "nan": "import numpy; u = numpy.full((12, 3), numpy.nan)",
+    "refuses": "print('no blocks today'); sys.exit(77)",
+    "sleeps": "import time; time.sleep(60)",
+}
+
+
+def program(folder: Path, name: str, answer: str | NDArray[np.float64]) -> Entry:
+    path = folder / f"{name}.py"
+    if not isinstance(answer, str):
+        np.save(folder / f"{name}.npy", answer)
+        answer = f"import numpy; u = numpy.load({str(folder / name) + '.npy'!r})"
+    path.write_text(PROGRAM.format(answer=answer), encoding="utf-8")
+    return Entry(name=name, title=name, command=f"{sys.executable} {path} {{case}} {{result}}")
+
+
+def board_of(folder, entries, cases, time_limit=60.0, processes=None):
+    loaded = [load_case(name) for name in cases]
+    return compute_board(
+        entries,
+        loaded,
+        Kept(folder / "kept"),
+        time_limit=time_limit,
+        progress=in_silence,
+        processes=processes,
+    )
+
+
+def seeded(case, displacement):
+    """What an answer adds to that of the same mesh, as the board reads it."""
+    references = find_references(case, live=False, progress=in_silence)
+    truth = references.truth(case.strain).displacement
+    probe = farthest_probe(truth)
+    added = displacement - references.same_mesh(case.strain).displacement
+    return float(added[probe.point] @ probe.direction) / float(truth[probe.point] @ probe.direction)
+
+
+@pytest.mark.parametrize(
+    ("name", "cause", "answer"),
+    [
+        ("shear", LAW, lambda p: solve_static(with_law(p, Law.NEO_HOOKEAN))),
+        ("cantilever", SOLVER, lambda p: relax(p, relative_tolerance=0.1)),
+        ("cantilever", MESH, solve_static),
+    ],
+)
+def test_a_seeded_error_lands_in_its_own_column(tmp_path, name, cause, answer) -> None:
+    case = load_case(name)
+    wrong = answer(case.problem).displacement
+    board = board_of(tmp_path, [program(tmp_path, "copy", wrong)], [name])
+    (score,) = board.scores.values()
+    added = seeded(case, wrong)
+    if cause == MESH:  # nothing was seeded: linear tetrahedra are stiff, and that is all
+        assert score.causes[MESH] < -0.3
+        assert abs(added) < 1e-6
+    else:
+        assert abs(added) > 0.1
+        assert score.causes[cause] == pytest.approx(added, rel=0.1)
+    assert (score.follows != "") == (cause == LAW)
+    for other in {LAW, SOLVER} - {cause}:
+        assert abs(score.causes[other]) < 0.1 * max(abs(added), 1e-6)
+    assert sum(score.causes.values()) == pytest.approx(added + score.causes[MESH], abs=1e-9)
+
+
+def test_who_fails_refuses_or_hangs_is_shown_and_stops_nobody(tmp_path) -> None:
+    everybody = [program(tmp_path, name, answer) for name, answer in FAULTS.items()]
+    right = solve_static(load_case("stretch").problem).displacement
+    everybody.append(program(tmp_path, "right", right))
+    sleeper = everybody.pop(list(FAULTS).index("sleeps"))
+    (slept,) = board_of(tmp_path, [sleeper], ["stretch"], time_limit=1.0).scores.values()
+    board = board_of(tmp_path, everybody, ["stretch"])
+    crashed, nan, refused, right = board.of_case(board.cases[0])
+    assert (crashed.verdict, nan.verdict, slept.verdict) == (Verdict.FAILED,) * 3
+    assert "out of rubber" in crashed.why
+    assert "NaN" in nan.why
+    assert "no answer within 1 s" in slept.why
+    assert refused.run.status is Status.NOT_POSED
+    assert "no blocks today" in refused.why
+    assert right.distance < 1e-6
+    write_board(board, tmp_path)
+    page = (tmp_path / "simulator-crashes.html").read_text("utf-8")
+    assert "out of rubber" in page
+    index = (tmp_path / "index.html").read_text("utf-8")
+    assert len(re.findall(r'<td class="failed"[^>]*>failed', index)) == 2
+
+
+def test_a_second_call_asks_nobody_again_but_who_has_changed(tmp_path) -> None:
+    calls, right = tmp_path / "calls", solve_static(load_case("stretch").problem).displacement
+    np.save(tmp_path / "u.npy", right)
+    answer = f"""
+open({str(calls)!r}, "a").write("x")
+import numpy
+u = numpy.load({str(tmp_path / "u.npy")!r})"""
+
+    def asked(answer: str, time_limit: float = 60.0) -> tuple[int, Score]:
+        calls.write_text("")
+        entry = program(tmp_path, "counts", answer)
+        (score,) = board_of(tmp_path, [entry], ["stretch"], time_limit).scores.values()
+        return len(calls.read_text()), score
+
+    first, second = asked(answer), asked(answer)
+    assert (first[0], second[0]) == (1, 0)
+    assert first[1].distance == second[1].distance
+    assert first[1].run.date == second[1].run.date
+    # Another time limit, other sources, other versions: another run.
+    assert asked(answer, 61.0)[0] == 1
+    changed = asked(answer + "; u *= 1.01")
+    assert changed[0] == 1
+    assert changed[1].distance == pytest.approx(0.01, rel=1e-3)
+
+
+def test_who_compiles_runs_once_for_nothing_on_a_case_that_can_be_posed(tmp_path) -> None:
+    calls = tmp_path / "calls"
+    answer = f"""
+key = json.loads(Path(sys.argv[1], "case.json").read_text("utf-8"))
+with open({str(calls)!r}, "a") as log: log.write(key["name"] + " ")
+if key["name"] == "stretch": sys.exit(77)
+sys.exit("no")"""
+    entry = program(tmp_path, "compiles", answer).model_copy(update={"compiles": True})
+    board_of(tmp_path, [entry], ["stretch", "shear"], processes=1)
+    asked = calls.read_text().split()
+    # Once for nothing and once for its answer; a refusal compiles nothing.
+    assert asked.count("shear") == 2
+    board_of(tmp_path, [entry], ["stretch", "shear"])
+    assert calls.read_text().split() == asked
+
+
+def test_other_versions_are_asked_anew(monkeypatch) -> None:
+    entry = next(e for e in read_entries() if e.name == "felupe-tetra4")
+    found = set()
+    for version in ("felupe 11.3.0", "felupe 11.3.1"):
+        monkeypatch.setattr(entries, "interpreter_with", lambda _module: sys.executable)
+        monkeypatch.setattr(entries, "versions_with", lambda *_, said=version: said)
+        found.add(entry.sources_hash(is_motion=False))
+    assert len(found) == 2
+
+
+def test_versions_are_those_of_the_interpreter_that_is_asked() -> None:
+    said = versions_with(sys.executable, "numpy", ("numpy",))
+    assert f"numpy {np.__version__}" in said
+    assert versions_with(sys.executable, "numpy", ()).split()[2] == "numpy"
+
+
+def test_simulators_run_side_by_side(tmp_path) -> None:
+    meet = """
+import pathlib, time
+here = pathlib.Path({folder!r})
+(here / "{name}.there").touch()
+for _ in range(500):
+    if (here / "{other}.there").exists(): break
+    time.sleep(0.02)
+else: sys.exit("alone")
+sys.exit("met")"""
+    pair = [
+        program(tmp_path, name, meet.format(folder=str(tmp_path), name=name, other=other))
+        for name, other in (("a", "b"), ("b", "a"))
+    ]
+    board = board_of(tmp_path, pair, ["stretch"], processes=2)
+    assert all("met" in score.why for score in board.scores.values())
+
+
+class Links(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, _tag, attributes):
+        self.found += [value for name, value in attributes if name in ("href", "src") and value]
+
+
+def test_the_command_leaves_pages_that_lead_to_one_another_and_data(tmp_path, monkeypatch) -> None:
+    out = tmp_path / "board"
+    words = ["scoreboard", "-o", out, "stretch", "block", "--entry", "fastsim-linear"]
+    words += ["--simulator", NUMPY]
+    monkeypatch.setattr("sys.argv", ["palpate", *map(str, words)])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert caught.value.code == 0
+    pages = sorted(out.glob("*.html"))
+    assert {page.stem for page in pages} == {
+        "index", "simulator-fastsim-linear", "simulator-mine", "case-stretch", "case-block",
+    }  # fmt: skip
+    for page in pages:
+        for link in Links(page.read_text("utf-8")).found:
+            assert (out / link).is_file(), (page.name, link)
+    document = json.loads((out / "results.json").read_text("utf-8"))
+    scores = {(row["simulator"], row["case"]): row for row in document["scores"]}
+    assert scores["mine", "stretch"]["distance"] < 1e-6
+    assert scores["mine", "block"]["status"] == "not posed"
+    assert "follower pressure" in scores["mine", "block"]["why"]
+    assert "not posed: time, tools" in (out / "case-block.html").read_text("utf-8")
+    assert len((out / "scores.csv").read_text("utf-8").splitlines()) == 1 + len(scores)
+    assert len((out / "summary.md").read_text("utf-8").splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("status", "why", "short"),
+    [
+        (
+            Status.NOT_POSED,
+            'the case cannot be posed to it: "time, tools: not handed to this simulator here"',
+            "asks for motion, tools, which its adapter does not pass on",
+        ),
+        (
+            Status.NOT_POSED,
+            'the case cannot be posed to it: "it has no blocks"',
+            "it has no blocks",
+        ),
+        (Status.FAILED, 'no answer within 90 s, its last line: "loaded"', "no answer within 90 s"),
+        (Status.FAILED, 'it ended with 1, its last line: "not at rest"', "not at rest"),
+    ],
+)
+def test_why_there_is_no_distance_is_said_in_short(status, why, short) -> None:
+    run = Run("who", "what", status, why)
+    assert reason(Score(run, Law.NEO_HOOKEAN, why=why)) == short
+
+
+def test_every_entry_says_how_it_is_set_up_and_by_whose_advice() -> None:
+    everybody = [entry for entry in read_entries() if entry.is_outside]
+    assert len({entry.title.split(",")[0].split()[0] for entry in everybody}) >= 6
+    for entry in everybody:
+        assert entry.settings, entry.name
+        assert entry.better, entry.name
+        assert entry.install, entry.name
+        assert max(entry.adapters.values()) <= 120, entry.name
+    assert len((FOLDER / "newton_soft.py").read_text("utf-8").splitlines()) <= 120
+    with pytest.raises(InputError, match="no entry 'sofa'"):
+        chosen_entries(["sofa"], read_entries())
+
+
+def test_a_file_of_entries_that_is_none_is_refused(tmp_path) -> None:
+    path = tmp_path / "entries.toml"
+    path.write_text('[[entry]]\nname = "a"\ntitle = "A"\nspeed = 3\n', encoding="utf-8")
+    with pytest.raises(FileFormatError, match="speed"):
+        read_entries(path)
+    path.write_text('[[entry]]\nname = "fastsim-linear"\ntitle = "A"\n', encoding="utf-8")
+    with pytest.raises(FileFormatError, match="two entries"):
+        read_entries(path)

@@ -1,1 +1,0 @@
-"""Speed beside rivals, in one run; each function returns rows for `palpate bench`."""

@@ -1,0 +1,342 @@
+"""A candidate as the judge sees it: a name, and a way to its states; and each kind of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.fastsim.explicit_body import Precision as StepPrecision
+from palpate.fastsim.gpu.devices import CORE, check_device
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference.integrators.schemes import Integrator, Steps
+from palpate.validation.candidates.condensed import (
+    condensed_name,
+    condensed_refusal,
+    run_condensed,
+)
+from palpate.validation.candidates.fastsim import Way, name_of, run_fastsim
+from palpate.validation.candidates.outside import OutsideSimulator
+from palpate.validation.candidates.result_states import state_of_result
+from palpate.validation.exchange.result_files import (
+    ResultFile,
+    ResultFileError,
+    read_result,
+    room_for_answer,
+)
+from palpate.validation.quoting import visible
+from palpate.validation.states import (
+    REFERENCE,
+    CandidateFailedError,
+    Elements,
+    Method,
+    Progress,
+    State,
+)
+
+Solve = Callable[[Problem, Strain, Progress], State]
+# Displacement [m] at the points of the problem's mesh: (num_points, 3), of a motion
+# (num_outputs + 1, num_points, 3), from rest to the end at even distances.
+Function: TypeAlias = Callable[[Problem], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """What is said of an outside simulator's steps where its result says nothing of them.
+
+    Attributes:
+        integrator: Its scheme; None is the case's central differences.
+        time_step: That it is asked for in the place of the case's [s]; None is the case's.
+        iterations: For {iterations} of its command.
+    """
+
+    integrator: Integrator | None = None
+    time_step: float | None = None
+    iterations: int | None = None
+
+    @property
+    def about(self) -> dict[str, object]:
+        """What a result that says nothing is taken to say of itself."""
+        scheme = self.integrator
+        if self.time_step is not None:
+            scheme = scheme or Integrator.CENTRAL_DIFFERENCES
+        every = {"integrator": scheme, "iterations": self.iterations}
+        return {name: value for name, value in every.items() if value is not None}
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem with the step that is asked for.
+
+        Raises:
+            InputError: A step for a case without [time], or one that the outputs are not whole
+                numbers of apart.
+        """
+        from palpate.reference.stated_steps import stated_steps
+
+        if self.time_step is None:
+            return problem
+        steps = Steps(self.integrator or Integrator.CENTRAL_DIFFERENCES, self.time_step)
+        stepped = steps.of(problem)
+        stated_steps(stepped, f"--time-step {self.time_step:g}")
+        return stepped
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Who is judged.
+
+    Attributes:
+        name: For people, and the label of its states.
+        solve: Its state of a problem with a strain measure; raises CandidateFailedError.
+        has_both_strains: Whether it is asked for both strain measures, or for the case's only.
+        notes: What a reader of the verdict must know of it.
+        can_be_asked: Whether it solves other problems than the case's, as a file cannot.
+        element: What its tetrahedra are, where it does not say another in its answer.
+        only_strain: The one strain measure that it knows, whatever the case's; None asks for the
+            case's.
+        refusal: Why it cannot be asked a problem; empty where it can.
+        steps_without_lock: Whether its motions let go of Python's lock, so that both strain
+            measures may be stepped side by side.
+    """
+
+    name: str
+    solve: Solve
+    has_both_strains: bool = False
+    notes: tuple[str, ...] = field(default=())
+    can_be_asked: bool = True
+    element: Element = Element.LINEAR
+    only_strain: Strain | None = None
+    refusal: Callable[[Problem], str] = lambda _problem: ""
+    steps_without_lock: bool = False
+
+    def strains_of(self, case_strain: Strain) -> tuple[Strain, ...]:
+        """Which strain measures it is asked for on a case of one of them."""
+        if self.has_both_strains:
+            return tuple(Strain)
+        return (self.only_strain or case_strain,)
+
+
+def fastsim_candidate(
+    *,
+    method: Method = Method.NEWTON,
+    element: Element = Element.LINEAR,
+    device: str = CORE,
+    precision: StepPrecision = StepPrecision.DOUBLE,
+) -> Candidate:
+    """fastsim, which answers for both strain measures.
+
+    Args:
+        method: How it looks for equilibrium.
+        element: Linear tetrahedra, plain or smoothed.
+        device: Of explicit steps: "cpu" is the compiled core; on others equilibrium is found by
+            dynamic relaxation.
+        precision: Of a motion's steps.
+
+    Raises:
+        DeviceUnavailableError: There is no such device, or Warp is not installed.
+    """
+    device = check_device(device)
+    used = method if device == CORE else Method.RELAXATION
+    solve = partial(run_fastsim, way=Way(used, element, device, precision))
+    return Candidate(
+        name_of(element, device),
+        solve,
+        has_both_strains=True,
+        element=element,
+        # Warp's launches come from one thread.
+        steps_without_lock=device == CORE,
+    )
+
+
+def condensed_candidate(*, element: Element = Element.LINEAR) -> Candidate:
+    """Fastsim's condensed linear model, which answers for linear strain alone.
+
+    Args:
+        element: Linear tetrahedra, plain or smoothed.
+    """
+    solve = partial(run_condensed, element=element)
+    return Candidate(
+        condensed_name(element),
+        solve,
+        element=element,
+        only_strain=Strain.LINEAR,
+        refusal=condensed_refusal,
+    )
+
+
+def linear_candidate(element: Element) -> Candidate:
+    """The condensed linear model's answer, also where it is held against Green strain."""
+
+    def solve(problem: Problem, _strain: Strain, progress: Progress) -> State:
+        return run_condensed(problem, Strain.LINEAR, progress, element=element)
+
+    return Candidate(condensed_name(element), solve, element=element)
+
+
+def candidates_for(
+    command: str | None,
+    time_limit: float,
+    elements: Elements | None = None,
+    stepping: Stepping | None = None,
+    *,
+    device: str = CORE,
+    precision: StepPrecision = StepPrecision.DOUBLE,
+    is_condensed: bool = False,
+) -> list[Candidate]:
+    """Fastsim by element, or the program of a command line.
+
+    Args:
+        command: The program; fastsim where None.
+        time_limit: Of the program [s].
+        elements: Of fastsim; linear where None.
+        stepping: How the program steps, where its result does not say.
+        device: Of fastsim's explicit steps; see `fastsim_candidate`.
+        precision: Of them.
+        is_condensed: Whether fastsim's condensed linear model answers in its place.
+
+    Raises:
+        InputError: The command line cannot be used, or an element or device goes with it.
+    """
+    stepping = stepping or Stepping()
+    if command is None:
+        if stepping != Stepping():
+            raise InputError(
+                "--integrator, --time-step and --iterations are of another simulator: fastsim "
+                "takes central differences with the case's step; give --simulator"
+            )
+        chosen = Elements.LINEAR if elements is None else elements
+        if is_condensed:
+            if device != CORE:
+                raise InputError("--device is of explicit steps; the condensed model has none")
+            return [condensed_candidate(element=element) for element in chosen.each]
+        return [
+            fastsim_candidate(element=element, device=device, precision=precision)
+            for element in chosen.each
+        ]
+    if is_condensed:
+        raise InputError("--with is of fastsim; another simulator is named by --simulator alone")
+    if device != CORE:
+        raise InputError("--device is of fastsim; another simulator has its own: leave it out")
+    if elements is not None:
+        raise InputError(
+            f"element = {elements}: only fastsim is asked for one; another simulator says in its "
+            'result what it has, `about`: {"element": "smoothed"}'
+        )
+    simulator = OutsideSimulator(command, time_limit, stepping.iterations)
+    return [outside_candidate(simulator, stepping)]
+
+
+def candidate_name(name: str) -> str:
+    """A candidate's name for people, not taken for one of the reference's own labels."""
+    shown = visible(name)
+    return f"{shown} (candidate)" if shown.casefold().startswith(REFERENCE) else shown
+
+
+def outside_candidate(simulator: OutsideSimulator, stepping: Stepping | None = None) -> Candidate:
+    """A program that reads a case folder and writes a result.
+
+    Args:
+        simulator: The program.
+        stepping: How it steps, where its result does not say.
+    """
+    name, used = candidate_name(simulator.name), stepping or Stepping()
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        given = used.of(problem)
+        result, seconds = simulator.run(given, strain, progress)
+        result = dataclasses.replace(result, about={**used.about, **result.about})
+        details = {"command": simulator.command}
+        return state_of_result(result, given, name, strain, seconds=seconds, details=details)
+
+    note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
+    return Candidate(name, solve, False, (note,))
+
+
+def result_candidate(path: str | Path, element: Element | None = None) -> Candidate:
+    """A result file that somebody brings.
+
+    Args:
+        path: Of the file.
+        element: What its tetrahedra are, where it does not say so itself.
+    """
+    name = candidate_name(Path(path).stem)
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        progress(f"reading {path}")
+        result = read_result(path, most_bytes=room_for_answer(problem))
+        if element is not None:
+            result = dataclasses.replace(result, about={"element": element.value, **result.about})
+        return state_of_result(result, problem, name, strain)
+
+    notes = (f"Result: {Path(path).name}.",)
+    used = element or Element.LINEAR
+    return Candidate(name, solve, False, notes, can_be_asked=False, element=used)
+
+
+def function_candidate(function: Function) -> Candidate:
+    """A function as a candidate; what it raises is its failure."""
+    name = candidate_name(getattr(function, "__name__", type(function).__name__))
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
+        try:
+            answer = function(problem)
+        except Exception as error:
+            raise CandidateFailedError(f"{name}: {type(error).__name__}: {error}") from error
+        return _state(answer, problem, name, strain)
+
+    return Candidate(name, solve)
+
+
+def answer_candidate(answer: str | Path | State | ArrayLike) -> Candidate:
+    """An answer as a candidate: a result file, a state, or displacements in memory."""
+    if isinstance(answer, str | Path):
+        return result_candidate(answer)
+    if isinstance(answer, State):
+        # Its own label would be taken for the reference's.
+        name = candidate_name(answer.label)
+        given: ArrayLike = (
+            answer.displacement if answer.trajectory is None else answer.displacements
+        )
+    else:
+        name, given = "answer", answer
+
+    def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
+        progress(f"{name} is looked at")
+        return _state(given, problem, name, strain, like=answer)
+
+    return Candidate(name, solve, can_be_asked=False)
+
+
+def _state(
+    answer: ArrayLike, problem: Problem, name: str, strain: Strain, like: object = None
+) -> State:
+    """Displacements as a state, checked as those of a result file are."""
+    num_points = problem.mesh.num_points
+    span = problem.time
+    shape = (num_points, 3) if span is None else (span.num_outputs + 1, num_points, 3)
+    try:
+        values = np.array(answer, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ResultFileError(name, f"no array of numbers ({error})") from error
+    if values.shape != shape:
+        raise ResultFileError(
+            name, f"displacement has shape {values.shape}; this case needs {shape} [m]"
+        )
+    times = None if span is None else np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    about: dict[str, object] = {}
+    if isinstance(like, State):
+        about["element"] = like.element.value
+        if like.steps is not None:
+            about |= {"integrator": like.steps.integrator, "time_step": like.steps.time_step}
+        if like.tool_forces is not None:
+            about["tool_forces"] = like.tool_forces
+    values = values.reshape(-1, num_points, 3)
+    result = ResultFile(Path(name), values, are_positions=False, times=times, about=about)
+    return state_of_result(result, problem, name, strain)

@@ -1,0 +1,195 @@
+"""From a result to the state that is judged: at the case's points, its times, its own mesh."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference.integrators.schemes import Steps, read_integrator
+from palpate.validation.candidates.outside import require_answers
+from palpate.validation.exchange.placement import Placed, place
+from palpate.validation.exchange.result_files import ResultFile, ResultFileError
+from palpate.validation.exchange.time_reading import TimeReading, read_at
+from palpate.validation.metrics import make_state
+from palpate.validation.metrics.finite import largest
+from palpate.validation.metrics.pairs import measures_of
+from palpate.validation.states import OwnMesh, State, Trajectory
+
+
+def state_of_result(
+    result: ResultFile,
+    problem: Problem,
+    name: str,
+    strain: Strain,
+    *,
+    seconds: float = 0.0,
+    details: Mapping[str, object] | None = None,
+) -> State:
+    """What a simulator sent, as a state of the problem: its last one where it has times.
+
+    Raises:
+        ResultFileError: It answers another case, cannot be placed, or its times do not fit.
+        CandidateFailedError: NaN, or a body of quite another size.
+    """
+    require_answers(result, problem, strain)
+    placed = place(result, problem)
+    said = dict(result.about)
+    is_smoothed = said.get("element") == Element.SMOOTHED
+    state = make_state(
+        problem.mesh,
+        placed.displacement[-1],
+        label=name,
+        simulator=name,
+        strain=strain,
+        seconds=seconds,
+        details=details or {},
+        remarks=placed.notes,
+        tool_forces=_tool_forces(result, said.pop("tool_forces", None)),
+        element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
+        says=said,
+        sent_stress=placed.cauchy_stress if placed.own_mesh is None else None,
+        steps=_steps(result, problem),
+    )
+    if problem.time is not None:
+        return _with_motion(state, problem.mesh, problem.time, result, placed)
+    if placed.own_mesh is None or placed.own_displacement is None:
+        return state
+    own = OwnMesh(placed.own_mesh, placed.own_displacement, placed.cauchy_stress)
+    return with_own_mesh(state, problem.mesh, own)
+
+
+def _with_motion(
+    state: State, mesh: TetMesh, span: TimeSpan, result: ResultFile, placed: Placed
+) -> State:
+    """A dynamic case's trajectory at its output times: the states sent, or read between them.
+
+    Raises:
+        ResultFileError: No times, or they do not cover the case's.
+    """
+    wanted = np.linspace(0.0, span.end_time, span.num_outputs + 1)
+    given = result.times
+    slack = 1e-9 * span.end_time
+    if given is None or abs(given[0]) > slack or given[-1] < span.end_time - slack:
+        raise ResultFileError(
+            result.path,
+            f"needs `times` from 0 to {span.end_time:g} s, (num_times,), with their displacement",
+        )
+    read = read_at(given, placed.displacement, wanted, slack=slack)
+    states = [
+        dataclasses.replace(
+            state, trajectory=Trajectory(wanted, motion), **measures_of(mesh, motion[-1])
+        )
+        for motion in (read.states, read.others)
+    ]
+    if placed.own_mesh is not None and placed.own_displacement is not None:
+        end = read_at(given, placed.own_displacement, wanted[-1:], slack=slack)
+        for k, last in enumerate((end.states, end.others)):
+            there = _to_the_end(given, placed.own_displacement, last, wanted[-1], slack)
+            own = OwnMesh(placed.own_mesh, there.displacements, placed.cauchy_stress)
+            states[k] = with_own_mesh(states[k], mesh, own)
+    return dataclasses.replace(
+        states[0],
+        sent=_to_the_end(given, placed.displacement, read.states[-1:], wanted[-1], slack),
+        other_reading=None if read.were_sent.all() else states[1],
+        remarks=(*state.remarks, *_remarks_on_times(given, read, span.end_time + slack)),
+    )
+
+
+def _to_the_end(
+    times: Points, states: NDArray[np.float64], last: NDArray[np.float64], end: float, slack: float
+) -> Trajectory:
+    """The states sent from the start to the end, and the last one where none was sent there."""
+    is_inside = (times >= -slack) & (times <= end + slack)
+    if times[is_inside][-1] >= end - slack:
+        return Trajectory(times[is_inside], states[is_inside])
+    return Trajectory(np.append(times[is_inside], end), np.concatenate([states[is_inside], last]))
+
+
+def _remarks_on_times(times: Points, read: TimeReading, end: float) -> list[str]:
+    """What of a motion could be compared, and what could not."""
+    remarks = []
+    num_outputs, num_compared = len(read.were_sent), int(read.were_sent.sum())
+    if num_compared < num_outputs:
+        remarks.append(
+            f"{num_outputs - num_compared} of {num_outputs} output times were not sent: read there "
+            "by cubics between the states that were; how far that may be off counts as an error "
+            "bar. Send states at the output times of case.json."
+        )
+    num_late = int((times > end).sum())
+    num_between = len(times) - num_compared - num_late
+    if num_between > 0:
+        remarks.append(
+            f"{num_between} of {len(times)} states were sent at other times than the outputs: "
+            "there is nothing to compare them with; they are looked at for inverted cells, and for "
+            "places that the body cannot get to in time."
+        )
+    if num_late:
+        remarks.append(f"{num_late} of {len(times)} states come after the end: not judged.")
+    return remarks
+
+
+def _steps(result: ResultFile, problem: Problem) -> Steps | None:
+    """Scheme and time step that the result states; None in statics, and where it states no scheme.
+
+    Raises:
+        ResultFileError: An unknown scheme, or no step that could be meant.
+    """
+    scheme, span = result.about.get("integrator"), problem.time
+    if span is None or scheme is None:
+        return None
+    step = result.about.get("time_step", span.time_step)
+    if not isinstance(step, int | float):
+        raise ResultFileError(
+            result.path,
+            f"`about` names the integrator {scheme!r} but no time_step [s], and nor does the case",
+        )
+    try:
+        return Steps(read_integrator(str(scheme)), float(step))
+    except InputError as error:
+        raise ResultFileError(result.path, f"`about`: {error}") from error
+
+
+def _tool_forces(result: ResultFile, given: object) -> NDArray[np.float64] | None:
+    """What the result says of the force on its tools, as numbers.
+
+    Raises:
+        ResultFileError: It is no array of numbers.
+    """
+    if given is None:
+        return None
+    try:
+        forces = np.array(given)
+    except ValueError as error:
+        raise ResultFileError(result.path, f"`tool_forces` is ragged ({error})") from error
+    if forces.dtype.kind not in "fiu" or forces.ndim not in (2, 3) or forces.shape[-1] != 3:
+        raise ResultFileError(
+            result.path,
+            f"`tool_forces` holds {forces.dtype} of shape {forces.shape}; it needs numbers, "
+            "(num_tools, 3) or (num_tools, num_outputs + 1, 3) [N]",
+        )
+    return forces.astype(np.float64)
+
+
+def with_own_mesh(state: State, mesh: TetMesh, own: OwnMesh) -> State:
+    """A state at the points of the case's mesh, with what its own mesh says at its end.
+
+    Volume and area are the case's at rest plus the change on its own, so that a slightly
+    different body at rest is no error; det F is that of its own cells; the largest displacement
+    is looked for at the points of both.
+    """
+    there = measures_of(own.mesh, own.displacements[-1])
+    return dataclasses.replace(
+        state,
+        own=own,
+        volume=mesh.volume + (there["volume"] - own.mesh.volume),
+        surface_area=mesh.surface_area + (there["surface_area"] - own.mesh.surface_area),
+        smallest_det_f=there["smallest_det_f"],
+        max_displacement=largest((state.max_displacement, there["max_displacement"])),
+    )

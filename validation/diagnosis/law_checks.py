@@ -1,0 +1,207 @@
+"""What holds of every elastic law, and of the one that was stated, deformation by deformation.
+
+P = dW/dF, tangent = dP/dF and its symmetry, W(Q F) = W(F) and P(Q F) = Q P(F) (objectivity),
+P(F Q) = P(F) Q (isotropy), no stress at rest and Hooke's tangent there, P as the judge writes it.
+R. W. Ogden, Non-linear Elastic Deformations, 1984, sections 4.2 and 6.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes.problem import Material
+from palpate.validation.diagnosis.law_deformations import deformations, rotations
+from palpate.validation.diagnosis.law_naming import name_of_stress
+from palpate.validation.diagnosis.law_of_simulator import LawOf
+from palpate.validation.diagnosis.law_slips import lame_of
+from palpate.validation.metrics.finite_laws import OgdenTerms, finite_stress
+from palpate.validation.metrics.laws import Array
+
+# Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
+# or so; a derivative that is off in any user's sense is off by more than a tenth of a million.
+_DERIVATIVE = 1e-7
+# What is an identity, to rounding of numbers a hundred times larger.
+_IDENTITY = 1e-10
+_DIRECTIONS = 3
+_STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The worst of a check over one kind of deformation.
+
+    Attributes:
+        check: What was asked.
+        kind: Of deformation.
+        error: Over the size of what was compared [-].
+        limit: Largest error that passes [-].
+        worst: F there, (3, 3).
+        message: What is wrong, where something is.
+    """
+
+    check: str
+    kind: str
+    error: float
+    limit: float
+    worst: Array
+    message: str = ""
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it passed; NaN has not."""
+        return self.error <= self.limit
+
+
+def check_law(law: LawOf, material: Material) -> list[Finding]:
+    """Look at a law at every deformation.
+
+    Args:
+        law: Whose energy, stress and tangent.
+        material: What was stated.
+
+    Returns:
+        A finding for each check and kind of deformation.
+    """
+    found = list(_at_rest(law, material))
+    for kind, F in deformations(material.law).items():
+        checks = (
+            _derivative_of_energy, _derivative_of_stress, _symmetry, _objectivity, _isotropy,
+        )  # fmt: skip
+        for check in checks:
+            found.append(check(law, material, kind, F))
+        found.append(compare_stress(law.stress(F), material, kind, F, _IDENTITY))
+    return found
+
+
+def moduli_of(material: Material, count: int) -> tuple[Array, Array, Array, OgdenTerms]:
+    """Lamé's parameters and c01 [Pa] of so many cells, (count,) each, and Ogden's terms."""
+    lmbda, mu = (np.full(count, of) for of in lame_of(material))
+    return lmbda, mu, np.full(count, material.c01), material.ogden_terms
+
+
+def stated_stress(material: Material, F: Array) -> Array:
+    """P of the law that was stated, by the judge [Pa], (n, 3, 3)."""
+    return finite_stress(material.law, F - np.eye(3), *moduli_of(material, len(F)))
+
+
+def compare_stress(
+    P: Array, material: Material, kind: str, F: Array, limit: float, check: str = "law as stated"
+) -> Finding:
+    """Stresses held against those of the law that was stated; named where they are another's."""
+    right = stated_stress(material, F)
+    errors = _sizes(P - right) / _scale(right, material)
+    message = "" if float(errors.max()) <= limit else name_of_stress(P, material, F)
+    return _finding(check, kind, errors, limit, F, message)
+
+
+def _at_rest(law: LawOf, material: Material) -> Iterator[Finding]:
+    rest = np.eye(3)[None]
+    lmbda, mu = lame_of(material)
+    stress, energy = _sizes(law.stress(rest)) / mu, np.abs(law.energy(rest)) / mu
+    wrong = "stress where nothing is deformed" if stress[0] > _IDENTITY else "energy at rest"
+    yield _finding("rest", "rest", np.maximum(stress, energy), _IDENTITY, rest, wrong)
+    errors = []
+    for dF in _directions(rest, 9):
+        e = 0.5 * (dF + dF.transpose(0, 2, 1))
+        hooke = lmbda * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 2.0 * mu * e
+        errors.append(_sizes(law.change(rest, dF) - hooke) / _sizes(hooke))
+    message = "the tangent at rest is not Hooke's with the stated E and nu"
+    yield _finding("Hooke's law", "rest", np.max(errors, axis=0), _IDENTITY, rest, message)
+
+
+def _derivative_of_energy(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
+    P, errors, ratios = law.stress(F), [], []
+    for dF in _directions(F, _DIRECTIONS):
+        slope = _difference(law.energy, F, dF)
+        work = np.einsum("cij,cij->c", P, dF)
+        errors.append(np.abs(slope - work) / _scale(P, material))
+        ratios.append((slope, work))
+    worst = np.unravel_index(int(np.argmax(errors)), np.shape(errors))
+    along, done = (float(of[worst[1]]) for of in ratios[worst[0]])
+    message = (
+        f"the stress is not the derivative of the energy: along one direction dW = {along:.6g} Pa, "
+        f"P : dF = {done:.6g} Pa"
+    )
+    return _finding("P = dW/dF", kind, np.max(errors, axis=0), _DERIVATIVE, F, message)
+
+
+def _derivative_of_stress(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
+    errors, messages = [], []
+    for dF in _directions(F, _DIRECTIONS):
+        slope, change = _difference(law.stress, F, dF), law.change(F, dF)
+        errors.append(_sizes(slope - change) / _scale(slope, material))
+        cell = int(np.argmax(errors[-1]))
+        share = np.sum(slope[cell] * change[cell]) / np.sum(slope[cell] ** 2)
+        messages.append(
+            "the tangent is not the derivative of the stress: along one direction it is "
+            f"{share:.6g} times that, and off by {_sizes(change - slope)[cell]:.6g} Pa"
+        )
+    message = messages[int(np.argmax(np.max(errors, axis=1)))]
+    return _finding("tangent = dP/dF", kind, np.max(errors, axis=0), _DERIVATIVE, F, message)
+
+
+def _symmetry(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
+    one, other = _directions(F, 2)
+    there, back = law.change(F, one), law.change(F, other)
+    errors = np.abs(
+        np.einsum("cij,cij->c", there, other) - np.einsum("cij,cij->c", back, one)
+    ) / np.maximum(_sizes(there), material.youngs_modulus)
+    message = "the tangent is not symmetric: there is no energy behind it"
+    return _finding("symmetry", kind, errors, _IDENTITY, F, message)
+
+
+def _objectivity(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
+    Q = rotations(len(F))
+    P, W = law.stress(F), law.energy(F)
+    scale = _scale(P, material)
+    of_stress = _sizes(law.stress(Q @ F) - Q @ P) / scale
+    of_energy = np.abs(law.energy(Q @ F) - W) / np.maximum(np.abs(W), scale)
+    message = "a turned body has another energy" if of_energy.max() > _IDENTITY else ""
+    message = message or "a turned body has another stress than the turned one"
+    return _finding("objectivity", kind, np.maximum(of_stress, of_energy), _IDENTITY, F, message)
+
+
+def _isotropy(law: LawOf, material: Material, kind: str, F: Array) -> Finding:
+    Q = rotations(len(F))
+    P = law.stress(F)
+    errors = _sizes(law.stress(F @ Q) - P @ Q) / _scale(P, material)
+    message = "a body turned at rest answers otherwise: the law has directions of its own"
+    return _finding("isotropy", kind, errors, _IDENTITY, F, message)
+
+
+def _finding(check: str, kind: str, errors: Array, limit: float, F: Array, message: str) -> Finding:
+    """NaN is the worst."""
+    cell = int(np.argmax(np.where(np.isnan(errors), np.inf, errors)))
+    error = float(errors[cell])
+    return Finding(check, kind, error, limit, F[cell], "" if error <= limit else message)
+
+
+def _directions(F: Array, count: int) -> Array:
+    """Random ones of size 1 for each F, (count, n, 3, 3)."""
+    found: Array = np.random.default_rng(3).standard_normal((count, *F.shape))
+    found /= np.linalg.norm(found, axis=(2, 3), keepdims=True)
+    return found
+
+
+def _difference(function: Callable[[Array], Array], F: Array, dF: Array) -> Array:
+    """Along dF, of fourth order, by steps that are small beside the smallest stretch."""
+    h = _STEP * np.linalg.svd(F, compute_uv=False)[:, -1]
+    step = h[:, None, None] * dF
+    near = function(F + step) - function(F - step)
+    far = function(F + 2.0 * step) - function(F - 2.0 * step)
+    found: Array = (8.0 * near - far) / (12.0 * h.reshape(-1, *[1] * (near.ndim - 1)))
+    return found
+
+
+def _sizes(tensors: Array) -> Array:
+    sizes: Array = np.linalg.norm(tensors, axis=(1, 2))
+    return sizes
+
+
+def _scale(P: Array, material: Material) -> Array:
+    """A stress, or a hundredth of the modulus where there is hardly any."""
+    scale: Array = np.maximum(_sizes(P), 0.01 * material.youngs_modulus)
+    return scale

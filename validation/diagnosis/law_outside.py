@@ -1,0 +1,124 @@
+"""The stress of another simulator, by bodies of single cells that it is asked to bring to rest.
+
+Each cell may do all but turn and move: its first corner is held, the next along y and z, the third
+along z, so that F is upper triangular. The dead forces on its free corners are those of the stated
+law at an F; the F that the simulator answers with is the one at which its own law has that
+stress. A wrong law shows as another F; its error here is that of the stress at the answer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.boundary_conditions import PointForce, Support
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.validation.candidates.candidate import outside_candidate
+from palpate.validation.candidates.outside import OutsideSimulator
+from palpate.validation.diagnosis.law_checks import (
+    Finding,
+    compare_stress,
+    moduli_of,
+    stated_stress,
+)
+from palpate.validation.diagnosis.law_deformations import moderate_deformations
+from palpate.validation.diagnosis.law_naming import name_of_stress
+from palpate.validation.diagnosis.law_of_simulator import (
+    nodal_forces,
+    separate_cells,
+)
+from palpate.validation.metrics.finite_laws import stress_change
+from palpate.validation.metrics.laws import Array
+from palpate.validation.states import Progress
+
+# Of the cells [m]: as large as what soft bodies are measured by, so that a tolerance of forces that
+# is no part of anything is not out of reach.
+_EDGE = 0.02
+# Components of F that a cell is free to take, row by row.
+_FREE = np.array([[1, 1, 1], [0, 1, 1], [0, 0, 1]], dtype=bool)
+
+
+def check_simulator(
+    simulator: OutsideSimulator, material: Material, limit: float, progress: Progress
+) -> list[Finding]:
+    """Hold what a simulator answers against the law that was stated.
+
+    Args:
+        simulator: The program.
+        material: What it is told.
+        limit: Of the error of stress [-].
+        progress: Told what is run.
+
+    Returns:
+        A finding for each kind of deformation; more where it sends stresses of its own.
+
+    Raises:
+        CandidateFailedError: It gives no answer.
+    """
+    kinds = {
+        kind: stable
+        for kind, F in moderate_deformations().items()
+        if len(stable := F[_is_stable(F, material)])
+    }
+    F = np.concatenate(list(kinds.values()))
+    if not len(F):
+        raise InputError("no cell of this material stays where dead forces hold it")
+    mesh = separate_cells(len(F), _EDGE)
+    first = 4 * np.arange(len(F), dtype=np.int32)
+    supports = (
+        Support(first),
+        Support(first + 1, components=(False, True, True)),
+        Support(first + 2, components=(False, False, True)),
+    )
+    forces = nodal_forces(stated_stress(material, F), _EDGE)
+    load = PointForce(np.arange(mesh.num_points, dtype=np.int32), forces)
+    problem = Problem(mesh, material, supports, (load,))
+    state = outside_candidate(simulator).solve(problem, Strain.GREEN, progress)
+    answers = _deformations_of(state.displacement / _EDGE)
+    asked = stated_stress(material, F)
+    found, begin = [], 0
+    for kind, of in kinds.items():
+        rows = slice(begin, begin + len(of))
+        begin += len(of)
+        found.append(_compare(asked[rows], answers[rows], material, kind, limit))
+        if state.sent_stress is not None:
+            J = np.linalg.det(answers[rows])[:, None, None]
+            inverse = np.linalg.inv(answers[rows]).transpose(0, 2, 1)
+            sent = J * state.sent_stress[rows] @ inverse
+            check = "stress sent"
+            found.append(compare_stress(sent, material, kind, answers[rows], limit, check))
+    return found
+
+
+def _compare(asked: Array, answers: Array, material: Material, kind: str, limit: float) -> Finding:
+    """Of the components that are free: reactions are not known."""
+    right = stated_stress(material, answers)
+    off = np.where(_FREE, right - asked, 0.0)
+    scale = np.maximum(np.linalg.norm(asked, axis=(1, 2)), 0.01 * material.youngs_modulus)
+    errors = np.linalg.norm(off, axis=(1, 2)) / scale
+    cell = int(np.argmax(np.where(np.isnan(errors), np.inf, errors)))
+    error, message = float(errors[cell]), ""
+    if not error <= limit:
+        message = name_of_stress(asked, material, answers, _FREE)
+    return Finding("law as stated", kind, error, limit, answers[cell], message)
+
+
+def _deformations_of(displacement: Array) -> Array:
+    """F of separate cells by where their corners went, over the edge, (n, 3, 3)."""
+    edges = displacement.reshape(-1, 4, 3)
+    F: Array = np.eye(3) + (edges[:, 1:] - edges[:, :1]).transpose(0, 2, 1)
+    return F
+
+
+def _is_stable(F: Array, material: Material) -> NDArray[np.bool_]:
+    """Whether a free cell stays there under dead forces: the free part of dP/dF is positive."""
+    places = np.argwhere(_FREE)
+    tangent = np.zeros((len(F), len(places), len(places)))
+    for column, (i, j) in enumerate(places):
+        dF = np.zeros_like(F)
+        dF[:, i, j] = 1.0
+        change = stress_change(material.law, F - np.eye(3), dF, *moduli_of(material, len(F)))
+        tangent[:, :, column] = change[:, places[:, 0], places[:, 1]]
+    stable: NDArray[np.bool_] = np.linalg.eigvalsh(tangent)[:, 0] > 0.0
+    return stable

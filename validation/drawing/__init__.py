@@ -1,1 +1,0 @@
-"""Pictures of bodies, by whichever library can draw here."""

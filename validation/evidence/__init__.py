@@ -1,1 +1,0 @@
-"""What stands behind a verdict: error budget, convergence, seeded faults, relations."""

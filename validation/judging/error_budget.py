@@ -1,0 +1,318 @@
+"""Where an error comes from: model, discretisation, time and solver, on signed numbers.
+
+Each term is what the candidate would gain by mending one thing and leaving all else as it is:
+
+    model           the case's law in the place of the candidate's own, or Green strain in the
+                    place of linear strain, on the same mesh
+    discretisation  the truth's mesh and element, with the candidate's own law and strain
+    time            a quarter of the time step; for a candidate that states scheme and step of
+                    its own (`State.steps`) that quarter in the place of both
+    solver          the same mesh, law, strain, scheme and step, each step solved by the reference;
+                    called by another name where it is not the solver's (see `remainder`)
+
+Of an answer on a mesh of its own, which the reference does not solve on, discretisation and solver
+are one term. Norms do not add; signed numbers do, but for the interaction: what is left of the
+total when all terms are taken off. A large interaction says that mending one thing alone will not
+do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fastsim.dynamics import simulate
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.refinement import refine_problem
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.diagnosis import Diagnosis
+from palpate.validation.judging.remainder import SOLVER, name_of_rest
+from palpate.validation.judging.results import CaseResult
+from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, TRUTH
+from palpate.validation.states import Progress, State, in_silence
+
+MODEL, DISCRETISATION, TIME = "model", "discretisation", "time"
+# How much finer the time step is that stands for none.
+_FINER_STEP = 4
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The error of one number, by cause.
+
+    Attributes:
+        quantity: What the number is.
+        unit: Of every value here.
+        candidate: Name of who is judged, with its strain measure.
+        value: The candidate's.
+        truth: The best there is.
+        terms: By cause; None where a cause does not apply or cannot be told.
+    """
+
+    quantity: str
+    unit: str
+    candidate: str
+    value: float
+    truth: float
+    terms: Mapping[str, float | None]
+
+    @property
+    def total(self) -> float:
+        """Candidate less truth."""
+        return self.value - self.truth
+
+    @property
+    def rest(self) -> str:
+        """Name of the term of mesh, strain and step alike: `SOLVER`, or what it is instead."""
+        return next(name for name in self.terms if name not in (MODEL, DISCRETISATION, TIME))
+
+    @property
+    def interaction(self) -> float:
+        """What the terms leave over."""
+        return self.total - sum(term for term in self.terms.values() if term is not None)
+
+
+@dataclass(frozen=True, eq=False)
+class OwnLaw:
+    """The law that a candidate states as its own, in motion.
+
+    Attributes:
+        material: In the place of the case's.
+        mended: The reference on the same mesh by the candidate's scheme and step, but with the
+            case's law and strain; where None, what the law changes is told by central differences.
+    """
+
+    material: Material
+    mended: State | None = None
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem of this material."""
+        return dataclasses.replace(problem, material=self.material)
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """Signed numbers of a state: the displacement of a point along a direction, the volume.
+
+    Attributes:
+        point: Index.
+        direction: Unit vector, (3,).
+    """
+
+    point: int
+    direction: Points
+
+    def read(self, mesh: TetMesh, displacement: Points, volume: float | None = None) -> Points:
+        """Displacement of the point [m] and change of volume [m3], shape (2,)."""
+        if volume is None:
+            volume = float(signed_volumes(mesh.points + displacement, mesh.cells).sum())
+        return np.array([float(displacement[self.point] @ self.direction), volume - mesh.volume])
+
+
+def farthest_probe(displacement: Points) -> Probe:
+    """The point that moves most, along the way it goes."""
+    lengths = np.linalg.norm(displacement, axis=1)
+    point = int(lengths.argmax())
+    if not lengths[point] > 0.0:
+        raise InputError("nothing moves: there is no probe to set up a budget on")
+    return Probe(point, displacement[point] / lengths[point])
+
+
+def static_budgets(
+    problem: Problem,
+    candidate: State,
+    states: Mapping[tuple[str, Strain], State],
+    *,
+    own_law: Mapping[tuple[str, Strain], State] | None = None,
+    diagnoses: Sequence[Diagnosis] = (),
+) -> list[Budget]:
+    """Budgets of a static answer from the reference's states.
+
+    Args:
+        problem: The case's problem; with `own_law` under the candidate's, whose equations are then
+            asked whether it keeps them.
+        candidate: Its displacement at the case's points; its `strain` is what it was solved with.
+        states: The reference's, by label and strain: on the same mesh with the candidate's
+            element, and the truth.
+        own_law: The same under the law that the candidate states as its own, where that is not the
+            case's: what lies between the two is the model's term.
+        diagnoses: Of the case, where it was red.
+
+    Returns:
+        One for the farthest point's displacement, one for the change of volume; none where
+        the truth is missing.
+    """
+    mine = states if own_law is None else own_law
+
+    def truth_of(strain: Strain, of: Mapping[tuple[str, Strain], State]) -> State | None:
+        return of.get((TRUTH, strain)) or of.get((QUADRATIC, strain))
+
+    truth = truth_of(Strain.GREEN, states)
+    if truth is None:
+        return []
+    probe = farthest_probe(truth.displacement)
+
+    def read(state: State | None) -> Points:
+        if state is None:
+            return np.full(2, np.nan)
+        return probe.read(problem.mesh, state.displacement, state.volume)
+
+    strain = candidate.strain
+    on_mesh = OF_ELEMENT[candidate.element]
+    same, fine, own = mine.get((on_mesh, strain)), truth_of(strain, mine), read(candidate)
+    terms: dict[str, Points | None] = {MODEL: None, TIME: None}
+    if strain is Strain.LINEAR or own_law is not None:
+        terms[MODEL] = read(same) - read(states.get((on_mesh, Strain.GREEN)))
+    if candidate.own is not None:
+        # Nothing was solved on that mesh but the candidate: its solver's error is in here.
+        terms |= {DISCRETISATION: own - read(fine), SOLVER: None}
+    else:
+        terms[DISCRETISATION] = read(same) - read(fine)
+        terms[name_of_rest(problem, candidate, same, diagnoses)] = own - read(same)
+    return _budgets(_name(candidate), own, read(truth), terms)
+
+
+def motion_budgets(
+    problem: Problem,
+    strain: Strain,
+    *,
+    candidate: State | None = None,
+    same_mesh: State | None = None,
+    own_law: OwnLaw | None = None,
+    diagnoses: Sequence[Diagnosis] = (),
+    progress: Progress = in_silence,
+) -> list[Budget]:
+    """Budgets at the end of a motion, by fastsim itself with one thing changed at a time.
+
+    The truth is Green strain on the mesh cut in eight with a quarter of the time step: the terms
+    say what that gains, not what is left beyond it.
+
+    Args:
+        problem: With a time span and a time step, at which central differences are stable.
+        strain: What the candidate was solved with.
+        candidate: Its state at the end; fastsim's own where None. Where it states `steps`, those
+            are what its time term is about.
+        same_mesh: The reference's state with the same mesh, law, strain, scheme and step, for the
+            solver's term; see `references.motion_runs.solve_by_steps`.
+        own_law: Of a candidate that follows, as it states, another law than the case's.
+        diagnoses: Of the case, where it was red.
+        progress: Called with one line for each run.
+
+    Raises:
+        InputError: No time step, nothing moves, or steps that are stated without `same_mesh`.
+        FastsimError: A run failed.
+    """
+    span = problem.time
+    if span is None or span.time_step is None:
+        raise InputError("a budget of a motion needs [time] with a time_step")
+    scheme = None if candidate is None else candidate.steps
+    if scheme is not None and same_mesh is None:
+        raise InputError(f"a budget of {scheme} needs the same mesh by these steps; solve it")
+    finer = dataclasses.replace(span, time_step=span.time_step / _FINER_STEP)
+    mine = problem if own_law is None else own_law.of(problem)
+    fine_step = dataclasses.replace(mine, time=finer)
+    fine_mesh = dataclasses.replace(refine_problem(problem), time=finer)
+    mine_on_it = fine_mesh if own_law is None else own_law.of(fine_mesh)
+
+    def end(of: Problem, with_strain: Strain) -> Points:
+        assert of.time is not None
+        progress(f"{of.mesh.num_cells} cells, step {of.time.time_step:g} s, {with_strain} strain")
+        last: Points = simulate(of, strain=with_strain).displacements[-1]
+        return last
+
+    truth = end(fine_mesh, Strain.GREEN)
+    probe = farthest_probe(truth[: problem.mesh.num_points])
+    plain = probe.read(problem.mesh, end(mine, strain))
+    own = plain
+    if candidate is not None:
+        own = probe.read(problem.mesh, candidate.displacement)
+    stepped = probe.read(problem.mesh, end(fine_step, strain))
+    terms: dict[str, Points | None] = {MODEL: None}
+    is_green = strain is Strain.GREEN
+    if not is_green or own_law is not None:
+        terms[MODEL] = plain - probe.read(problem.mesh, end(problem, Strain.GREEN))
+    meshed = truth if is_green and own_law is None else end(mine_on_it, strain)
+    terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
+    judged_by = plain if same_mesh is None else probe.read(problem.mesh, same_mesh.displacement)
+    if own_law is not None and own_law.mended is not None:
+        terms[MODEL] = judged_by - probe.read(problem.mesh, own_law.mended.displacement)
+    terms[TIME] = (plain if scheme is None else judged_by) - stepped
+    rest = SOLVER
+    if candidate is not None and same_mesh is not None:
+        rest = name_of_rest(mine, candidate, same_mesh, diagnoses)
+    terms[rest] = own - judged_by
+    name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
+    return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)
+
+
+def case_budgets(result: CaseResult) -> list[Budget]:
+    """Budgets of every state of a static case's candidate; none for cases in motion."""
+    if result.problem.time is not None:
+        return []
+    references = {(s.label, s.strain): s for s in result.states if s.is_reference}
+    budgets = []
+    for state in result.states:
+        if not state.is_reference:
+            budgets += static_budgets(result.problem, state, references, diagnoses=result.diagnoses)
+    return budgets
+
+
+def budget_rows(budgets: list[Budget]) -> tuple[list[str], list[list[str]]]:
+    """Column names, and a row of text for each budget; errors in parts of the truth."""
+    columns = ["number", "candidate", "value", "truth", "error"]
+    columns += [MODEL, DISCRETISATION, TIME]
+    # Where it is not the solver's for all of them, each says what it is.
+    is_solvers = all(budget.rest == SOLVER for budget in budgets)
+    columns += [SOLVER if is_solvers else "the rest", "interaction"]
+    rows = []
+    for budget in budgets:
+        scale = abs(budget.truth) or 1.0
+
+        def part(value: float | None, scale: float = scale) -> str:
+            return "-" if value is None else f"{100.0 * value / scale:+.3g} %"
+
+        rows.append(
+            [
+                f"{budget.quantity} [{budget.unit}]",
+                budget.candidate,
+                f"{budget.value:.5g}",
+                f"{budget.truth:.5g}",
+                part(budget.total),
+                *(part(budget.terms.get(name)) for name in (MODEL, DISCRETISATION, TIME)),
+                part(budget.terms[budget.rest]) + ("" if is_solvers else f" ({budget.rest})"),
+                part(budget.interaction),
+            ]
+        )
+    return columns, rows
+
+
+def _budgets(
+    name: str, own: Points, truth: Points, terms: Mapping[str, Points | None]
+) -> list[Budget]:
+    numbers = (("displacement of the farthest point", "m"), ("change of volume", "m3"))
+    return [
+        Budget(
+            quantity,
+            unit,
+            name,
+            float(own[k]),
+            float(truth[k]),
+            {cause: _number(term, k) for cause, term in terms.items()},
+        )
+        for k, (quantity, unit) in enumerate(numbers)
+    ]
+
+
+def _name(state: State) -> str:
+    own_mesh = f", own mesh of {state.own.mesh.num_cells} cells" if state.own else ""
+    return f"{state.label}, {state.strain} strain{own_mesh}"
+
+
+def _number(term: Points | None, k: int) -> float | None:
+    """NaN where what it would be told by is missing."""
+    return None if term is None or np.isnan(term[k]) else float(term[k])

@@ -1,0 +1,199 @@
+"""Relations that every right simulator keeps, without any reference.
+
+1. turned, mirrored, renumbered, other units: the same answer;
+2. a body whose held points are turned by a finite angle turns as a whole, without strain; linear
+   strain cannot do that, and who says to use it must be seen to break this one;
+3. an affine motion of the boundary is an affine motion of the inside, on a ragged mesh, whichever
+   way the bricks are cut into tetrahedra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.meshes import transforms
+from palpate.meshes.arrays import Points
+from palpate.meshes.bricks import brick_box
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.candidates.candidate import Candidate
+from palpate.validation.case import Case
+from palpate.validation.diagnosis import Diagnosis
+from palpate.validation.diagnosis.asked import turned_otherwise
+from palpate.validation.judging.checks import decide
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged
+from palpate.validation.states import CandidateFailedError, Progress, Verdict, gravest, in_silence
+
+# Both answers are solved to 1e-10; a body that bends easily shows a hundred times that.
+LIMIT = 1e-8
+ANGLE_DEG = 70.0
+# Of the rigid turn. Linear strain sees a finite turn as a shrinking by 1 - cos of its angle, 23 %
+# here, and strains the body by it: a tenth of that is far above what any solver leaves.
+TURN_DEG = 40.0
+LEAST_BROKEN = 0.02
+_AXIS = (1.0, 2.0, -0.5)
+_TURNED, _RENUMBERED = "turned", "renumbered"
+_PATCHES = ("patch", "patch, diagonals swapped")
+# What any law keeps, isotropic or not.
+_OF_ANY_LAW = (_RENUMBERED, *_PATCHES)
+_REASON = "the same problem in another form: only solver error may differ"
+
+
+@dataclass(frozen=True)
+class _Relation:
+    name: str
+    reason: str
+    error: Callable[[], float]
+    # What linear strain cannot keep: who keeps it does not use linear strain.
+    must_be_broken: bool = False
+
+
+def judge_relations(case: Case, candidate: Candidate, progress: Progress) -> CaseResult:
+    """Judge a candidate by the relations, on a case's problem and on a ragged box.
+
+    Raises:
+        InputError: The case has time.
+    """
+    problem = case.problem
+    if problem.time is not None:
+        raise InputError(f"{case.name}: relations are for static cases")
+    checks = []
+    for relation in _relations(problem, case.strain, candidate, progress):
+        progress(f"{case.name}: {relation.name}")
+        checks.append(_judge(relation, case.strain, candidate.element))
+    diagnoses = _isotropy(checks)
+    verdict = gravest([check.verdict for check in checks])
+    return CaseResult(
+        name=case.name,
+        title=f"{case.title}: relations that need no reference",
+        verdict=verdict,
+        checks=tuple(checks),
+        problem=problem,
+        notes=(*candidate.notes, *(f"Diagnosis: {each}." for each in diagnoses)),
+        candidates=(Judged(candidate.name, verdict, candidate.element),),
+        diagnoses=diagnoses,
+    )
+
+
+def _isotropy(checks: list[CheckResult]) -> tuple[Diagnosis, ...]:
+    """A law that is not isotropic breaks the turn, and none of `_OF_ANY_LAW`."""
+    values = {check.metric: check.value for check in checks}
+    kept = [values[name] for name in _OF_ANY_LAW]
+    broken = values[_TURNED]
+    if broken is None or None in kept:
+        return ()
+    found = turned_otherwise(max(value for value in kept if value is not None), broken)
+    if not found.fits:
+        return ()
+    about = checks[0]
+    return (Diagnosis(about.strain, (found,), 1, broken, found.of, element=about.element),)
+
+
+def _judge(relation: _Relation, strain: Strain, element: Element) -> CheckResult:
+    value: float | None = None
+    limit = LEAST_BROKEN if relation.must_be_broken else LIMIT
+    try:
+        value = relation.error()
+    except CandidateFailedError as error:
+        verdict, message = Verdict.FAILED, str(error)
+    else:
+        verdict = decide(value, 0.0, limit)
+        message = f"{value:.2g} {'<=' if verdict is Verdict.PASSED else '>'} {limit:g}"
+        if relation.must_be_broken and np.isfinite(value) and value >= limit:
+            verdict = Verdict.PASSED
+            message = f"{value:.2g} >= {limit:g}: broken, as linear strain must"
+        elif relation.must_be_broken:
+            verdict = Verdict.FAILED
+            message = f"{value:.2g} < {limit:g}: kept, so this is not linear strain"
+    return CheckResult(
+        metric=relation.name,
+        against="relation",
+        strain=strain,
+        verdict=verdict,
+        reason=relation.reason,
+        message=message,
+        value=value if value is not None and np.isfinite(value) else None,
+        limit=limit,
+        scale="largest displacement",
+        element=element,
+    )
+
+
+def _relations(
+    problem: Problem, strain: Strain, candidate: Candidate, progress: Progress
+) -> Iterator[_Relation]:
+    def answer(given: Problem) -> Points:
+        return candidate.solve(given, strain, in_silence).displacement
+
+    progress("the problem as it stands")
+    own = answer(problem)
+    # A body that does not move at all has no scale: then nothing may move in another form.
+    scale = float(np.abs(own).max()) or 1.0
+
+    def unchanged(changed: tuple[Problem, transforms.Back]) -> Callable[[], float]:
+        given, back = changed
+        return lambda: float(np.abs(back(answer(given)) - own).max() / scale)
+
+    # At other angles single components become slanted normals, which few simulators know.
+    is_general = all(all(support.components) for support in problem.supports)
+    axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    matrix = transforms.rotation(_AXIS, ANGLE_DEG) if is_general else axes
+    mirror = np.diag([1.0, -1.0, 1.0])
+    for name, changed in (
+        (_TURNED, transforms.turn(problem, matrix)),
+        ("mirrored", transforms.turn(problem, mirror)),
+        (_RENUMBERED, transforms.renumber(problem)),
+        ("other units", transforms.change_units(problem)),
+    ):
+        yield _Relation(name, _REASON, unchanged(changed))
+
+    yield _rigid_turn(problem, strain, answer)
+    for name, mesh in zip(_PATCHES, (_box(False), _box(True)), strict=True):
+        affine = mesh.points @ np.array([[0.1, 0.05, 0.0], [-0.04, -0.08, 0.1], [0.0, 0.06, 0.05]])
+        outer = np.unique(mesh.boundary_facets)
+        given = transforms.prescribe(mesh, problem.material, outer, affine)
+        yield _Relation(
+            name,
+            "an affine motion of the boundary is one of the inside, on any mesh",
+            _distance(answer, given, affine),
+        )
+
+
+def _rigid_turn(problem: Problem, strain: Strain, answer: Callable[[Problem], Points]) -> _Relation:
+    is_linear = strain is Strain.LINEAR
+    if is_linear:
+        # One face of a box: of a body that is held all round, linear strain turns the inside too.
+        mesh = _box(False)
+        held = np.flatnonzero(mesh.points[:, 0] < 1e-9)
+    else:
+        # Not what is held in part, which in plane strain is every point there is.
+        mesh = problem.mesh
+        clamps = [s for s in problem.supports if all(s.components)] or problem.supports[:1]
+        held = np.unique(np.concatenate([s.points for s in clamps]))
+    turned = mesh.points @ (transforms.rotation(_AXIS, TURN_DEG) - np.eye(3)).T
+    given = transforms.prescribe(mesh, problem.material, held.astype(np.int32), turned)
+    what = f"held points turned by {TURN_DEG:g} degrees turn the body without strain"
+    return _Relation(
+        "rigid turn",
+        f"{what}, which linear strain cannot: it must break this" if is_linear else what,
+        _distance(answer, given, turned),
+        must_be_broken=is_linear,
+    )
+
+
+def _distance(
+    answer: Callable[[Problem], Points], given: Problem, expected: Points
+) -> Callable[[], float]:
+    return lambda: float(np.abs(answer(given) - expected).max() / np.abs(expected).max())
+
+
+def _box(is_swapped: bool) -> TetMesh:
+    """A ragged box of bricks; mirrored in x, they are cut along the other diagonals."""
+    mesh = brick_box((3, 3, 3), (0.03, 0.03, 0.03), ragged=0.2)
+    if not is_swapped:
+        return mesh
+    return TetMesh(mesh.points * [-1.0, 1.0, 1.0], mesh.cells[:, [0, 2, 1, 3]])

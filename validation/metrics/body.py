@@ -1,0 +1,389 @@
+"""Energy and nodal forces of a displacement, worked out by the judge itself for both sides.
+
+Plain NumPy on linear tetrahedra, apart from fastsim and from the reference. Only what follows
+from the displacement and the case's law can be measured so. Each part stands on its own, so that
+one can be altered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.boundary_conditions import Load, Pressure
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.exchange.nodal_loads import (
+    cell_materials,
+    cell_values,
+    nodal_force,
+    touchable_points,
+)
+from palpate.validation.exchange.supports import (
+    held_components,
+    held_slopes,
+    pushes_of_supports,
+)
+from palpate.validation.metrics.finite_laws import energy_density, finite_stress
+from palpate.validation.metrics.laws import (
+    MEASURES,
+    Array,
+    Law,
+    hooke,
+    law_of,
+    push_forward,
+    strain_of,
+)
+from palpate.validation.metrics.smoothing import Smoothing
+from palpate.validation.metrics.springs import spring_force
+
+Mask = NDArray[np.bool_]
+
+
+def shape_gradients(mesh: TetMesh) -> Array:
+    """Rest gradients of the four linear shape functions of each cell [1/m], (num_cells, 4, 3)."""
+    corners = mesh.points[mesh.cells]
+    inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
+    return np.concatenate([-inverse.sum(axis=1)[:, None], inverse], axis=1)
+
+
+def sum_at_points(places: Indices, forces: Array, num_points: int) -> Points:
+    """Sum forces (n, k, 3) of the corners of cells or facets (n, k) at the points they name."""
+    flat, rows = places.ravel(), forces.reshape(-1, 3)
+    summed: Points = np.stack(
+        [np.bincount(flat, rows[:, axis], num_points) for axis in range(3)], axis=1
+    )
+    return summed
+
+
+def load_force(mesh: TetMesh, load: Load, displacement: Points, strain: Strain) -> Points:
+    """Force of any load at full size on each point [N], (num_points, 3).
+
+    A pressure follows: -p times a third of the deformed facet's area along its outward normal at
+    each corner, exact on linear tetrahedra; with linear strain on the facet at rest.
+    """
+    if not isinstance(load, Pressure):
+        return nodal_force(mesh, load)
+    places = mesh.points if strain is Strain.LINEAR else mesh.points + displacement
+    a, b, c = (places[load.facets[:, k]] for k in range(3))
+    thirds = -load.pressure / 6.0 * np.cross(b - a, c - a)
+    return sum_at_points(load.facets, np.repeat(thirds[:, None], 3, axis=1), mesh.num_points)
+
+
+class Body:
+    """Energy, internal force, loads and supports of a problem.
+
+    Smoothed tetrahedra differ by their energy and internal force alone.
+
+    Attributes:
+        lmbda: Lamé's first parameter by cell [Pa], (num_cells,).
+        mu: The second [Pa].
+        c01: Of Mooney and Rivlin's law by cell [Pa].
+        law: What the material follows under Green strain.
+        held: Components that are held, (num_points, 3).
+        prescribed: Where they are held [m], at full amplitude.
+        touchable: Points that a tool may touch, (num_points,).
+        free: Components where the sum of forces must vanish, (num_points, 3). Points that a tool
+            may touch are left out: what it pushes there is not known; so are those that slide.
+        slopes: Points that slide along slanted planes; None where none does.
+    """
+
+    def __init__(self, problem: Problem, strain: Strain, element: Element = Element.LINEAR) -> None:
+        self.problem, self.strain, self.mesh = problem, strain, problem.mesh
+        self._gradients = shape_gradients(problem.mesh)
+        self.volumes = signed_volumes(problem.mesh.points, problem.mesh.cells)
+        self._by_volume = self.volumes[:, None, None] * self._gradients
+        E, nu = cell_materials(problem)[:, :2].T
+        self.lmbda: Array = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+        self.mu: Array = E / (2.0 * (1.0 + nu))
+        self.law, self._terms = problem.material.law, problem.material.ogden_terms
+        self.c01: Array = cell_values(problem, lambda material: material.c01)
+        self._smoothing: Smoothing | None = None
+        if element is Element.SMOOTHED:
+            c01 = None if self.is_linear_in_strain else self.c01
+            self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu, c01)
+        fixed, self.prescribed = held_components(problem)
+        self.held: Mask = fixed.astype(bool)
+        self.slopes = held_slopes(problem)
+
+    @cached_property
+    def touchable(self) -> Mask:  # noqa: D102  (an attribute above)
+        return touchable_points(self.problem)
+
+    @cached_property
+    def free(self) -> Mask:  # noqa: D102
+        free: Mask = ~self.held & ~self.touchable[:, None]
+        if self.slopes is not None:
+            free[self.slopes.points] = False
+        return free
+
+    @property
+    def follows(self) -> bool:
+        """Whether pressures follow the surface."""
+        return self.strain is Strain.GREEN
+
+    @property
+    def has_followers(self) -> bool:
+        """Whether the loads depend on the displacement."""
+        return self.follows and any(isinstance(load, Pressure) for load in self.problem.loads)
+
+    def gradient(self, displacement: Points) -> Array:
+        """Of the displacement, by cell [-], (num_cells, 3, 3)."""
+        corners = displacement[self.mesh.cells].transpose(0, 2, 1)
+        gradients: Array = corners @ self._gradients
+        return gradients
+
+    def energy(self, displacement: Points) -> float:
+        """Integral of psi = lmbda/2 tr(E)^2 + mu tr(E^2), or of the law's W, over the rest [J]."""
+        if not self.is_linear_in_strain:
+            H = self.gradient(displacement)
+            if self._smoothing is not None:
+                return self._smoothing.law_energy(self.law, H, self._terms)
+            moduli = (self.lmbda, self.mu, self.c01, self._terms)
+            return float(self.volumes @ energy_density(self.law, H, *moduli))
+        E = strain_of(self.gradient(displacement), self.strain)
+        return 0.5 * float(self.volumes @ np.einsum("cij,cij->c", E, self.stress(E)))
+
+    @property
+    def is_linear_in_strain(self) -> bool:
+        """Whether S = lmbda tr(E) I + 2 mu E, with the strain asked for."""
+        return self.strain is Strain.LINEAR or self.law.is_linear_in_strain
+
+    def stress(self, strain: Array) -> Array:
+        """The stress that belongs to a strain by cell [Pa], both (num_cells, 3, 3)."""
+        if self._smoothing is not None:
+            return self._smoothing.stress(strain)
+        return hooke(strain, self.lmbda, self.mu)
+
+    def force_of(self, stress: Array) -> Points:
+        """Nodal force of a first Piola-Kirchhoff stress [N]; sums to zero."""
+        by_corner = self._by_volume @ stress.transpose(0, 2, 1)
+        return sum_at_points(self.mesh.cells, by_corner, self.mesh.num_points)
+
+    def force_of_strain(self, strain: Array) -> Points:
+        """Nodal forces V (C : E) grad N of a strain by cell, (num_cells, 3, 3) [N]."""
+        return self.force_of(hooke(strain, self.lmbda, self.mu))
+
+    def internal(
+        self, displacement: Points, law: Law | None = None, lame: tuple[Array, Array] | None = None
+    ) -> Points:
+        """Derivative of the energy by the points [N], by the law and material asked for, or others.
+
+        NaN where a law has no stress for so large a strain.
+        """
+        H = self.gradient(displacement)
+        measure = self.strain if law is None else MEASURES.get(law)
+        by_own_law = law is None and not self.is_linear_in_strain
+        if self._smoothing is not None and measure is not None and not by_own_law:
+            smoothing = self._smoothing if lame is None else Smoothing(self.mesh, *lame)
+            stress = smoothing.stress(strain_of(H, measure))
+            return self.force_of(push_forward(H, stress, measure))
+        lmbda, mu = lame or (self.lmbda, self.mu)
+        try:
+            if by_own_law:
+                c01 = self.c01 * (mu / self.mu)
+                if self._smoothing is None:
+                    stress = finite_stress(self.law, H, lmbda, mu, c01, self._terms)
+                else:
+                    stress = Smoothing(self.mesh, lmbda, mu, c01).law_stress(
+                        self.law, H, self._terms
+                    )
+            else:
+                stress = (law or law_of(self.strain))(H, lmbda, mu)
+        except np.linalg.LinAlgError:
+            # A cell that is squeezed flat has no stress by a law that divides by its volume.
+            return np.full_like(self.mesh.points, np.nan)
+        return self.force_of(stress)
+
+    def viscous(self, displacement: Points, before: Points) -> Points:
+        """Forces of the stress by the law at rest of what the strain has changed by [N].
+
+        Times stiffness damping over the step, those of stiffness damping.
+
+        Args:
+            displacement: [m].
+            before: That of a step earlier.
+        """
+        H, H_before = self.gradient(displacement), self.gradient(before)
+        change = strain_of(H, self.strain) - strain_of(H_before, self.strain)
+        return self.force_of(push_forward(H, self.stress(change), self.strain))
+
+    def stresses(self, displacement: Points) -> tuple[Array, Array]:
+        """Cauchy's and the first Piola-Kirchhoff stress of each cell [Pa], (num_cells, 3, 3).
+
+        P = F S with S as the element takes it, sigma = P F^T / det F; with engineering strain both
+        are S. Not finite where a cell is flat.
+        """
+        H = self.gradient(displacement)
+        if not self.is_linear_in_strain:
+            return self._finite_stresses(H)
+        E = strain_of(H, self.strain)
+        smoothing = self._smoothing
+        S = hooke(E, self.lmbda, self.mu) if smoothing is None else smoothing.stress(E)
+        if self.strain is Strain.LINEAR:
+            return S, S
+        F = np.eye(3) + H
+        P: Array = F @ S
+        with np.errstate(all="ignore"):
+            sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma, P
+
+    def first_stress(self, H: Array) -> Array:
+        """P by a law that is not linear in strain, as the element takes it; H may be complex."""
+        if self._smoothing is not None:
+            return self._smoothing.law_stress(self.law, H, self._terms)
+        return finite_stress(self.law, H, self.lmbda, self.mu, self.c01, self._terms)
+
+    def _finite_stresses(self, H: Array) -> tuple[Array, Array]:
+        try:
+            P = self.first_stress(H)
+        except np.linalg.LinAlgError:
+            P = np.full_like(H, np.nan)
+        F = np.eye(3) + H
+        with np.errstate(all="ignore"):
+            sigma: Array = P @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+        return sigma, P
+
+    @cached_property
+    def stiffness_diagonal(self) -> Points:
+        """Diagonal of the stiffness at rest [N/m], (num_points, 3).
+
+        Of corner a along i: V ((lmbda + mu) (grad_i N_a)^2 + mu |grad N_a|^2).
+        """
+        lmbda, mu, volumes = (a[:, None, None] for a in (self.lmbda, self.mu, self.volumes))
+        squared = self._gradients**2
+        by_corner = volumes * ((lmbda + mu) * squared + mu * squared.sum(axis=2, keepdims=True))
+        return sum_at_points(self.mesh.cells, by_corner, self.mesh.num_points)
+
+    def load(self, index: int, displacement: Points, *, is_other: bool = False) -> Points:
+        """Nodal force of a load at full size [N].
+
+        A pressure follows the surface with Green strain and stays where it was with linear
+        strain; `is_other` makes it the other way round.
+        """
+        load = self.problem.loads[index]
+        if isinstance(load, Pressure) and self.follows is not is_other:
+            return load_force(self.mesh, load, displacement, Strain.GREEN)
+        return self._loads_at_rest[index]
+
+    @cached_property
+    def _loads_at_rest(self) -> list[Points]:
+        still = np.zeros_like(self.mesh.points)
+        return [load_force(self.mesh, load, still, self.strain) for load in self.problem.loads]
+
+    def loads(self, displacement: Points, *, is_other: bool = False) -> list[Points]:
+        """Each of them, as `load` gives it."""
+        numbers = range(len(self.problem.loads))
+        return [self.load(index, displacement, is_other=is_other) for index in numbers]
+
+    def total(self, forces: Sequence[Points]) -> Points:
+        """Their sum; zero for none."""
+        return sum(forces, np.zeros_like(self.mesh.points))
+
+    def external(
+        self,
+        displacement: Points,
+        time: float | None = None,
+        *,
+        factors: Sequence[float] | None = None,
+        is_other: bool = False,
+    ) -> Points:
+        """Sum of all loads and springs [N], tools left out.
+
+        Args:
+            displacement: [m]; pressures and springs follow it.
+            time: Of amplitudes [s]; without them where None.
+            factors: Of each load beside its amplitude; 1 where None.
+            is_other: See `load`.
+        """
+        force = np.zeros_like(self.mesh.points)
+        for index, load in enumerate(self.problem.loads):
+            factor = 1.0 if factors is None else factors[index]
+            if time is not None and load.amplitude is not None:
+                factor *= load.amplitude(time)
+            if factor:
+                force += factor * self.load(index, displacement, is_other=is_other)
+        return force + self.pull_of_springs(displacement, time)
+
+    def pull_of_springs(self, displacement: Points, time: float | None = None) -> Points:
+        """Sum of all springs [N], (num_points, 3), at a time [s]; where their paths end if None."""
+        pulled = [spring_force(self.mesh, s, displacement, time) for s in self.problem.springs]
+        return self.total(pulled)
+
+    def out_of_balance(self, displacement: Points) -> tuple[Points, float]:
+        """What is left of external and internal forces where nothing is held, tools left out.
+
+        Returns:
+            External less internal force at each point, 0 in held components [N], (num_points, 3);
+            the largest internal or external force of a point [N], infinite where one is no
+            number, to hold it against.
+        """
+        internal, external = self.internal(displacement), self.external(displacement)
+        scale = np.linalg.norm(np.concatenate([internal, external]), axis=1).max()
+        left = self.freed(external - internal)
+        return left, float(scale) if np.isfinite(scale) else np.inf
+
+    def support_reactions(self, displacement: Points) -> Points:
+        """Total force that each support exerts in its held components [N], (num_supports, 3).
+
+        The internal force less the dead loads and the springs at the held points: zero elsewhere
+        in equilibrium. Follower pressure on held points is not subtracted.
+        """
+        span = self.problem.time
+        force = self.internal(displacement) - dead_force(self.problem)
+        force -= self.pull_of_springs(displacement, None if span is None else span.end_time)
+        return pushes_of_supports(self.problem, force)
+
+    def miss(self, displacement: Points) -> float:
+        """How far held components are from where they are held, over the largest displacement."""
+        apart = np.abs(self.to_supports(displacement)).max(initial=0.0)
+        return ratio(float(apart), float(np.abs(displacement).max()))
+
+    def freed(self, vectors: Points) -> Points:
+        """Vectors without their held components, (num_points, 3)."""
+        free = np.where(self.held, 0.0, vectors)
+        return free if self.slopes is None else self.slopes.without(free)
+
+    def to_supports(self, displacement: Points) -> Points:
+        """How far held components are from where they are held [m], 0 elsewhere."""
+        gap = np.where(self.held, self.prescribed - displacement, 0.0)
+        if self.slopes is not None:
+            slid = self.slopes.places - self.slopes.held_part(displacement)
+            gap[self.slopes.points] = slid
+        return gap
+
+
+# What metrics and relations ask of one problem again and again is worked out once.
+body_of = lru_cache(maxsize=2)(Body)
+
+
+def factor_at_end(problem: Problem, load: Load) -> float:
+    """What a load is multiplied by at the end of a motion; 1 in statics."""
+    if problem.time is None or load.amplitude is None:
+        return 1.0
+    return load.amplitude(problem.time.end_time)
+
+
+def dead_force(problem: Problem) -> Points:
+    """Sum of all dead loads at the end [N], (num_points, 3); pressures and tools left out."""
+    force = np.zeros_like(problem.mesh.points)
+    for load in problem.loads:
+        force += factor_at_end(problem, load) * nodal_force(problem.mesh, load)
+    return force
+
+
+def imbalance(internal: Points, external: Points, rows: Mask) -> float:
+    """Largest sum of forces at these components, over the largest nodal force."""
+    scale = max(float(np.abs(internal).max()), float(np.abs(external).max()))
+    return ratio(float(np.abs(internal - external)[rows].max(initial=0.0)), scale)
+
+
+def ratio(value: float, scale: float) -> float:
+    """Zero over zero is zero: nothing is nothing's part."""
+    if not np.isfinite(value) or not np.isfinite(scale):
+        return float("inf")
+    return value / scale if scale > 0.0 else (0.0 if value == 0.0 else float("inf"))

@@ -1,0 +1,194 @@
+"""The judge's own explicit motion, as stated or with one slip in it: central differences in NumPy.
+
+    (1/dt^2 + d/(2 dt)) a(t + dt) = (F - R(a(t))) / m + 2/dt^2 a(t) - (1/dt^2 - d/(2 dt)) a(t - dt)
+
+from rest, a(-dt) = a(0) + dt^2/2 a''(0); lumped m, D = d M. Stiffness damping b adds to R the
+forces of b C : (E(a(t)) - E(a(t - dt))) / dt. Only the first part of a motion is
+stepped, as far as NumPy goes in a blink; a stored trajectory is held beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem
+from palpate.validation.exchange.nodal_loads import lumped_mass
+from palpate.validation.exchange.supports import held_components, held_slopes
+from palpate.validation.metrics.body import Body, Mask
+from palpate.validation.metrics.laws import Array, Law
+
+# Displacements beyond so many body sizes are a blow-up.
+_FAR = 10.0
+
+
+class Start(Enum):
+    """What the step before the first is taken for."""
+
+    RIGHT = "a(0) + dt^2/2 a''(0)"
+    NONE = "a(0)"
+    DOUBLE = "a(0) + dt^2 a''(0)"
+
+
+class Update(Enum):
+    """The update of a step."""
+
+    CENTRAL = "central differences"
+    SEMI_IMPLICIT = "semi-implicit Euler"
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """A motion as the candidate may have understood it; the default is the problem as stated.
+
+    Attributes:
+        law: The law; None for the one asked for.
+        lame: Lamé's parameters by cell; None for those asked for.
+        mass: Lumped [kg], (num_points,); None for the right one.
+        inverse_mass: Of a full matrix, (num_points, num_points), where it is not lumped.
+        mass_factor: Of the mass.
+        stiffness_factor: Of the internal force.
+        load_factors: Of each load; None for 1.
+        is_other_pressure: Pressures follow the surface where they should not, or the reverse.
+        damping: lambda of D = lambda M [1/s]; None for what was asked.
+        viscosity: Of the stiffness damping.
+        step_factor: Length of a step over what was asked, with as many steps.
+        pieces: Steps for each that was asked.
+        late: Steps that every stored state comes late.
+        released: Held components that are not held.
+        with_amplitudes: Whether loads and supports follow their amplitudes.
+    """
+
+    law: Law | None = None
+    lame: tuple[Array, Array] | None = None
+    mass: Points | None = None
+    inverse_mass: Array | None = None
+    mass_factor: float = 1.0
+    stiffness_factor: float = 1.0
+    load_factors: tuple[float, ...] | None = None
+    is_other_pressure: bool = False
+    damping: float | None = None
+    viscosity: float = 1.0
+    start: Start = Start.RIGHT
+    update: Update = Update.CENTRAL
+    step_factor: float = 1.0
+    pieces: int = 1
+    late: int = 0
+    released: Mask | None = None
+    with_amplitudes: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Stepper:
+    """Steps a body's motion to its first outputs.
+
+    Attributes:
+        body: Its forces.
+        step: Length of a step [s].
+        per_output: Steps from output to output.
+        num_outputs: How many outputs are stepped to.
+    """
+
+    body: Body
+    step: float
+    per_output: int
+    num_outputs: int
+    _mass: Points = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_mass", lumped_mass(self.body.problem))
+
+    def outputs(self, slip: Slip) -> Iterator[Points]:
+        """The state at each output after the first [m], (num_points, 3); ends at a blow-up."""
+        body, span = self.body, self.body.problem.time
+        assert span is not None
+        dt = self.step * slip.step_factor / slip.pieces
+        held = body.held if slip.released is None else body.held & ~slip.released
+        damping = span.mass_damping if slip.damping is None else slip.damping
+        size = float(np.ptp(body.mesh.points, axis=0).max())
+        now = self._slid(np.where(held, self._places(0.0, slip), 0.0), 0.0, slip)
+        speed = self._speed_at_start(held)
+        beta = slip.viscosity * span.stiffness_damping / dt
+        acceleration = self._acceleration(now, 0.0, slip, beta, now - dt * speed)
+        match slip.start:
+            case Start.RIGHT:
+                before = now - dt * speed + 0.5 * dt**2 * (acceleration - damping * speed)
+            case Start.NONE:
+                before = now - dt * speed
+            case Start.DOUBLE:
+                before = now - dt * speed + dt**2 * (acceleration - damping * speed)
+        before = np.where(held, now, before)
+        left, right = 1.0 / dt**2 + damping / (2.0 * dt), 1.0 / dt**2 - damping / (2.0 * dt)
+        velocity = speed
+        every = self.per_output * slip.pieces
+        for step in range(1, every * self.num_outputs + 1 + max(-slip.late, 0)):
+            acceleration = self._acceleration(now, (step - 1) * dt, slip, beta, before)
+            if slip.update is Update.CENTRAL:
+                after = (acceleration + 2.0 / dt**2 * now - right * before) / left
+            else:
+                velocity = velocity + dt * (acceleration - damping * velocity)
+                after = now + dt * velocity
+            after = np.where(held, self._places(step * dt, slip), after)
+            after = self._slid(after, step * dt, slip)
+            if not np.abs(after).max() < _FAR * size:
+                return
+            before, now = now, after
+            stored = step + slip.late
+            if stored > 0 and stored % every == 0:
+                yield now
+
+    def _acceleration(
+        self, displacement: Points, time: float, slip: Slip, beta: float, before: Points
+    ) -> Points:
+        """External less internal force over the mass [m/s2]; beta over the step [-]."""
+        force = self.body.external(
+            displacement,
+            time if slip.with_amplitudes else None,
+            factors=slip.load_factors,
+            is_other=slip.is_other_pressure,
+        )
+        force -= slip.stiffness_factor * self.body.internal(displacement, slip.law, slip.lame)
+        if beta:
+            force -= beta * self.body.viscous(displacement, before)
+        if slip.inverse_mass is not None:
+            solved: Points = slip.inverse_mass @ force
+            return solved
+        mass = self._mass if slip.mass is None else slip.mass
+        return force / (slip.mass_factor * mass[:, None])
+
+    def _speed_at_start(self, held: Mask) -> Points:
+        """What is free of the initial velocity [m/s]."""
+        problem = self.body.problem
+        if problem.initial_velocity is None:
+            return np.zeros_like(self.body.mesh.points)
+        speed = np.where(held, 0.0, problem.initial_velocity.at(self.body.mesh.points))
+        slopes = self.body.slopes
+        return speed if slopes is None else slopes.without(speed)
+
+    def _slid(self, displacement: Points, time: float, slip: Slip) -> Points:
+        """With the points that slide where their planes are."""
+        slopes, problem = self.body.slopes, self.body.problem
+        if slopes is None:
+            return displacement
+        if slip.with_amplitudes and any(s.amplitude for s in problem.supports):
+            slopes = held_slopes(problem, time)
+            assert slopes is not None
+        return slopes.placed(displacement)
+
+    def _places(self, time: float, slip: Slip) -> Points:
+        """Where held components are [m]."""
+        problem = self.body.problem
+        is_moving = slip.with_amplitudes and any(s.amplitude for s in problem.supports)
+        return held_components(problem, time)[1] if is_moving else self.body.prescribed
+
+
+def steps_per_output(problem: Problem) -> int:
+    """Whole steps from one output to the next; 0 where the case states no step."""
+    span = problem.time
+    if span is None or span.time_step is None:
+        return 0
+    return round(span.end_time / span.num_outputs / span.time_step)

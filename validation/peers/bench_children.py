@@ -1,0 +1,267 @@
+"""Tools in processes of their own, timed in turns, each driven by its adapter.
+
+A tool may live in another Python environment: PALPATE_BENCH_PYTHON names interpreters to try
+besides this one, separated like PATH. One thread each unless its options say otherwise.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.supervised import supervised
+from palpate.meshes.temporaries import scratch_folder
+from palpate.validation.candidates.interpreters import interpreters
+from palpate.validation.peers import adapters
+from palpate.validation.states import Progress
+
+FOLDER = Path(adapters.__file__).parent
+HARNESS = FOLDER / "harness.py"
+_THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "CCX_NPROC_EQUATION_SOLVER")
+OURS = "palpate"
+
+
+class ChildFailedError(RuntimeError):
+    """A tool gave no answer; the message says how it ended."""
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Who is timed.
+
+    Attributes:
+        name: In the rows; our own is "palpate".
+        adapter: Its file in the folder of adapters, without .py.
+        install: How to get it.
+        options: For its adapter, besides the job.
+        runs_everywhere: Whether it is timed in all interpreters that have another version of it.
+    """
+
+    name: str
+    adapter: str
+    install: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    runs_everywhere: bool = False
+
+
+DOLFINX = Tool(
+    "dolfinx",
+    "dolfinx_assembly",
+    "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
+    runs_everywhere=True,
+)
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How tools are timed.
+
+    Attributes:
+        turns: Timings of each tool. The first is not counted, but where processes are fresh.
+        seconds: Work of one timing, about; 0 is one step.
+        unit: Of which a timing does a whole number [steps].
+        long: Whoever needs so long for one [s] gets `turns_if_long`.
+        is_fresh: Whether every timing is a process of its own.
+        time_limit: Of one set-up or one timing [s].
+    """
+
+    turns: int
+    seconds: float = 0.0
+    unit: int = 1
+    long: float = math.inf
+    turns_if_long: int = 1
+    is_fresh: bool = False
+    time_limit: float = 300.0
+
+
+class Child:
+    """A tool in a process of its own.
+
+    Attributes:
+        version: Of the tool; empty where it is not installed.
+        precision: Of its arithmetic.
+        timings: Of each so far: processor and wall seconds of one step, and what the tool said.
+    """
+
+    def __init__(
+        self, tool: Tool, task: str, job: Mapping[str, Any], interpreter: str, schedule: Schedule
+    ) -> None:
+        self.tool, self._schedule = tool, schedule
+        self.timings: list[dict[str, Any]] = []
+        self._num_steps = 0
+        self._ends = contextlib.ExitStack()
+        self._process = self._ends.enter_context(contextlib.ExitStack())
+        folder = self._ends.enter_context(scratch_folder("bench"))
+        self._job, self._answer = folder / "job.npz", folder / "answer.npz"
+        np.savez(self._job, **job, **tool.options)
+        file = FOLDER / f"{tool.adapter}.py"
+        self._command = [*map(str, (interpreter, HARNESS, file, task, self._job, self._answer))]
+
+    def start(self) -> None:
+        """Set the tool up in a new process.
+
+        Raises:
+            ChildFailedError: It failed, or the job is not for it.
+        """
+        self._process.close()
+        errors = self._job.with_name("errors.txt").open("w+", encoding="utf-8")
+        self._errors = self._process.enter_context(errors)
+        process = self._process.enter_context(
+            supervised(
+                self._command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                text=True,
+                env=_environment(self._command[0]),
+                cwd=self._job.parent,  # some write log files
+            )
+        )
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._say, self._said, self._end = process.stdin, process.stdout, process.terminate
+        for stream in (process.stdin, process.stdout):
+            self._process.callback(_close, stream)
+        about = self._read()
+        if "unfit" in about:
+            raise ChildFailedError(about["unfit"])
+        self.version, self.precision = about.get("version", ""), about.get("precision", "")
+
+    @property
+    def answer(self) -> dict[str, NDArray[Any]]:
+        """The arrays that the tool answered last."""
+        with np.load(self._answer) as stored:
+            return {name: stored[name] for name in stored.files}
+
+    def time(self) -> None:
+        """Time the tool once; the first steps of all, which may compile, do not count."""
+        if self._schedule.is_fresh and self.timings:
+            self.start()
+        if not self._num_steps:
+            self._num_steps = self._calibrate()
+        self.timings.append(self._time(self._num_steps))
+
+    def _calibrate(self) -> int:
+        unit, seconds = self._schedule.unit, self._schedule.seconds
+        count = unit
+        if seconds:
+            self._time(count)
+            while (wall := count * self._time(count)["wall"]) < 0.1 * seconds:
+                count *= 4
+            count = unit * max(1, round(count / unit * seconds / wall))
+        return count
+
+    def _time(self, num_steps: int) -> dict[str, Any]:
+        with contextlib.suppress(BrokenPipeError):  # the answer says why
+            self._say.write(f"{num_steps}\n")
+            self._say.flush()
+        timing = self._read()
+        for clock in ("processor", "wall"):
+            timing[clock] /= num_steps
+        return timing
+
+    def best(self, clock: str) -> float:
+        """Least seconds of a step, by processor or wall clock."""
+        first = 0 if self._schedule.is_fresh else 1
+        return float(min(timing[clock] for timing in self.timings[first:] or self.timings))
+
+    def close(self) -> None:
+        """End the process and forget the answer."""
+        self._ends.close()
+
+    def _read(self) -> dict[str, Any]:
+        # Whoever hangs is ended, and has failed.
+        timer = threading.Timer(self._schedule.time_limit, self._end)
+        timer.start()
+        line = self._said.readline()
+        is_late = not timer.is_alive()
+        timer.cancel()
+        if line:
+            answer: dict[str, Any] = json.loads(line)
+            return answer
+        if is_late:
+            raise ChildFailedError(f"not done within {self._schedule.time_limit:g} s")
+        self._errors.seek(0)
+        last = self._errors.read().strip().splitlines()[-12:]
+        raise ChildFailedError("\n".join(last) or "the process ended without a word")
+
+
+@contextlib.contextmanager
+def timed(
+    tools: Sequence[Tool],
+    task: str,
+    job: Mapping[str, Any],
+    schedule: Schedule,
+    progress: Progress,
+) -> Iterator[list[Child]]:
+    """Set tools up for a task, and time them in turns.
+
+    Each runs in the first interpreter that has what it needs, our own in this one. A rival that is
+    not installed is left out; so is one that fails or does not fit the job, and `progress` is told.
+
+    Raises:
+        ChildFailedError: Our own failed.
+    """
+
+    def tell(tool: Tool, error: ChildFailedError) -> None:
+        if tool.name == OURS:
+            raise error
+        progress(f"{tool.name}: {str(error).splitlines()[-1]}")
+
+    children: list[Child] = []
+    with contextlib.ExitStack() as ends:
+        for tool in tools:
+            for interpreter in interpreters()[: 1 if tool.name == OURS else None]:
+                versions = {child.version for child in children if child.tool is tool}
+                if versions and not tool.runs_everywhere:
+                    break
+                child = Child(tool, task, job, interpreter, schedule)
+                ends.callback(child.close)
+                try:
+                    child.start()
+                except ChildFailedError as error:
+                    tell(tool, error)
+                    continue
+                if child.version not in {"", *versions}:
+                    children.append(child)
+        for turn in range(schedule.turns):
+            for child in tuple(children):
+                if turn >= schedule.turns_if_long and child.best("wall") >= schedule.long:
+                    continue
+                try:
+                    child.time()
+                except ChildFailedError as error:
+                    children.remove(child)
+                    tell(child.tool, error)
+        yield children
+
+
+def _close(stream: IO[str]) -> None:
+    with contextlib.suppress(OSError):
+        stream.close()
+
+
+def _environment(interpreter: str) -> dict[str, str]:
+    ranks = ("OMPI_", "PMIX_", "PMI_")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(ranks)}
+    environment.pop("PYTHONPATH", None)
+    if interpreter == sys.executable:
+        paths = (str(Path(p).absolute()) for p in sys.path if p)
+        environment["PYTHONPATH"] = os.pathsep.join(paths)
+    for name in _THREADS:
+        environment[name if "_" in name else f"{name}_NUM_THREADS"] = "1"
+    # Tools installed beside an interpreter (compilers, say) are found as in its own environment.
+    environment["PATH"] = f"{Path(interpreter).parent}{os.pathsep}{environment.get('PATH', '')}"
+    return environment

@@ -1,0 +1,109 @@
+"""`palpate bench mesh`: surfaces filled with tetrahedra, ours beside every installed rival.
+
+Kidney surfaces made by gmsh, decimated, and by marching cubes. Every timing is a process of its
+own; quality is measured here, the same way for all. Seconds are from the surface in the tool's
+memory to the finished mesh there. Rows have surface, cells, min_dihedral_deg, p1_dihedral_deg (1st
+percentile of each cell's smallest angle), inverted cells, boundary_kept, relative_volume_error,
+critical_time_step_us (E = 10 kPa, nu = 0.45, 1000 kg/m3) and peak_memory_mb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from palpate.fastsim.body import Body
+from palpate.meshes.problem import Material
+from palpate.meshes.quality import measure_quality
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.meshes.tri_surface import TriSurface
+from palpate.validation.peers.bench_children import OURS, Child, ChildFailedError, Schedule, Tool
+from palpate.validation.peers.bench_mesh_surfaces import make_surface
+from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.states import Progress
+
+# The poorer surfaces come in one size.
+POOR_SIZE = 10_000
+SCHEDULE = Schedule(turns=3, long=5.0, is_fresh=True, time_limit=400.0)
+_GMSH = "pip install gmsh (which also makes the surfaces)"
+TOOLS = (
+    Tool(OURS, "ours"),
+    Tool("gmsh HXT", "gmsh_meshes", _GMSH, {"algorithm": 10, "netgen": 0}),
+    Tool("TetGen pq1.2Y", "tetgen_meshes", "pip install tetgen"),
+    Tool(
+        "gmsh Delaunay + Netgen", "gmsh_meshes", "pip install gmsh", {"algorithm": 1, "netgen": 1}
+    ),
+)
+# Soft tissue; only the ratio of the critical steps depends on the mesh.
+_TISSUE = Material(1e4, 0.45, 1000.0)
+
+
+def make_scenes(size: int, progress: Progress) -> Iterator[Scene]:
+    """Surfaces of about `size` triangles."""
+    for kind in ("gmsh", "decimated", "marching cubes") if size == POOR_SIZE else ("gmsh",):
+        try:
+            surface = make_surface(kind, size)
+        except ChildFailedError as error:
+            progress(f"no {kind} surface of {size} triangles: {error}")
+            continue
+
+        def finish(
+            rows: list[Row],
+            children: list[Child],
+            _earlier: list[Row],
+            surface: TriSurface = surface,
+        ) -> None:
+            for row, child in zip(rows, children, strict=True):
+                row |= measure(surface, child.answer)
+
+        job = {"points": surface.points, "facets": surface.facets}
+        yield Scene(surface.num_facets, job, {"surface": kind}, finish)
+
+
+def measure(surface: TriSurface, answer: Mapping[str, Any]) -> Row:
+    """What a mesh is worth; of one with inverted cells no more than that."""
+    points, cells = answer["points"], answer["cells"].astype(np.int32)
+    # About a local origin, so that the sum keeps its digits.
+    volumes = signed_volumes(points - surface.points.mean(axis=0), cells)
+    inverted = int((volumes <= 0.0).sum())
+    measured: Row = {
+        "cells": len(cells),
+        "inverted": inverted,
+        "relative_volume_error": abs(float(volumes.sum()) / surface.volume - 1.0),
+    }
+    if inverted or len(cells) == 0:
+        return measured
+    mesh = TetMesh(points, cells)
+    quality = measure_quality(mesh)
+    return measured | {
+        "min_dihedral_deg": quality.smallest_dihedral_deg,
+        "p1_dihedral_deg": quality.first_percentile_dihedral_deg,
+        "boundary_kept": is_boundary_kept(surface, mesh),
+        "critical_time_step_us": 1e6 * Body(mesh, _TISSUE).critical_time_step_bound(),
+    }
+
+
+def is_boundary_kept(surface: TriSurface, mesh: TetMesh) -> bool:
+    """Whether the mesh's boundary facets are the surface's, corner for corner, bit for bit."""
+
+    def facets_of(triangles: np.ndarray[Any, np.dtype[np.float64]]) -> set[bytes]:
+        # Corners in one order, whatever their numbers.
+        order = np.lexsort(triangles.transpose(2, 0, 1)[::-1], axis=1)
+        return {row.tobytes() for row in np.take_along_axis(triangles, order[:, :, None], axis=1)}
+
+    given = facets_of(surface.points[surface.facets])
+    return given == facets_of(mesh.points[mesh.boundary_facets])
+
+
+BENCHMARK = Benchmark(
+    task="Mesh",
+    sizes=(2_000, POOR_SIZE, 50_000),
+    tools=TOOLS,
+    schedule=SCHEDULE,
+    make_scenes=make_scenes,
+    measure_work=lambda row: row["cells"],
+    rate_unit="cells per second",
+    same=("surface",),
+)

@@ -1,0 +1,245 @@
+"""Runs a benchmark by name: its rows, what they say, the machine, and rivals left out."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.fastsim.gpu.devices import CORE, check_device
+from palpate.meshes.errors import InputError
+from palpate.validation.peers.bench_children import (
+    OURS,
+    Child,
+    Schedule,
+    Tool,
+    timed,
+)
+from palpate.validation.states import Progress, in_silence
+
+Row = dict[str, Any]
+# Columns that every row has, in the order of the table.
+COMMON = ("tool", "size", "threads", "precision", "seconds", "rate")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What all tools do beside each other.
+
+    Attributes:
+        size: For the rows.
+        job: Plain arrays for the adapters.
+        columns: More for the rows, the same in all.
+        finish: Adds what follows from the answers, from the rows of all tools and from those of
+            earlier scenes: finish(rows, children, earlier).
+    """
+
+    size: int
+    job: Mapping[str, Any]
+    columns: Mapping[str, Any]
+    finish: Callable[[list[Row], list[Child], list[Row]], None]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A comparison of tools.
+
+    Attributes:
+        task: Class of the adapters.
+        sizes: That there are.
+        tools: Ours and the rivals.
+        schedule: How they are timed.
+        make_scenes: What is done at a size.
+        measure_work: Of one step, for the rate.
+        rate_unit: Of that work over seconds.
+        same: Columns in which rows must agree to be compared.
+        table: Columns worth a place on the terminal beside `COMMON`; all, where it is empty.
+        remark: What the summary says beside the rates, of our rows that are alike in `same`,
+            and of those of the rivals, the quickest first.
+    """
+
+    task: str
+    sizes: Sequence[int]
+    tools: Sequence[Tool]
+    schedule: Schedule
+    make_scenes: Callable[[int, Progress], Iterator[Scene]]
+    measure_work: Callable[[Row], float]
+    rate_unit: str
+    same: tuple[str, ...] = ()
+    table: tuple[str, ...] = ()
+    remark: Callable[[list[Row], list[Row]], list[str]] = lambda _ours, _rivals: []
+
+
+# Names on the command line, and of modules with a `BENCHMARK`.
+NAMES = ("steps", "static", "truth", "delaunay", "mesh", "collision")
+# Ours alone, modules with `rows`, `summary` and `TABLE`: the live page's server under a client, and
+# the condensed model under a ball.
+ALONE = ("touch", "condensed")
+
+
+def run_benchmark(
+    name: str,
+    *,
+    sizes: Sequence[int] | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Time a benchmark.
+
+    Args:
+        name: Of `NAMES` or `ALONE`.
+        sizes: Problem sizes, of those the benchmark has; None times them all.
+        device: On which ours is timed as well; "cpu" is the compiled core, which always is.
+        progress: Called with one line per row.
+
+    Returns:
+        The document of `palpate bench --json`: bench, machine, rows, left_out, which says of
+        every rival without a row how it is installed, summary, lines of text, and table, the
+        columns to show beside the common ones (all, where it is empty).
+
+    Raises:
+        InputError: No such benchmark, or it does not have such a size or runs on no device.
+    """
+    if name in ALONE:
+        return _alone(name, sizes, device, progress or in_silence)
+    if name not in NAMES:
+        raise InputError(f"no benchmark {name!r}; there are {', '.join((*NAMES, *ALONE))}")
+    module = importlib.import_module(f"palpate.validation.peers.bench_{name}")
+    benchmark: Benchmark = module.BENCHMARK
+    device = check_device(device)
+    if device != CORE:
+        if not hasattr(module, "on_device"):
+            raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
+        benchmark = module.on_device(benchmark, device)
+    if unknown := [size for size in sizes or () if size not in benchmark.sizes]:
+        known = ", ".join(map(str, benchmark.sizes))
+        raise InputError(f"benchmark {name} has no size {unknown[0]}; it has {known}")
+    rows = time_all(benchmark, sizes or benchmark.sizes, progress or in_silence)
+    timed = {row["tool"] for row in rows}
+    rivals = {tool.name: tool.install for tool in benchmark.tools if tool.name != OURS}
+    return {
+        "bench": name,
+        "machine": describe_machine(),
+        "rows": rows,
+        "left_out": {tool: how for tool, how in rivals.items() if tool not in timed},
+        "summary": summarise(benchmark, rows),
+        "table": list(benchmark.table),
+    }
+
+
+def _alone(
+    name: str, sizes: Sequence[int] | None, device: str, progress: Progress
+) -> dict[str, Any]:
+    module = importlib.import_module(f"palpate.validation.peers.bench_{name}")
+    if check_device(device) != CORE:
+        raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
+    rows = module.rows(sizes, progress)
+    return {
+        "bench": name,
+        "machine": describe_machine(),
+        "rows": rows,
+        "left_out": {},
+        "summary": module.summary(rows),
+        "table": list(module.TABLE),
+    }
+
+
+def time_all(benchmark: Benchmark, sizes: Sequence[int], progress: Progress) -> list[Row]:
+    """Rows of all scenes of some sizes; what fails or does not fit goes to `progress`."""
+    rows: list[Row] = []
+    for size in sizes:
+        for scene in benchmark.make_scenes(size, progress):
+            task, schedule = benchmark.task, benchmark.schedule
+            with timed(benchmark.tools, task, scene.job, schedule, progress) as children:
+                found = [_row(child, scene) for child in children]
+                scene.finish(found, children, rows)
+            for row in found:
+                row["rate"] = benchmark.measure_work(row) / row["seconds"]
+                row["rate_unit"] = benchmark.rate_unit
+                same = ", ".join(str(row[column]) for column in ("size", *benchmark.same))
+                progress(
+                    f"{row['tool']:22} {same:40} {row['precision']}  {row['threads']} thread(s)"
+                    f"  {row['seconds']:9.3g} s  {row['rate']:8.3g} {row['rate_unit']}"
+                )
+            rows += found
+    return rows
+
+
+def _row(child: Child, scene: Scene) -> Row:
+    """Seconds of the processor on one thread, of the clock on several and on a GPU."""
+    clocks = {clock: child.best(clock) for clock in ("processor", "wall")}
+    threads = int(child.tool.options.get("num_threads", 1))
+    # What a GPU does, no processor's clock sees.
+    is_gpu = str(child.tool.options.get("device", CORE)).startswith("cuda")
+    return {
+        "tool": child.tool.name,
+        "version": child.version,
+        "size": scene.size,
+        "threads": threads,
+        "precision": child.precision,
+        **scene.columns,
+        **{name: value for name, value in child.timings[-1].items() if name not in clocks},
+        "seconds": clocks["wall" if threads > 1 or is_gpu else "processor"],
+        "wall_seconds": clocks["wall"],
+    }
+
+
+def summarise(benchmark: Benchmark, rows: Sequence[Row]) -> list[str]:
+    """How many times each rival's rate ours is, the quickest first, for what is comparable."""
+    lines = []
+    columns = ("size", *benchmark.same)
+    for key in dict.fromkeys(tuple(row[column] for column in columns) for row in rows):
+        here = [row for row in rows if tuple(row[column] for column in columns) == key]
+        rivals = sorted((r for r in here if r["tool"] != OURS), key=lambda row: row["seconds"])
+        everything = [row for row in here if row["tool"] == OURS]
+        for precision in dict.fromkeys(row["precision"] for row in everything):
+            ours = [row for row in everything if row["precision"] == precision]
+            parts = [
+                f"{row['seconds'] / ours[0]['seconds']:.1f} times {row['tool']} {row['version']}"
+                + ("" if row["precision"] == precision else f" in {row['precision']}")
+                for row in rivals
+            ]
+            parts += benchmark.remark(ours, rivals)
+            lines.append(f"{', '.join(map(str, key))}, {precision}: " + ", ".join(parts))
+    return lines
+
+
+def bench_json(document: dict[str, Any]) -> str:
+    """The document as strict JSON."""
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def describe_machine() -> dict[str, Any]:
+    """What the timings depend on: processor, cores, memory, load, system."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        **_memory_and_load(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+    }
+
+
+def _memory_and_load() -> dict[str, float]:
+    """What of both the system tells; Windows neither, by these calls."""
+    told: dict[str, float] = {}
+    if hasattr(os, "sysconf"):
+        pages = os.sysconf("SC_PHYS_PAGES")
+        told["memory_mb"] = round(os.sysconf("SC_PAGE_SIZE") * pages / 2**20)
+    if hasattr(os, "getloadavg"):
+        told["load_average"] = round(os.getloadavg()[0], 2)
+    return told
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()

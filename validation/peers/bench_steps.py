@@ -1,0 +1,229 @@
+"""`palpate bench steps`: explicit steps of one body, ours beside other simulators and loops.
+
+Whole steps with supports, weight and damping. Rows have body, precision and peak_memory_mb; the
+rate is in million cells x steps per second. Rivals with our law have relative_force_error, of the
+largest nodal force, at a random displacement of a tenth of a cell. Ours have real_time_factor
+(simulated over spent time, at each element's own stable step), speedup_from_threads and, on the
+kidney, real_time_cells: how many cells of this body would run in real time. Smoothed tetrahedra
+have times_linear: a second of motion over that of plain ones; another law has rate_of_stvk: its
+rate over that of Saint-Venant-Kirchhoff's in the same run. With a device ours is there on it as
+well: bytes_per_cell, which a step moves, counted from the arrays; gigabytes_per_second that this
+makes; share_of_copy, of what copies reach there, if a body is beyond the caches; times_two_cores,
+over our core on two threads; and paper_rate, what an H100's memory would allow at most
+(`palpate.fastsim.gpu.traffic`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+
+from palpate.fastsim.body import Body
+from palpate.fastsim.explicit_body import SAFETY, Precision
+from palpate.fastsim.gpu.traffic import paper_rate
+from palpate.fastsim.mesher import mesh_surface
+from palpate.meshes.boundary_conditions import BodyForce, Support
+from palpate.meshes.bricks import brick_box
+from palpate.meshes.kidney import shape_kidney
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Element, Material, Problem
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.peers.bench_children import DOLFINX, OURS, Child, Schedule, Tool
+from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.states import Progress
+
+KIDNEY = 20_000
+_box = partial(brick_box, size=(4.0, 1.0, 1.0), ragged=0.15)
+# Number of cells (the kidney's about) -> body.
+SIZES: dict[int, Callable[[], TetMesh]] = {
+    6_000: partial(_box, (40, 5, 5)),
+    58_080: partial(_box, (80, 11, 11)),
+    600_000: partial(_box, (160, 25, 25)),
+    KIDNEY: lambda: mesh_surface(shape_kidney(edge_length=5.15e-3)),
+}
+TISSUE = Material(1e4, 0.45, 1000.0)
+MASS_DAMPING = 5.0  # [1/s]
+WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
+_NEWTON = "pip install newton warp-lang"
+_KIND = ("element", "precision", "law")
+_COMPUTED = ("threads", "precision", "device")
+# Bytes that a step moves: a smaller body may stay in a cache, and says nothing of the memory.
+_BEYOND_CACHES = 1e8
+# Short timings find the quiet moments of a busy machine.
+SCHEDULE = Schedule(turns=12, seconds=0.2)
+TOOLS = (
+    *(
+        Tool(
+            OURS,
+            "ours",
+            options={"element": element, "precision": precision.value, "num_threads": count},
+        )
+        for element in Element
+        for precision in Precision
+        for count in (1, 2)
+    ),
+    *(
+        Tool(
+            OURS,
+            "ours",
+            options={
+                "element": Element.LINEAR,
+                "precision": precision.value,
+                "num_threads": 1,
+                "law": Law.NEO_HOOKEAN_STABLE.value,
+            },
+        )
+        for precision in Precision
+    ),
+    Tool("numpy", "numpy_loop", "pip install numpy"),
+    Tool("numba", "numba_loop", "pip install numba", {"precision": "float32"}),
+    Tool("numba", "numba_loop", "pip install numba", {"precision": "float64"}),
+    Tool("mujoco", "mujoco_flex", "pip install mujoco"),
+    Tool("newton", "newton_neo_hookean", _NEWTON),
+    Tool("taichi", "taichi_loop", "pip install taichi"),
+    DOLFINX,
+)
+
+
+def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
+    """A body with what every tool is given, as plain arrays."""
+    mesh = SIZES[size]()
+    body = Body(mesh, TISSUE)
+    low, high = mesh.points[:, 0].min(), mesh.points[:, 0].max()
+    held = np.flatnonzero(mesh.points[:, 0] < low + 0.02 * (high - low)).astype(np.int32)
+    test = np.random.default_rng(1).uniform(-0.1, 0.1, mesh.points.shape)
+    test *= (6.0 * mesh.volume / mesh.num_cells) ** (1.0 / 3.0)
+    test[held] = 0.0
+    force = body.internal_force(test)
+    time_step = SAFETY * body.critical_time_step()
+
+    def finish(rows: list[Row], children: list[Child], _earlier: list[Row]) -> None:
+        for row, child in zip(rows, children, strict=True):
+            if "force" in child.answer:
+                difference = np.nanmax(np.abs(child.answer["force"] - force))
+                row["relative_force_error"] = float(difference / np.abs(force).max())
+            if row["tool"] != OURS:
+                continue
+            if "device" in row:
+                _compare_device(row, rows)
+            row["real_time_factor"] = SAFETY * row["critical_time_step"] / row["seconds"]
+            if size == KIDNEY:
+                # Cost grows as n, the stable step shrinks as n^(-1/3).
+                row["real_time_cells"] = round(row["size"] * row["real_time_factor"] ** 0.75)
+            alone = next(
+                r for r in rows if all(r.get(name) == row.get(name) for name in (*_KIND, "device"))
+            )
+            if row is not alone:
+                row["speedup_from_threads"] = alone["wall_seconds"] / row["wall_seconds"]
+            plain = next(r for r in rows if all(r.get(name) == row.get(name) for name in _COMPUTED))
+            if row["law"] != Law.SAINT_VENANT_KIRCHHOFF:
+                row["rate_of_stvk"] = plain["wall_seconds"] / row["wall_seconds"]
+            elif row is not plain:
+                row["times_linear"] = plain["real_time_factor"] / row["real_time_factor"]
+
+    yield Scene(
+        mesh.num_cells,
+        rest_arrays(Problem(mesh, TISSUE, (Support(held),), (BodyForce(WEIGHT),)))
+        | {"time_step": time_step, "mass_damping": MASS_DAMPING, "test_displacement": test},
+        {"body": "kidney" if size == KIDNEY else "box"},
+        finish,
+    )
+
+
+def on_device(benchmark: Benchmark, device: str) -> Benchmark:
+    """The benchmark with ours on a device besides, and the simulators of others that Warp runs."""
+    more = tuple(
+        Tool(
+            OURS,
+            "ours",
+            options={
+                "element": element,
+                "precision": precision.value,
+                "num_threads": 1,
+                "device": device,
+            },
+        )
+        for element in Element
+        for precision in Precision
+    )
+    ours = sum(tool.name == OURS for tool in benchmark.tools)
+    there = {"device": device.removeprefix("warp:")}
+    rivals = [Tool("mujoco-warp", "mujoco_on_warp", "pip install mujoco-warp", there)]
+    if there["device"] != "cpu":  # where it is timed anyway
+        rivals.append(Tool("newton", "newton_neo_hookean", _NEWTON, there))
+    tools = (*benchmark.tools[:ours], *more, *benchmark.tools[ours:], *rivals)
+    return dataclasses.replace(benchmark, tools=tools)
+
+
+def _compare_device(row: Row, rows: list[Row]) -> None:
+    """What a device's rate is of its memory's, and of two cores."""
+    moved = row["bytes_per_cell"] * row["size"] / row["seconds"] / 1e9
+    row["gigabytes_per_second"] = moved
+    if row["bytes_per_cell"] * row["size"] > _BEYOND_CACHES:
+        row["share_of_copy"] = moved / row["copy_gigabytes_per_second"]
+    row["paper_rate"] = paper_rate(row["bytes_per_cell"]) / 1e6
+    cores = [
+        other
+        for other in rows
+        if other["tool"] == OURS
+        and "device" not in other
+        and other["threads"] == 2
+        and all(other[name] == row[name] for name in _KIND)
+    ]
+    if cores:
+        row["times_two_cores"] = cores[0]["wall_seconds"] / row["wall_seconds"]
+
+
+def _share(row: Row) -> str:
+    share = row.get("share_of_copy")
+    return "" if share is None else f", {share:.0%} of what copies reach there"
+
+
+def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
+    """What threads give, and how many cells run in real time."""
+    parts = [
+        f"{row['threads']} threads {row['speedup_from_threads']:.2f} times one"
+        for row in ours
+        if "speedup_from_threads" in row and "times_linear" not in row
+    ]
+    parts += [
+        f"smoothed {row['times_linear']:.2f} times as long for a second of motion"
+        for row in ours
+        if "times_linear" in row and row["threads"] == 1
+    ]
+    parts += [
+        f"{row['law']} at {row['rate_of_stvk']:.2f} of the rate in {row['precision']}"
+        for row in ours
+        if "rate_of_stvk" in row
+    ]
+    parts += [
+        f"{row['device']}, {row['element']}, {row['precision']}: {row['bytes_per_cell']:.0f} bytes "
+        f"per cell and step{_share(row)}; on paper an "
+        f"H100's memory (3.35 TB/s, nothing else in the way) allows {row['paper_rate']:.3g} at most"
+        for row in ours
+        if "bytes_per_cell" in row
+    ]
+    if "real_time_cells" in ours[0]:
+        parts.append(f"{ours[0]['real_time_cells']} cells in real time on one core")
+    return parts
+
+
+BENCHMARK = Benchmark(
+    task="Steps",
+    sizes=tuple(SIZES),
+    tools=TOOLS,
+    schedule=SCHEDULE,
+    make_scenes=make_scene,
+    measure_work=lambda row: row["size"] / 1e6,
+    rate_unit="million cells x steps per second",
+    same=("body",),
+    table=("body", "device", "element", "law", "bytes_per_cell", "share_of_copy",
+           "times_two_cores", "times_linear", "rate_of_stvk", "speedup_from_threads",
+           "relative_force_error",
+           "real_time_factor", "peak_memory_mb"),
+    remark=remark,
+)  # fmt: skip

@@ -1,0 +1,147 @@
+"""`palpate bench touch`: the live page's server under a recording client, no browser beside it.
+
+A tool is pressed into the kidney of `steps` and drawn aside, linear beside Green strain, a thread
+each. Rows have seconds (of the clock, for a second of the bodies' time) with rate, its reciprocal;
+processor_factor, the bodies' time over the busier thread's processor time, which does not depend on
+what else the machine does; frames_per_second; latency_ms and worst_latency_ms from a hand's message
+to a frame that has it, in the server's clock; megabytes_per_second; page_kilobytes.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.files import write_mesh
+from palpate.meshes.problem import Element, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.peers.bench_steps import KIDNEY
+from palpate.validation.peers.bench_steps import SIZES as BODIES
+from palpate.validation.states import Progress
+from palpate.validation.versions import version_of
+
+Row = dict[str, Any]
+SIZES = (KIDNEY,)
+TABLE = (
+    "processor_factor", "frames_per_second", "latency_ms", "worst_latency_ms",
+    "megabytes_per_second", "page_kilobytes", "real_time_held",
+)  # fmt: skip
+# Of the bodies' time [s]; the first part is not counted.
+SECONDS, WARM_UP = 6.0, 1.0
+# How far the tool is pressed in and drawn aside [mm].
+_WAY = ((0.0, 0.0, -22.0), (6.0, 4.0, -24.0))
+_CASE = """
+schema = 1
+title = "Kidney under a tool"
+
+[units]
+length = "mm"
+stress = "kPa"
+
+[geometry]
+mesh = "kidney.vtu"
+
+[material]
+youngs_modulus = 10.0
+poissons_ratio = 0.45
+density = 1000.0
+
+[[support]]
+region = { half_space = { point = [0.0, 0.0, -26.75], normal = [0.0, 0.0, -1.0] } }
+"""
+
+
+def rows(sizes: Sequence[int] | None, progress: Progress) -> list[Row]:
+    """A row for each size.
+
+    Raises:
+        InputError: No such size.
+        TouchUnavailableError: `websockets` is not installed.
+    """
+    if unknown := [size for size in sizes or () if size not in SIZES]:
+        raise InputError(f"benchmark touch has no size {unknown[0]}; it has {SIZES[0]}")
+    found = []
+    for size in sizes or SIZES:
+        progress(f"meshing a kidney of about {size} cells")
+        with tempfile.TemporaryDirectory(prefix="palpate-touch-") as name:
+            found.append(measured(BODIES[size](), Path(name), progress))
+    return found
+
+
+def summary(_rows: Sequence[Row]) -> list[str]:
+    """Nothing beside the table."""
+    return []
+
+
+def measured(mesh: TetMesh, folder: Path, progress: Progress, seconds: float = SECONDS) -> Row:
+    """Serve a body of tissue [m] to a client that moves a hand, and read the clocks.
+
+    Args:
+        mesh: Of a kidney's size; held below, pressed from above.
+        folder: For the case.
+        progress: Told once.
+        seconds: Of the bodies' time.
+    """
+    from palpate.validation.case import load_case
+    from palpate.validation.live.client import connected
+    from palpate.validation.live.live_case import Touch
+    from palpate.validation.live.server import PageServer
+
+    write_mesh(folder / "kidney.vtu", TetMesh(mesh.points * 1e3, mesh.cells))
+    (folder / "kidney.toml").write_text(_CASE, encoding="utf-8")
+    server = PageServer(
+        load_case(folder / "kidney.toml"), Touch(), (Element.LINEAR,), folder=folder
+    )
+    ready = threading.Event()
+    serving = threading.Thread(target=server.serve, args=(lambda _: ready.set(),))
+    serving.start()
+    try:
+        ready.wait()
+        progress(f"a hand on {mesh.num_cells} cells for {seconds:g} s")
+        with connected(server.address) as client:
+            start = np.array(client.scene["tool"]["start"])
+            for number in range(1, 10**6):
+                now = client.until(lambda heard: "panes" in heard)["time"]
+                if now > seconds:
+                    break
+                part = 2.0 * now / seconds
+                way = np.array(_WAY)
+                goal = min(part, 1.0) * way[0] + max(part - 1.0, 0.0) * (way[1] - way[0])
+                client.say("tool", number=number, to=(start + goal).tolist())
+                if now < WARM_UP:
+                    begin, first, sent = time.perf_counter(), len(client.frames), len(client.sizes)
+            spent = time.perf_counter() - begin
+            heads = client.frames[first:]
+            bytes_sent = sum(client.sizes[sent:])
+    finally:
+        server.stop()
+        serving.join()
+    latencies = [1e3 * head["latency"] for head in heads if head["latency"] is not None]
+    touching = heads[len(heads) // 2 :]
+    rate = float(np.median([head["factor"] for head in touching]))
+    return {
+        "tool": "palpate",
+        "version": version_of("palpate"),
+        "size": mesh.num_cells,
+        "threads": len(Strain),
+        "precision": "float64",
+        "seconds": 1.0 / rate,
+        "rate": rate,
+        "rate_unit": "seconds of the bodies' time per second",
+        "processor_factor": float(np.median([head["cpu_factor"] for head in touching])),
+        "frames_per_second": len(heads) / spent,
+        "latency_ms": float(np.median(latencies)),
+        "worst_latency_ms": max(latencies),
+        "megabytes_per_second": bytes_sent / spent / 1e6,
+        "page_kilobytes": server.page_size / 1e3,
+        "real_time_held": (heads[-1]["time"] - heads[0]["time"]) / spent,
+        "force": float(np.linalg.norm(heads[-1]["panes"][1]["force"])),
+        "trouble": any(pane["trouble"] for pane in heads[-1]["panes"]),
+    }

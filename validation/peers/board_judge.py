@@ -1,0 +1,226 @@
+"""How far an answer is from the truth of its own law, and what that is made of.
+
+The parts are of the displacement of the point that moves most in the truth (of those that are not
+held), along the way it goes there, over that displacement; with signs they add up to its error:
+
+    law      the law that the answer follows in the place of the one that the simulator states
+    mesh     the reference on the same mesh, linear or quadratic, less the truth
+    solver   the answer less the equilibrium of its own law on its own mesh
+    step     of motions, at the time when that is: the reference on the same mesh by the scheme and
+             step that the simulator states, less that in the case's steps; where it states none,
+             what steps and solver add together. Where the case has no steps, in mesh
+
+That the case's own law would have moved the body otherwise is no error here; it is told beside
+(`law_apart`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.meshes.arrays import Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.validation.diagnosis.answers import distance
+from palpate.validation.judging.checks import decide
+from palpate.validation.judging.error_budget import farthest_probe
+from palpate.validation.judging.own_steps import are_the_cases
+from palpate.validation.metrics import measure
+from palpate.validation.peers.board_followed_law import followed_law
+from palpate.validation.peers.board_own_steps import OwnSteps
+from palpate.validation.peers.board_runs import Run, Status
+from palpate.validation.peers.board_truths import Truth
+from palpate.validation.peers.entries import Entry
+from palpate.validation.references.sets import QUADRATIC
+from palpate.validation.states import State, Verdict
+
+LAW, MESH, STEP, SOLVER = CAUSES = ("law", "mesh", "step", "solver")
+# Distances below this part of the largest displacement are nobody's law.
+_NOT_A_LAW = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """A run, judged.
+
+    Attributes:
+        run: What was judged.
+        law: Of the truth it is held against.
+        metric: That `distance` is.
+        distance: From the truth, relative; None where there is no answer or no truth.
+        bar: What it may be off by.
+        limit: What a user of the case needs; None where the case does not say.
+        verdict: By these; skipped where nothing can be said.
+        same_mesh: Largest distance of a point from the reference on the same mesh, over the
+            largest displacement.
+        causes: By name, signed, in parts of the truth's largest displacement.
+        follows: The law that the answer follows, where it is not `law`.
+        law_apart: Distance of the truths of `law` and of the case's own law.
+        why: There is no distance.
+        smallest_det_f: Of the answer.
+    """
+
+    run: Run
+    law: Law
+    metric: str = "displacement_l2"
+    distance: float | None = None
+    bar: float | None = None
+    limit: float | None = None
+    verdict: Verdict = Verdict.SKIPPED
+    same_mesh: float | None = None
+    causes: Mapping[str, float] = field(default_factory=dict)
+    follows: str = ""
+    law_apart: float | None = None
+    why: str = ""
+    smallest_det_f: float | None = None
+
+
+def judge_run(
+    run: Run, entry: Entry, truth: Truth, of_case: Truth, own_steps: OwnSteps | None = None
+) -> Score:
+    """Hold a run against the truth of its law.
+
+    Args:
+        run: How the simulator fared.
+        entry: The simulator.
+        truth: Of the case under the simulator's law.
+        of_case: Of the case as it stands.
+        own_steps: Of motions by their own steps; these are not looked at where None.
+    """
+    case = truth.case
+    metric = "displacement_l2" if case.problem.time is None else "trajectory_l2"
+    limit = next(
+        (
+            check.limit
+            for check in case.checks
+            if (check.metric, check.against) == (metric, "truth")
+            and (check.strain or case.strain) is case.strain
+        ),
+        None,
+    )
+    score = Score(run, truth.law, metric, limit=limit)
+    if run.status is Status.FAILED:
+        return dataclasses.replace(score, verdict=Verdict.FAILED, why=run.why)
+    if run.state is None:
+        return dataclasses.replace(score, why=run.why)
+    state, references = run.state, truth.references
+    score = dataclasses.replace(score, smallest_det_f=state.smallest_det_f)
+    if references is None:
+        return dataclasses.replace(score, why=f"no truth under this law: {truth.why}")
+    references = references.of_element(state.element)
+    best = references.truth(case.strain)
+    same = references.same_mesh(case.strain)
+    if entry.is_quadratic:
+        same = references.states.get((QUADRATIC, case.strain))
+    if same is not None:
+        apart = distance(state.displacements, same.displacements)
+        score = dataclasses.replace(score, same_mesh=apart)
+    if best is None:
+        return dataclasses.replace(score, why=f"no truth: {truth.why or 'none is stored'}")
+    found = measure(metric, case.problem, state, best)
+    bar = references.bars.get((metric, case.strain), np.inf) + found.uncertainty
+    verdict = Verdict.SKIPPED if limit is None else decide(found.value, bar, limit)
+    if case.problem.time is None:
+        causes, follows = _causes(case.problem, case.strain, state, best, same, entry)
+    else:
+        causes, follows = _causes_of_motion(case.problem, state, best, same, own_steps)
+    return dataclasses.replace(
+        score,
+        distance=float(found.value),
+        bar=float(bar),
+        verdict=verdict,
+        causes=causes,
+        follows=follows,
+        law_apart=_law_apart(truth, of_case),
+        why="" if np.isfinite(bar) else "the truth of this case has no error bar",
+    )
+
+
+def _causes(
+    problem: Problem,
+    strain: Strain,
+    state: State,
+    truth: State,
+    same: State | None,
+    entry: Entry,
+) -> tuple[dict[str, float], str]:
+    """Parts of an answer's error, and the law that it follows where that is another."""
+    if same is None:
+        return {}, ""
+    try:
+        probe = farthest_probe(_where_free(problem, truth.displacement))
+    except InputError:
+        return {}, ""
+    scale = float(truth.displacement[probe.point] @ probe.direction)
+
+    def at(displacement: Points) -> float:
+        return float(displacement[probe.point] @ probe.direction) / scale
+
+    own, follows = same.displacement, ""
+    is_plain = state.element is Element.LINEAR and not entry.is_quadratic and not problem.tools
+    if is_plain and distance(state.displacement, own) > _NOT_A_LAW:
+        found = followed_law(problem, strain, state.displacement, own)
+        if found is not None:
+            follows, own = found
+    return {
+        LAW: at(own) - at(same.displacement),
+        MESH: at(same.displacement) - at(truth.displacement),
+        SOLVER: at(state.displacement) - at(own),
+    }, follows
+
+
+def _where_free(problem: Problem, displacement: Points) -> Points:
+    """Nothing where a point is held altogether, which tells no error; all where that is all."""
+    free = np.ones(len(displacement), dtype=bool)
+    for support in problem.supports:
+        if support.normal is None and all(support.components):
+            free[support.points] = False
+    left = np.where(free[:, None], displacement, 0.0)
+    return left if left.any() else displacement
+
+
+def _causes_of_motion(
+    problem: Problem, state: State, truth: State, same: State | None, own_steps: OwnSteps | None
+) -> tuple[dict[str, float], str]:
+    """Parts where and when the truth moves most, and the law that the answer follows likewise."""
+    lengths = np.linalg.norm(truth.displacements, axis=2)
+    place = np.unravel_index(int(lengths.argmax()), lengths.shape)
+    direction = truth.displacements[place]
+    scale = float(direction @ direction)
+    if not scale > 0.0:
+        return {}, ""
+
+    def at(of: State) -> float:
+        return float(of.displacements[place] @ direction) / scale
+
+    stepped = own_steps.of(problem, state) if own_steps else None
+    if same is None:  # the case has no steps of its own: those of the simulator go with its mesh
+        if stepped is None:
+            return {}, ""
+        return {MESH: at(stepped) - at(truth), SOLVER: at(state) - at(stepped)}, ""
+    in_steps = stepped or same
+    found = own_steps.followed(problem, state, in_steps) if own_steps else None
+    follows, own = found or ("", in_steps)
+    causes = {} if found is None else {LAW: at(own) - at(in_steps)}
+    causes[MESH] = at(same) - at(truth)
+    is_known = state.steps is not None and are_the_cases(problem, state.steps)
+    if stepped is None and not is_known:
+        return {**causes, STEP: at(state) - at(own)}, follows
+    return {**causes, STEP: at(in_steps) - at(same), SOLVER: at(state) - at(own)}, follows
+
+
+def _law_apart(truth: Truth, of_case: Truth) -> float | None:
+    """How far the law alone moves the body otherwise than the case's own."""
+    if truth.case.other_law is None or truth.references is None or of_case.references is None:
+        return None
+    strain = truth.case.strain
+    mine, asked = truth.references.truth(strain), of_case.references.truth(strain)
+    if mine is None or asked is None:
+        return None
+    metric = "displacement_l2" if truth.case.problem.time is None else "trajectory_l2"
+    return float(measure(metric, truth.case.problem, mine, asked).value)

@@ -1,0 +1,282 @@
+"""A case in lines for people, and what looks wrong in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.boundary_conditions import Traction
+from palpate.meshes.problem import Element, Problem
+from palpate.meshes.quality import measure_quality
+from palpate.validation.case import Case
+from palpate.validation.case.units import FORCE, LENGTH, Units
+from palpate.validation.exchange.facets import are_among, facet_areas
+from palpate.validation.report.acting import acting
+from palpate.validation.report.bending_rule import STUDY, expected_error
+from palpate.validation.report.costs import Costs, expected_costs
+from palpate.validation.report.mesh_guess import MOST_CELLS, edge_that_would_do, guess_errors
+from palpate.validation.report.thickness import measure_thickness
+
+_SMALL_ANGLE = 5.0
+_NEAR_INCOMPRESSIBLE = 0.45
+_LARGE_PART = 0.05
+# Missing in bending, above which it is a warning: smoothed tetrahedra are there to be accurate;
+# linear ones are known to be stiff, and a third is more than that.
+_TOO_STIFF = {Element.SMOOTHED: 0.05, Element.LINEAR: 1.0 / 3.0}
+# Longest sides of what is simulated here [m]; beyond, the unit is mostly another.
+_USUAL_SIZES = (5e-3, 2.0)
+
+
+@dataclass(eq=False)
+class Look:
+    """What was seen: `lines` to read, `warnings` to think about."""
+
+    lines: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    def say(self, what: str, text: str) -> None:
+        """A line under a heading of a word or two."""
+        self.lines.append(f"{what:<10} {text}")
+
+
+def look_at(case: Case) -> Look:
+    """Read and mesh a case, and say what it will be.
+
+    Raises:
+        InputError: The case cannot be used.
+    """
+    problem, units, look = case.problem, case.spec.units, Look()
+    look.say("case", f"{case.name}: {case.title}")
+    _body(look, case, problem, units)
+    _material(look, problem, units)
+    _what_acts(look, problem, units)
+    _costs(look, problem, expected_costs(problem), units)
+    _misses(look, case, problem)
+    if not case.checks:
+        look.warnings.append("no [[check]]: nothing can be judged")
+    look.say("checks", f"{len(case.checks)}, {case.strain} strain")
+    return look
+
+
+def _body(look: Look, case: Case, problem: Problem, units: Units) -> None:
+    mesh, unit = problem.mesh, units.length
+    scale = LENGTH[unit]
+    quality = measure_quality(mesh)
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(mesh.points, axis=0) / scale)
+    look.say("body", f"{size} {unit}, {mesh.volume / scale**3:.5g} {unit}3; {case.mesh.origin}")
+    look.say(
+        "mesh",
+        f"{mesh.num_cells} cells, {mesh.num_points} points, longest edge "
+        f"{quality.longest_edge / scale:.3g} {unit}, smallest dihedral angle "
+        f"{quality.smallest_dihedral_deg:.1f} degrees",
+    )
+    longest = float(np.ptp(mesh.points, axis=0).max())
+    if case.spec.units.length != "m" and not _USUAL_SIZES[0] <= longest <= _USUAL_SIZES[1]:
+        look.warnings.append(
+            f"the body is {longest:.3g} m long: is its file really in {unit}? see [units]"
+        )
+    through = measure_thickness(mesh, held=_held(problem))
+    cells = f"about {through.num_cells:.2g} cell(s)"
+    shape = f"{through.slenderness:.2g} times as long as high"
+    look.say("thickness", f"{through.length / scale:.3g} {unit} where it is thin, {cells}, {shape}")
+    errors = {
+        element: expected_error(
+            through.num_cells, through.slenderness, problem.material.poissons_ratio, element
+        )
+        for element in Element
+    }
+    told = _by_element(errors)
+    look.say("bending", f"bent across that, it misses of the displacement: {told} (`{STUDY}`)")
+    if any(errors[element] > most for element, most in _TOO_STIFF.items()):
+        look.warnings.append(
+            f"{cells} through the thickness, {shape}: bent across them, tetrahedra are too stiff "
+            f"({told}); make edge_length smaller"
+        )
+    if quality.smallest_dihedral_deg < _SMALL_ANGLE:
+        look.warnings.append(
+            f"a dihedral angle of {quality.smallest_dihedral_deg:.1f} degrees, below "
+            f'{_SMALL_ANGLE:g}: explicit steps get short; try boundary = "free" in [mesh]'
+        )
+
+
+def _material(look: Look, problem: Problem, units: Units) -> None:
+    m = problem.material
+    modulus = m.youngs_modulus / units.pascals(1.0)
+    look.say(
+        "material",
+        f"{m.law}, E = {modulus:g} {units.stress}, nu = {m.poissons_ratio:g}, {m.density:g} kg/m3"
+        + (f"; {len(problem.inclusions)} inclusion(s)" if problem.inclusions else ""),
+    )
+    if m.poissons_ratio > _NEAR_INCOMPRESSIBLE:
+        look.warnings.append(
+            f"poissons_ratio = {m.poissons_ratio:g}, above {_NEAR_INCOMPRESSIBLE:g}: linear "
+            "tetrahedra lock and are too stiff; hold the truth checks against that"
+        )
+
+
+def _what_acts(look: Look, problem: Problem, units: Units) -> None:
+    mesh, scale, unit = problem.mesh, LENGTH[units.length], units.length
+    held = _held(problem)
+    for number, support in enumerate(problem.supports, 1):
+        area = float(facet_areas(mesh.points, support.facets).sum())
+        names = "".join(
+            name for name, is_held in zip("xyz", support.components, strict=True) if is_held
+        )
+        if support.normal is not None:
+            names = f"slides along its plane, normal {_vector(support.directions[0])},"
+        moved = np.array(support.displacement) / scale
+        where = f"{len(support.facets)} facets, {area / scale**2:.4g} {unit}2"
+        if not len(support.facets):
+            where = f"{len(support.points)} point(s)"
+        where += f" ({100 * area / mesh.surface_area:.0f} % of the boundary)" if area else ""
+        moving = f", moved by {_vector(moved)} {unit}" if moved.any() else ""
+        if support.rotation is not None:
+            turned = support.rotation
+            moving += (
+                f", turned by {np.rad2deg(turned.angle):.4g} degrees about "
+                f"{_vector(np.array(turned.axis))} through "
+                f"{_vector(np.array(turned.center) / scale)} {unit}"
+            )
+        look.say(f"support {number}", f"{where}, {names} held{moving}")
+    total = np.zeros(3)
+    for number, load in enumerate(problem.loads, 1):
+        found = acting(problem, load)
+        total += found.force
+        force = found.force / FORCE[units.force]
+        where = (
+            f", {len(found.facets)} facets, {found.area / scale**2:.4g} {unit}2"
+            if len(found.facets)
+            else ""
+        )
+        if found.moment.any():
+            moment = found.moment / (FORCE[units.force] * scale)
+            where += f", moment {_vector(moment)} {units.force} {unit} about its middle"
+        look.say(f"load {number}", f"{found.kind} {_vector(force)} {units.force}{where}")
+        num_held = int(are_among(found.facets, held).sum())
+        if num_held and isinstance(load, Traction):
+            look.warnings.append(
+                f"load {number} pushes {num_held} facet(s) that are held; that part is lost"
+            )
+    if problem.loads:
+        look.say("in all", f"{_vector(total / FORCE[units.force])} {units.force}")
+    for number, tool in enumerate(problem.tools, 1):
+        path = tool.path
+        shape = type(tool.shape).__name__.removesuffix("Shape").lower()
+        ends = " to ".join(_vector(p / scale) for p in (path.positions[0], path.positions[-1]))
+        look.say(f"tool {number}", f"{shape}, from {ends} {unit}")
+    for number, spring in enumerate(problem.springs, 1):
+        stiffness = spring.stiffness * scale / FORCE[units.force]
+        look.say(
+            f"spring {number}",
+            f"{stiffness:.4g} {units.force}/{unit} over {len(spring.facets)} facets within "
+            f"{spring.radius / scale:.4g} {unit} of {_vector(np.array(spring.center) / scale)} "
+            f"{unit}, its anchor moved to {_vector(spring.path.end / scale)} {unit}",
+        )
+    moves = any(support.is_moved for support in problem.supports)
+    start = problem.initial_velocity
+    if start is not None:
+        speed = np.array(start.velocity) / scale
+        spin = np.array(start.angular_velocity)
+        turning = (
+            f", turning by {_vector(spin)} rad/s about "
+            f"{_vector(np.array(start.center) / scale)} {unit}"
+        )
+        look.say("starts", f"at {_vector(speed)} {unit}/s" + (turning if spin.any() else ""))
+    if not (problem.loads or problem.springs or problem.tools or moves or start is not None):
+        look.warnings.append(
+            "nothing pushes or moves the body: add a [[load]], a [[spring]] or a [tool]"
+        )
+
+
+def _costs(look: Look, problem: Problem, costs: Costs, units: Units) -> None:
+    span = problem.time
+    look.say("steps", f"critical time step {costs.critical_time_step:.3g} s")
+    if span is not None:
+        look.lines[-1] += f"; {costs.num_steps} explicit steps to {span.end_time:g} s"
+        if span.time_step is not None and span.time_step > costs.critical_time_step:
+            look.warnings.append(
+                f"time_step = {span.time_step:g} s is above the critical "
+                f"{costs.critical_time_step:.3g} s: explicit steps will blow up"
+            )
+    seconds = "" if costs.fast_seconds is None else f", about {_seconds(costs.fast_seconds)}"
+    look.say(
+        "fastsim", f"{costs.num_unknowns} unknowns{seconds}, about {costs.fast_bytes / 1e9:.1g} GB"
+    )
+    truth = "" if costs.truth_seconds is None else f", about {_seconds(costs.truth_seconds)}"
+    look.say(
+        "truth",
+        f"{costs.num_quadratic_unknowns} unknowns{truth}, about {costs.truth_bytes / 1e9:.1g} GB "
+        "(quadratic tetrahedra; a guess within a factor of three)",
+    )
+    if costs.trouble:
+        look.warnings.append(f"linear strain has no answer: {costs.trouble}")
+    if costs.linear is None:
+        return
+    size = float(np.ptp(problem.mesh.points, axis=0).max())
+    moved = costs.linear.max_displacement
+    look.say(
+        "linear",
+        f"linear strain moves it by {moved / LENGTH[units.length]:.3g} {units.length}, "
+        f"{100 * moved / size:.2g} % of its size, volume "
+        f"{100 * (costs.linear.volume / problem.mesh.volume - 1):+.2g} %",
+    )
+    if costs.linear.smallest_det_f <= 0.0:
+        look.warnings.append(
+            "linear strain turns a cell inside out under this load: Green strain may have no "
+            "equilibrium; try a smaller one"
+        )
+    elif moved > _LARGE_PART * size:
+        look.warnings.append(
+            f"linear strain moves it by {100 * moved / size:.0f} % of its size: expect Green "
+            "strain to differ, and to need several Newton iterations"
+        )
+    elif moved == 0.0:
+        look.warnings.append("nothing moves under these loads: is the loaded part held?")
+
+
+def _misses(look: Look, case: Case, problem: Problem) -> None:
+    """What the mesh will miss however it is loaded, beside what the case asks for."""
+    errors = guess_errors(problem)
+    if errors is None:
+        why = "in motion" if problem.time is not None else "under a tool" if problem.tools else ""
+        why = why or f"above {MOST_CELLS} cells, or without an answer for linear strain"
+        look.say(
+            "misses",
+            f"no guess {why}; the rule of bending is of bending alone: what is pressed, sheared or "
+            "held at an edge may be farther off",
+        )
+        return
+    told = _by_element(errors)
+    look.say(
+        "misses", f"{told} of the displacement (linear strain, each cell cut in eight: a guess)"
+    )
+    asked = [c.limit for c in case.checks if (c.metric, c.against) == ("displacement_l2", "truth")]
+    if asked and min(errors.values()) > min(asked):
+        length = edge_that_would_do(min(errors.values()), min(asked))
+        look.warnings.append(
+            f"a check asks for {100.0 * min(asked):.2g} % of the true displacement, and no element "
+            f"is expected to be that near ({told}): edges {length:.2g} times as long may do, first "
+            "of all where it is held"
+        )
+
+
+def _by_element(errors: dict[Element, float]) -> str:
+    return ", ".join(f"{element} {100.0 * error:.2g} %" for element, error in errors.items())
+
+
+def _held(problem: Problem) -> NDArray[Any]:
+    """Facets of all supports, (num_facets, 3)."""
+    return np.vstack([np.zeros((0, 3), dtype=np.int32), *(s.facets for s in problem.supports)])
+
+
+def _vector(values: NDArray[Any]) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 12)) + "]"
+
+
+def _seconds(value: float) -> str:
+    if value < 120.0:
+        return f"{max(value, 0.1):.1g} s" if value < 10.0 else f"{value:.0f} s"
+    return f"{value / 60.0:.0f} min" if value < 7200.0 else f"{value / 3600.0:.0f} h"

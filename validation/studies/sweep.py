@@ -1,0 +1,170 @@
+"""A sweep as a folder: a table, figures for a paper, and one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from palpate.meshes.problem import Element, Strain
+from palpate.validation.case import Case
+from palpate.validation.case.units import LENGTH
+from palpate.validation.report.study_page import Finding, Page, Table, judged, leave
+from palpate.validation.solving import Simulator
+from palpate.validation.states import Progress
+from palpate.validation.studies.sweep_figures import sweep_figures
+from palpate.validation.studies.sweep_runs import Run, difference, linear_error, run_all
+from palpate.validation.studies.sweep_variants import Axis, variants
+
+# Same mesh, same equations: what the solvers leave (README).
+_SOLVER_ERROR = 1e-8
+
+
+def sweep(
+    case: Case,
+    axes: Sequence[Axis],
+    folder: Path,
+    console: Console,
+    *,
+    simulators: Sequence[Simulator] = (Simulator.FASTSIM,),
+    elements: Sequence[Element] = (Element.LINEAR,),
+    device: str = "cpu",
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: Progress,
+) -> int:
+    """Solve, and leave sweep.csv, figures (SVG, PDF), report.html and results.json.
+
+    Returns:
+        0; 1 where no value has an answer, or fastsim and the reference differ.
+
+    Raises:
+        InputError: See `variants` and `cluster`.
+    """
+    runs = run_all(
+        axes,
+        variants(case, axes),
+        simulators,
+        elements=elements,
+        device=device,
+        jobs=jobs,
+        scheduler=scheduler,
+        progress=progress,
+    )
+    ends = ends_of(axes, runs)
+    for line in ends:
+        console.print(line, markup=False, soft_wrap=True)
+    unit = case.spec.units.length
+    table = _table(axes, runs, unit)
+    about = [
+        f"{case.title}. {len(runs)} runs on {case.mesh.mesh.num_cells} cells "
+        f"({case.mesh.origin}) unless the body itself varies; "
+        f"{' and '.join(elements)} tetrahedra.",
+        *ends,
+    ]
+    return leave(
+        folder,
+        console,
+        name="sweep",
+        title=f"Sweep of {case.name}: {', '.join(axis.key for axis in axes)}",
+        about=about,
+        findings=_findings(runs),
+        page=Page(
+            figures=sweep_figures(axes, runs, case, folder),
+            tables={"sweep": table},
+            numbers={
+                "case": case.name,
+                "elements": [str(element) for element in elements],
+                "axes": {axis.key: list(axis.values) for axis in axes},
+            },
+        ),
+    )
+
+
+def ends_of(axes: Sequence[Axis], runs: Sequence[Run]) -> list[str]:
+    """Where there is no answer, a line each, with the last value that has one."""
+    lines = []
+    for run in runs:
+        if run.state is not None or not run.was_tried:
+            continue
+        place = ", ".join(f"{a.key} = {v:g}" for a, v in zip(axes, run.values, strict=True))
+        line = f"{run.who}, {run.strain} strain: no answer at {place}: {run.trouble}"
+        before = [
+            other.values[0]
+            for other in runs
+            if other.state is not None
+            and (other.who, other.strain, other.values[1:]) == (run.who, run.strain, run.values[1:])
+            and other.values[0] * run.values[0] >= 0.0
+            and abs(other.values[0]) < abs(run.values[0])
+        ]
+        if axes[0].is_load and before:
+            line += f"; the last that has one is {axes[0].key} = {max(before, key=abs):g}"
+        lines.append(line)
+    return lines
+
+
+def _findings(runs: Sequence[Run]) -> list[Finding]:
+    num_answers = sum(run.state is not None for run in runs)
+    findings = [
+        judged("some value has an answer", f"{num_answers} of {len(runs)} runs", num_answers > 0)
+    ]
+    differences = [
+        (difference(run.state, other.state), run)
+        for run in runs
+        for other in runs
+        if run.simulator is Simulator.FASTSIM
+        and other.simulator is Simulator.REFERENCE
+        and (run.values, run.element, run.strain) == (other.values, other.element, other.strain)
+        and run.state is not None
+        and other.state is not None
+    ]
+    if differences:
+        worst = max(value for value, _ in differences)
+        findings.append(
+            judged(
+                "fastsim and the reference agree on the same mesh, at every value",
+                f"relative L2 difference of displacement at most {worst:.1e} over "
+                f"{len(differences)} pairs, limit {_SOLVER_ERROR:g}",
+                worst <= _SOLVER_ERROR,
+            )
+        )
+    return findings
+
+
+def _table(axes: Sequence[Axis], runs: Sequence[Run], unit: str) -> Table:
+    scale = LENGTH[unit]
+    rows: list[tuple[Any, ...]] = []
+    for run in runs:
+        head = (*run.values, str(run.simulator), str(run.element), str(run.strain))
+        state = run.state
+        if state is None:
+            rows.append((*head, *(None,) * 6, run.trouble))
+            continue
+        rows.append(
+            (
+                *head,
+                state.max_displacement / scale,
+                state.volume / scale**3,
+                state.surface_area / scale**2,
+                state.smallest_det_f,
+                linear_error(run, runs) if run.strain is Strain.LINEAR else None,
+                state.seconds,
+                "",
+            )
+        )
+    columns = {
+        **{axis.key: ".10g" for axis in axes},
+        "simulator": "",
+        "element": "",
+        "strain": "",
+        f"max displacement [{unit}]": ".8g",
+        f"volume [{unit}3]": ".10g",
+        f"surface area [{unit}2]": ".10g",
+        "smallest det F [-]": ".6g",
+        "linear - Green, of Green's displacement [-]": ".4g",
+        "seconds": ".3g",
+        "no answer because": "",
+    }
+    return Table("Every run", columns, rows)

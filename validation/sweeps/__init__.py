@@ -1,1 +1,0 @@
-"""A case solved again and again with other values: linear beside Green strain."""
