@@ -201,7 +201,7 @@ if ! recorded environment "$ENVIRONMENT"; then
     # --ignore-installed: what palpate needs lives in the environment, whatever the system has.
     if [ "$ROUTE" = apt ]; then pip_install --ignore-installed 'numpy<2' meshio; fi
     if [ "$ROUTE" = wheel ]; then pip_install dolfinx-solver-real; fi
-    pip_install meshio 'pydantic>=2.7' 'typer>=0.12' rich jinja2 matplotlib --group test --group lint
+    pip_install meshio 'scipy>=1.10' 'pydantic>=2.7' 'typer>=0.12' rich jinja2 matplotlib --group test --group lint
     # Optional: the independent mesher and the pictures. Nothing else depends on them.
     for extra in gmsh pyvista; do
         "$VENV/bin/python" -m pip install --disable-pip-version-check --no-input \
