@@ -101,7 +101,7 @@ def solve(
 
         return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
     if simulator is Simulator.CONDENSED:
-        from palpate.validation.candidates.condensed import run_condensed
+        from palpate.validation.candidates.fastsim import run_condensed
 
         return run_condensed(problem, used, progress, element=kind)
     from palpate.validation.candidates.candidate import fastsim_candidate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
@@ -12,17 +12,18 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.fastsim.explicit_body import Precision as StepPrecision
+from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference.integrators.schemes import Integrator, Steps
-from palpate.validation.candidates.condensed import (
-    condensed_name,
+from palpate.reference.integrators.schemes import Integrator
+from palpate.validation.candidates.fastsim import (
+    CONDENSED,
     condensed_refusal,
+    name_of,
     run_condensed,
+    run_fastsim,
 )
-from palpate.validation.candidates.fastsim import Way, name_of, run_fastsim
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.candidates.result_states import state_of_result
 from palpate.validation.exchange.result_files import (
@@ -47,46 +48,6 @@ Solve = Callable[[Problem, Strain, Progress], State]
 Function: TypeAlias = Callable[[Problem], ArrayLike]
 
 
-@dataclass(frozen=True)
-class Stepping:
-    """What is said of an outside simulator's steps where its result says nothing of them.
-
-    Attributes:
-        integrator: Its scheme; None is the case's central differences.
-        time_step: That it is asked for in the place of the case's [s]; None is the case's.
-        iterations: For {iterations} of its command.
-    """
-
-    integrator: Integrator | None = None
-    time_step: float | None = None
-    iterations: int | None = None
-
-    @property
-    def about(self) -> dict[str, object]:
-        """What a result that says nothing is taken to say of itself."""
-        scheme = self.integrator
-        if self.time_step is not None:
-            scheme = scheme or Integrator.CENTRAL_DIFFERENCES
-        every = {"integrator": scheme, "iterations": self.iterations}
-        return {name: value for name, value in every.items() if value is not None}
-
-    def of(self, problem: Problem) -> Problem:
-        """The problem with the step that is asked for.
-
-        Raises:
-            InputError: A step for a case without [time], or one that the outputs are not whole
-                numbers of apart.
-        """
-        from palpate.reference.stated_steps import stated_steps
-
-        if self.time_step is None:
-            return problem
-        steps = Steps(self.integrator or Integrator.CENTRAL_DIFFERENCES, self.time_step)
-        stepped = steps.of(problem)
-        stated_steps(stepped, f"--time-step {self.time_step:g}")
-        return stepped
-
-
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """Who is judged.
@@ -97,7 +58,7 @@ class Candidate:
         has_both_strains: Whether it is asked for both strain measures, or for the case's only.
         notes: What a reader of the verdict must know of it.
         can_be_asked: Whether it solves other problems than the case's, as a file cannot.
-        element: What its tetrahedra are, where it does not say another in its answer.
+        element: What its tetrahedra are, where its result does not say another.
         only_strain: The one strain measure that it knows, whatever the case's; None asks for the
             case's.
         refusal: Why it cannot be asked a problem; empty where it can.
@@ -108,7 +69,7 @@ class Candidate:
     name: str
     solve: Solve
     has_both_strains: bool = False
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     can_be_asked: bool = True
     element: Element = Element.LINEAR
     only_strain: Strain | None = None
@@ -127,9 +88,9 @@ def fastsim_candidate(
     method: Method = Method.NEWTON,
     element: Element = Element.LINEAR,
     device: str = CORE,
-    precision: StepPrecision = StepPrecision.DOUBLE,
+    precision: Precision = Precision.DOUBLE,
 ) -> Candidate:
-    """fastsim, which answers for both strain measures.
+    """fastsim, which solves with both strain measures.
 
     Args:
         method: How it looks for equilibrium.
@@ -143,10 +104,9 @@ def fastsim_candidate(
     """
     device = check_device(device)
     used = method if device == CORE else Method.RELAXATION
-    solve = partial(run_fastsim, way=Way(used, element, device, precision))
     return Candidate(
         name_of(element, device),
-        solve,
+        partial(run_fastsim, method=used, element=element, device=device, precision=precision),
         has_both_strains=True,
         element=element,
         # Warp's launches come from one thread.
@@ -155,15 +115,14 @@ def fastsim_candidate(
 
 
 def condensed_candidate(*, element: Element = Element.LINEAR) -> Candidate:
-    """Fastsim's condensed linear model, which answers for linear strain alone.
+    """Fastsim's condensed linear model, which solves with linear strain alone.
 
     Args:
         element: Linear tetrahedra, plain or smoothed.
     """
-    solve = partial(run_condensed, element=element)
     return Candidate(
-        condensed_name(element),
-        solve,
+        name_of(element, model=CONDENSED),
+        partial(run_condensed, element=element),
         element=element,
         only_strain=Strain.LINEAR,
         refusal=condensed_refusal,
@@ -171,22 +130,24 @@ def condensed_candidate(*, element: Element = Element.LINEAR) -> Candidate:
 
 
 def linear_candidate(element: Element) -> Candidate:
-    """The condensed linear model's answer, also where it is held against Green strain."""
+    """The condensed linear model's result, also where it is judged by Green strain."""
 
     def solve(problem: Problem, _strain: Strain, progress: Progress) -> State:
         return run_condensed(problem, Strain.LINEAR, progress, element=element)
 
-    return Candidate(condensed_name(element), solve, element=element)
+    return Candidate(name_of(element, model=CONDENSED), solve, element=element)
 
 
 def candidates_for(
     command: str | None,
     time_limit: float,
     elements: Elements | None = None,
-    stepping: Stepping | None = None,
     *,
+    integrator: Integrator | None = None,
+    time_step: float | None = None,
+    iterations: int | None = None,
     device: str = CORE,
-    precision: StepPrecision = StepPrecision.DOUBLE,
+    precision: Precision = Precision.DOUBLE,
     is_condensed: bool = False,
 ) -> list[Candidate]:
     """Fastsim by element, or the program of a command line.
@@ -195,17 +156,18 @@ def candidates_for(
         command: The program; fastsim where None.
         time_limit: Of the program [s].
         elements: Of fastsim; linear where None.
-        stepping: How the program steps, where its result does not say.
+        integrator: Of the program, where its result does not say; see `OutsideSimulator`.
+        time_step: That the program is asked for in the place of the case's [s].
+        iterations: For {iterations} of its command.
         device: Of fastsim's explicit steps; see `fastsim_candidate`.
         precision: Of them.
-        is_condensed: Whether fastsim's condensed linear model answers in its place.
+        is_condensed: Whether fastsim's condensed linear model solves in its place.
 
     Raises:
         InputError: The command line cannot be used, or an element or device goes with it.
     """
-    stepping = stepping or Stepping()
     if command is None:
-        if stepping != Stepping():
+        if (integrator, time_step, iterations) != (None, None, None):
             raise InputError(
                 "--integrator, --time-step and --iterations are of another simulator: fastsim "
                 "takes central differences with the case's step; give --simulator"
@@ -228,8 +190,8 @@ def candidates_for(
             f"element = {elements}: only fastsim is asked for one; another simulator says in its "
             'result what it has, `about`: {"element": "smoothed"}'
         )
-    simulator = OutsideSimulator(command, time_limit, stepping.iterations)
-    return [outside_candidate(simulator, stepping)]
+    program = OutsideSimulator(command, time_limit, iterations, integrator, time_step)
+    return [outside_candidate(program)]
 
 
 def candidate_name(name: str) -> str:
@@ -238,24 +200,19 @@ def candidate_name(name: str) -> str:
     return f"{shown} (candidate)" if shown.casefold().startswith(REFERENCE) else shown
 
 
-def outside_candidate(simulator: OutsideSimulator, stepping: Stepping | None = None) -> Candidate:
-    """A program that reads a case folder and writes a result.
-
-    Args:
-        simulator: The program.
-        stepping: How it steps, where its result does not say.
-    """
-    name, used = candidate_name(simulator.name), stepping or Stepping()
+def outside_candidate(simulator: OutsideSimulator) -> Candidate:
+    """A program that reads a case folder and writes a result."""
+    name = candidate_name(simulator.name)
 
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
-        given = used.of(problem)
+        given = simulator.stepped(problem)
         result, seconds = simulator.run(given, strain, progress)
-        result = dataclasses.replace(result, about={**used.about, **result.about})
+        result = dataclasses.replace(result, about={**simulator.about, **result.about})
         details = {"command": simulator.command}
         return state_of_result(result, given, name, strain, seconds=seconds, details=details)
 
     note = f"Simulator: `{simulator.command}`, at most {simulator.time_limit:g} s."
-    return Candidate(name, solve, False, (note,))
+    return Candidate(name, solve, notes=(note,))
 
 
 def result_candidate(path: str | Path, element: Element | None = None) -> Candidate:
@@ -276,7 +233,7 @@ def result_candidate(path: str | Path, element: Element | None = None) -> Candid
 
     notes = (f"Result: {Path(path).name}.",)
     used = element or Element.LINEAR
-    return Candidate(name, solve, False, notes, can_be_asked=False, element=used)
+    return Candidate(name, solve, notes=notes, can_be_asked=False, element=used)
 
 
 def function_candidate(function: Function) -> Candidate:
@@ -286,16 +243,16 @@ def function_candidate(function: Function) -> Candidate:
     def solve(problem: Problem, strain: Strain, progress: Progress) -> State:
         progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
         try:
-            answer = function(problem)
+            displacement = function(problem)
         except Exception as error:
             raise CandidateFailedError(f"{name}: {type(error).__name__}: {error}") from error
-        return _state(answer, problem, name, strain)
+        return _state(displacement, problem, name, strain)
 
     return Candidate(name, solve)
 
 
 def answer_candidate(answer: str | Path | State | ArrayLike) -> Candidate:
-    """An answer as a candidate: a result file, a state, or displacements in memory."""
+    """A solution as a candidate: a result file, a state, or displacements in memory."""
     if isinstance(answer, str | Path):
         return result_candidate(answer)
     if isinstance(answer, State):
@@ -315,14 +272,14 @@ def answer_candidate(answer: str | Path | State | ArrayLike) -> Candidate:
 
 
 def _state(
-    answer: ArrayLike, problem: Problem, name: str, strain: Strain, like: object = None
+    displacement: ArrayLike, problem: Problem, name: str, strain: Strain, like: object = None
 ) -> State:
     """Displacements as a state, checked as those of a result file are."""
     num_points = problem.mesh.num_points
     span = problem.time
     shape = (num_points, 3) if span is None else (span.num_outputs + 1, num_points, 3)
     try:
-        values = np.array(answer, dtype=np.float64)
+        values = np.array(displacement, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ResultFileError(name, f"no array of numbers ({error})") from error
     if values.shape != shape:

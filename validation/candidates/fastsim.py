@@ -1,25 +1,27 @@
-"""fastsim as a candidate.
+"""fastsim as a candidate, and its condensed linear model.
 
-A candidate that diverges, crashes or answers NaN has failed; that is a verdict, not an error.
+A candidate that diverges, crashes or returns NaN has failed; that is a verdict, not an error. What
+the condensed model cannot pose it refuses as an input, with the reason: nobody has failed there.
+Where the environment variable PALPATE_CONDENSED names a folder, its models are stored there from
+run to run.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import os
 import time
-from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.fastsim.cell_stress import cauchy_stress, cell_stress
-from palpate.fastsim.contact.static_contact import solve_contact
-from palpate.fastsim.dynamic_relaxation import relax
-from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.errors import FastsimError
-from palpate.fastsim.explicit_body import Precision as StepPrecision
+from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.gpu.devices import CORE
-from palpate.fastsim.statics import solve_static
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.metrics import make_state
 from palpate.validation.states import (
@@ -31,30 +33,13 @@ from palpate.validation.states import (
     Trajectory,
 )
 
-_STATIC = {"newton_iterations": "iterations", "linear_iterations": "linear_iterations"}
-_MOVING = ("time_step", "critical_time_step", "num_steps")
+CONDENSED = "condensed"
+FOLDER_VARIABLE = "PALPATE_CONDENSED"
 
 
-@dataclass(frozen=True)
-class Way:
-    """How fastsim is to find its answers.
-
-    Attributes:
-        method: Of statics; a motion is stepped.
-        element: Linear tetrahedra, plain or smoothed.
-        device: Of explicit steps: "cpu" is the compiled core.
-        precision: Of a motion's steps.
-    """
-
-    method: Method = Method.NEWTON
-    element: Element = Element.LINEAR
-    device: str = CORE
-    precision: StepPrecision = StepPrecision.DOUBLE
-
-
-def name_of(element: Element, device: str = CORE) -> str:
-    """What fastsim with an element is called, on a device."""
-    name = "fastsim" if element is Element.LINEAR else f"fastsim ({element})"
+def name_of(element: Element, device: str = CORE, *, model: str = "fastsim") -> str:
+    """What fastsim, or its condensed model, is called with an element and on a device."""
+    name = model if element is Element.LINEAR else f"{model} ({element})"
     return name if device == CORE else f"{name} on {device}"
 
 
@@ -63,25 +48,30 @@ def run_fastsim(
     strain: Strain,
     progress: Progress,
     *,
-    way: Way | None = None,
+    method: Method = Method.NEWTON,
+    element: Element = Element.LINEAR,
+    device: str = CORE,
+    precision: Precision = Precision.DOUBLE,
 ) -> State:
     """Solve by fastsim: statics, or from rest where there is time.
 
     Args:
-        problem: What is held and pushed.
+        problem: The body with its supports and loads.
         strain: Strain measure.
         progress: Called with one line now and then.
-        way: How; None is the usual one.
+        method: Of statics; a motion is stepped.
+        element: Linear tetrahedra, plain or smoothed.
+        device: Of explicit steps: "cpu" is the compiled core.
+        precision: Of a motion's steps.
 
     Raises:
-        CandidateFailedError: It diverged, or answered NaN.
+        CandidateFailedError: It diverged, or returned NaN.
     """
-    way = way or Way()
-    element, name = way.element, name_of(way.element, way.device)
+    name = name_of(element, device)
     progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
     start = time.perf_counter()
     try:
-        displacement, more = _solve(problem, strain, progress, way)
+        displacement, more = _solve(problem, strain, progress, method, element, device, precision)
     except FastsimError as error:
         raise CandidateFailedError(f"fastsim: {error}") from error
     seconds = time.perf_counter() - start
@@ -90,7 +80,6 @@ def run_fastsim(
         raise CandidateFailedError(
             f"the answer holds NaN or infinity at {bad.size} point(s), first {int(bad[0])}"
         )
-    body = Body.of(problem, strain, element=element)
     return make_state(
         problem.mesh,
         displacement,
@@ -99,51 +88,128 @@ def run_fastsim(
         simulator="fastsim",
         strain=strain,
         seconds=seconds,
-        stresses=CellStresses(cell_stress(body, displacement), cauchy_stress(body, displacement)),
+        stresses=_stresses(problem, strain, element, displacement),
         **more,
     )
 
 
+def _stresses(problem: Problem, strain: Strain, element: Element, u: Points) -> CellStresses:
+    body = Body.of(problem, strain, element=element)
+    return CellStresses(cell_stress(body, u), cauchy_stress(body, u))
+
+
 def _solve(
-    problem: Problem, strain: Strain, progress: Progress, way: Way
-) -> tuple[Any, dict[str, Any]]:
-    """The last displacement [m], (num_points, 3), and what else a state holds."""
-    element = way.element
+    problem: Problem, strain: Strain, progress: Progress, method: Method,
+    element: Element, device: str, precision: Precision,
+) -> tuple[Any, dict[str, Any]]:  # fmt: skip
+    """The last displacement [m], (num_points, 3), and what else a state has."""
+    common: dict[str, Any] = {"strain": strain, "element": element, "progress": progress}
     if problem.time is not None:
-        motion = simulate(
-            problem,
-            strain=strain,
-            element=element,
-            precision=way.precision,
-            device=way.device,
-            progress=progress,
-        )
+        from palpate.fastsim.dynamics import simulate
+
+        motion = simulate(problem, precision=precision, device=device, **common)
         forces = [track.mean_forces for track in motion.tools]
+        moving = ("time_step", "critical_time_step", "num_steps")
         return motion.displacements[-1], {
-            "details": {name: getattr(motion, name) for name in _MOVING},
+            "details": {name: getattr(motion, name) for name in moving},
             "trajectory": Trajectory(motion.times, motion.displacements),
             "tool_forces": np.array(forces) if forces else None,
         }
-    if way.method is Method.RELAXATION:
-        rested = relax(
-            problem, strain=strain, element=element, device=way.device, progress=progress
-        )
+    if method is Method.RELAXATION:
+        from palpate.fastsim.dynamic_relaxation import relax
+
+        rested = relax(problem, device=device, **common)
         return rested.displacement, {
             "details": {
-                "method": way.method.value,
+                "method": method.value,
                 "steps": rested.steps,
                 "relative_residual": rested.relative_residual,
             },
             "tool_forces": rested.tool_forces if problem.tools else None,
         }
+    found: Any
     if problem.tools:
-        pressed = solve_contact(problem, strain=strain, element=element, progress=progress)
-        details = _static_details(pressed)
-        return pressed.displacements[-1], {"details": details, "tool_forces": pressed.forces[-1]}
-    found = solve_static(problem, strain=strain, element=element, progress=progress)
-    return found.displacement, {"details": _static_details(found)}
+        from palpate.fastsim.contact.static_contact import solve_contact
+
+        found = solve_contact(problem, **common)
+        displacement, more = found.displacements[-1], {"tool_forces": found.forces[-1]}
+    else:
+        from palpate.fastsim.statics import solve_static
+
+        found = solve_static(problem, **common)
+        displacement, more = found.displacement, {}
+    details = {
+        "newton_iterations": found.iterations,
+        "linear_iterations": found.linear_iterations,
+        "relative_residual": found.residual_history[-1],
+    }
+    return displacement, {"details": details, **more}
 
 
-def _static_details(found: Any) -> dict[str, object]:
-    own = {name: getattr(found, attribute) for name, attribute in _STATIC.items()}
-    return {**own, "relative_residual": found.residual_history[-1]}
+def condensed_refusal(problem: Problem) -> str:
+    """Why the condensed model cannot pose a problem by linear strain; empty where it can."""
+    from palpate.fastsim.condensed import NotCondensableError
+    from palpate.fastsim.condensed.solve import require_posable
+
+    try:
+        require_posable(problem, Strain.LINEAR)
+    except NotCondensableError as error:
+        return str(error)
+    return ""
+
+
+def run_condensed(
+    problem: Problem, strain: Strain, progress: Progress, *, element: Element = Element.LINEAR
+) -> State:
+    """Condense, and solve a static problem by linear strain.
+
+    Args:
+        problem: The body with its supports and loads.
+        strain: Linear.
+        progress: Called with one line now and then.
+        element: Linear tetrahedra, plain or smoothed.
+
+    Raises:
+        NotCondensableError: Green strain, a motion, or what else it cannot pose.
+        CondensedTooLargeError: It needs more memory than it may take.
+        CandidateFailedError: A tool's contact did not settle.
+    """
+    from palpate.fastsim.condensed import solve_condensed
+    from palpate.validation.metrics.linear_validity import describe_rotation
+
+    name = name_of(element, model=CONDENSED)
+    progress(f"{name}, {strain} strain, {problem.mesh.num_cells} cells")
+    folder = os.environ.get(FOLDER_VARIABLE, "")
+    start = time.perf_counter()
+    try:
+        found = solve_condensed(
+            problem,
+            strain=strain,
+            element=element,
+            folder=Path(folder) if folder else None,
+            progress=progress,
+        )
+    except FastsimError as error:
+        raise CandidateFailedError(f"{name}: {error}") from error
+    except np.linalg.LinAlgError as error:
+        raise CandidateFailedError(f"{name}: the stiffness is singular ({error})") from error
+    seconds = time.perf_counter() - start
+    u = found.displacement
+    state = make_state(
+        problem.mesh,
+        u,
+        label=name,
+        element=element,
+        simulator=CONDENSED,
+        strain=strain,
+        seconds=seconds,
+        stresses=_stresses(problem, strain, element, u),
+        details={
+            "touched_points": found.num_touched,
+            "model_bytes": found.model_bytes,
+            "contact_steps": found.steps,
+        },
+        tool_forces=found.tool_forces if problem.tools else None,
+    )
+    turned = f"Linear strain: {describe_rotation(problem.mesh, u)}."
+    return dataclasses.replace(state, remarks=(*state.remarks, turned))

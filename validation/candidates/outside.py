@@ -7,7 +7,6 @@ read is an input error.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import re
 import shlex
@@ -22,10 +21,10 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
-from palpate.validation.exchange.case_folder import case_key, write_case_folder
+from palpate.reference.integrators.schemes import Integrator, Steps
+from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.result_files import (
     ResultFile,
-    ResultFileError,
     read_result,
     room_for_answer,
 )
@@ -33,7 +32,7 @@ from palpate.validation.quoting import in_quotes
 from palpate.validation.states import CandidateFailedError, Progress
 
 DEFAULT_TIME_LIMIT = 600.0
-_PLACE = re.compile(r"\{(case|result|iterations|time_step)(?::(npz|vtu|csv))?\}")
+_FIELD = re.compile(r"\{(case|result|iterations|time_step)(?::(npz|vtu|csv))?\}")
 _STDERR_CHARACTERS = 2000
 
 
@@ -54,34 +53,39 @@ class OutsideSimulator:
     """A command line with {case} (a folder) and {result} (a file to write).
 
     {result} ends in .npz; {result:vtu} and {result:csv} ask for the other kinds. {time_step} is
-    that of the motion asked for [s], {iterations} what it is told. No shell reads the line.
+    that of the motion asked for [s], {iterations} is given as it is. No shell reads the line.
 
     Args:
         command: For example "mysim {case} {result:vtu}".
         time_limit: [s], > 0.
-        iterations: For the place of that name, > 0; None where there is none.
+        iterations: For the field of that name, > 0; None where there is none.
+        integrator: Its scheme, where its result does not say; None is the case's central
+            differences.
+        time_step: That it is asked for in the place of the case's [s]; None is the case's.
 
     Raises:
-        CommandError: A place is missing or named twice, iterations without a place or a place
+        CommandError: A field is missing or named twice, iterations without a field or a field
             without them, or the time limit is not above 0.
     """
 
     command: str
     time_limit: float = DEFAULT_TIME_LIMIT
     iterations: int | None = None
+    integrator: Integrator | None = None
+    time_step: float | None = None
 
     def __post_init__(self) -> None:
         try:
             words = shlex.split(self.command)
         except ValueError as error:
             raise CommandError(f"simulator {self.command!r}: {error}") from error
-        places = [match[1] for match in _PLACE.finditer(self.command)]
-        if not words or places.count("result") != 1 or places.count("case") < 1:
+        fields = [match[1] for match in _FIELD.finditer(self.command)]
+        if not words or fields.count("result") != 1 or fields.count("case") < 1:
             raise CommandError(
                 f'simulator {self.command!r}: needs {{case}} and {{result}}, as in "mysim {{case}} '
                 '{result}"'
             )
-        if ("iterations" in places) != (self.iterations is not None):
+        if ("iterations" in fields) != (self.iterations is not None):
             raise CommandError(
                 f"simulator {self.command!r}: {{iterations}} in the command and how many there are "
                 "(--iterations) go together: give both or neither"
@@ -94,9 +98,34 @@ class OutsideSimulator:
     @property
     def name(self) -> str:
         """The program's file name, for people."""
-        words = [w for w in shlex.split(self.command) if not _PLACE.search(w)]
+        words = [w for w in shlex.split(self.command) if not _FIELD.search(w)]
         scripts = [w for w in words if w.endswith(".py")]
         return Path((scripts or words or ["simulator"])[-1 if scripts else 0]).stem
+
+    @property
+    def about(self) -> dict[str, object]:
+        """What a result that says nothing of its steps is taken to say of them."""
+        scheme = self.integrator
+        if self.time_step is not None:
+            scheme = scheme or Integrator.CENTRAL_DIFFERENCES
+        every = {"integrator": scheme, "iterations": self.iterations}
+        return {name: value for name, value in every.items() if value is not None}
+
+    def stepped(self, problem: Problem) -> Problem:
+        """The problem with the time step that is asked for.
+
+        Raises:
+            InputError: A step for a case without [time], or one that the outputs are not whole
+                numbers of apart.
+        """
+        if self.time_step is None:
+            return problem
+        from palpate.reference.stated_steps import stated_steps
+
+        steps = Steps(self.integrator or Integrator.CENTRAL_DIFFERENCES, self.time_step)
+        given = steps.of(problem)
+        stated_steps(given, f"--time-step {self.time_step:g}")
+        return given
 
     def run(
         self, problem: Problem, strain: Strain, progress: Progress, *, case_name: str = "case"
@@ -124,12 +153,8 @@ class OutsideSimulator:
                 raise CandidateFailedError(f"{self.name} ended without writing a result")
             return read_result(file, most_bytes=room_for_answer(problem)), seconds
 
-    def asked_for(self, iterations: int) -> OutsideSimulator:
-        """The same with so many iterations."""
-        return dataclasses.replace(self, iterations=iterations)
-
     def _filled(self, case: Path, scratch: Path, problem: Problem) -> tuple[list[str], Path]:
-        suffix = next(m[2] or "npz" for m in _PLACE.finditer(self.command) if m[1] == "result")
+        suffix = next(m[2] or "npz" for m in _FIELD.finditer(self.command) if m[1] == "result")
         result = scratch / f"result.{suffix}"
         values = {"case": str(case), "result": str(result), "iterations": str(self.iterations)}
         if "{time_step}" in self.command:
@@ -140,20 +165,8 @@ class OutsideSimulator:
                     "give time_step in [time], or --time-step"
                 )
             values["time_step"] = f"{step:.17g}"
-        words = [_PLACE.sub(lambda m: values[m[1]], w) for w in shlex.split(self.command)]
+        words = [_FIELD.sub(lambda m: values[m[1]], w) for w in shlex.split(self.command)]
         return words, result
-
-
-def require_answers(result: ResultFile, problem: Problem, strain: Strain) -> None:
-    """Refuse a result that names another case.
-
-    Raises:
-        ResultFileError: Its `case_key` is another's.
-    """
-    if result.case_key and result.case_key != case_key(problem, strain):
-        raise ResultFileError(
-            result.path, "answers another case (its `case_key` differs): run it again"
-        )
 
 
 def _run(words: list[str], folder: Path, time_limit: float) -> None:

@@ -1,4 +1,4 @@
-"""From a result to the state that is judged: at the case's points, its times, its own mesh."""
+"""From a result to the state that is judged: at the case's points and times, and on its mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.integrators.schemes import Steps, read_integrator
-from palpate.validation.candidates.outside import require_answers
+from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError
 from palpate.validation.exchange.time_reading import TimeReading, read_at
@@ -38,10 +38,13 @@ def state_of_result(
         ResultFileError: It answers another case, cannot be placed, or its times do not fit.
         CandidateFailedError: NaN, or a body of quite another size.
     """
-    require_answers(result, problem, strain)
+    if result.case_key and result.case_key != case_key(problem, strain):
+        raise ResultFileError(
+            result.path, "answers another case (its `case_key` differs): run it again"
+        )
     placed = place(result, problem)
-    said = dict(result.about)
-    is_smoothed = said.get("element") == Element.SMOOTHED
+    stated = dict(result.about)
+    is_smoothed = stated.get("element") == Element.SMOOTHED
     state = make_state(
         problem.mesh,
         placed.displacement[-1],
@@ -51,9 +54,9 @@ def state_of_result(
         seconds=seconds,
         details=details or {},
         remarks=placed.notes,
-        tool_forces=_tool_forces(result, said.pop("tool_forces", None)),
+        tool_forces=_tool_forces(result, stated.pop("tool_forces", None)),
         element=Element.SMOOTHED if is_smoothed else Element.LINEAR,
-        says=said,
+        says=stated,
         sent_stress=placed.cauchy_stress if placed.own_mesh is None else None,
         steps=_steps(result, problem),
     )

@@ -91,8 +91,8 @@ def gate(
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.fastsim.explicit_body import Precision as StepPrecision
     from palpate.reference.availability import require_available
-    from palpate.validation.candidates.candidate import Stepping, candidates_for
-    from palpate.validation.candidates.seeded import with_fault
+    from palpate.validation.candidates.candidate import candidates_for
+    from palpate.validation.candidates.faults import with_fault
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.judging import outputs
     from palpate.validation.judging.annotations import github_annotations
@@ -113,7 +113,6 @@ def gate(
     from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
     from palpate.validation.output_files import input_files, require_outputs
 
-    stepping = Stepping(integrator, time_step, iterations)
     # Single precision granted to a device is what its steps are made in.
     on_device = device != "cpu"
     arithmetic = StepPrecision.DOUBLE
@@ -123,7 +122,9 @@ def gate(
         simulator,
         time_limit,
         element,
-        stepping,
+        integrator=integrator,
+        time_step=time_step,
+        iterations=iterations,
         device=device,
         precision=arithmetic,
         is_condensed=is_condensed(with_),

@@ -52,7 +52,7 @@ def report(
 
     One case gives report.html; several give a page each, and index.html.
     """
-    from palpate.validation.candidates.candidate import Stepping, candidates_for
+    from palpate.validation.candidates.candidate import candidates_for
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
     from palpate.validation.judging.askable import askable_cases
@@ -84,7 +84,9 @@ def report(
         simulator,
         time_limit,
         element,
-        Stepping(integrator, time_step, iterations),
+        integrator=integrator,
+        time_step=time_step,
+        iterations=iterations,
         is_condensed=is_condensed(with_),
     )
     if every:

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.validation.candidates.candidate import Candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import on_own_mesh, with_fault
+from palpate.validation.candidates.faults import Fault, on_own_mesh, with_fault
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_judge import CaseJudge

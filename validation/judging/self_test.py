@@ -18,8 +18,7 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
-from palpate.validation.candidates.faults import CannotShowError, Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import CannotShowError, Fault, with_fault
 from palpate.validation.case import Case, load_case
 from palpate.validation.judging.expectation import read_expected, unexpected
 from palpate.validation.judging.judge import judge_case

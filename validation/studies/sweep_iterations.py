@@ -8,6 +8,7 @@ solve the law it states.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.integrators.schemes import Integrator, Steps
-from palpate.validation.candidates.candidate import Stepping, outside_candidate
+from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case
 from palpate.validation.metrics import measure
@@ -119,9 +120,11 @@ def run_trials(
     known: dict[tuple[Steps | None, object], State] = {}
     trials = []
     for step, many in product(time_steps, iterations):
-        stepping = Stepping(integrator, step, many)
-        candidate = outside_candidate(simulator.asked_for(many), stepping)
-        asked = stepping.of(case.problem).time
+        program = dataclasses.replace(
+            simulator, iterations=many, integrator=integrator, time_step=step
+        )
+        candidate = outside_candidate(program)
+        asked = program.stepped(case.problem).time
         stated = None if asked is None else asked.time_step
         try:
             state = candidate.solve(case.problem, case.strain, progress)

@@ -14,8 +14,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates import faults
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import on_own_mesh, with_fault
+from palpate.validation.candidates.faults import Fault, on_own_mesh, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.metric_table import KINDS, metric_table, table_lines
 from palpate.validation.judging.self_test import REFERENCE_FAULTS, TRIALS, run_self_test

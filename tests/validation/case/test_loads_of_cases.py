@@ -21,8 +21,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.judge import judge_case

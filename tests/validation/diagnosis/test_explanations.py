@@ -133,8 +133,7 @@ def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> Non
 
 def test_tools_that_are_left_out_and_their_forces_are_named() -> None:
     from palpate.validation.candidates.candidate import fastsim_candidate
-    from palpate.validation.candidates.faults import Fault
-    from palpate.validation.candidates.seeded import with_fault
+    from palpate.validation.candidates.faults import Fault, with_fault
 
     problem = load_case("press").problem
     right = fastsim_candidate().solve(problem, Strain.GREEN, lambda _line: None)

@@ -16,8 +16,7 @@ from typer.testing import CliRunner
 
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.diagnosis import diagnose

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from palpate.fastsim.explicit_body import Precision as StepPrecision
 from palpate.meshes.errors import InputError
 from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import app
 from palpate.validation.judging.judge import judge_case

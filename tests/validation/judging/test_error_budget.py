@@ -20,8 +20,7 @@ from palpate.meshes.files import write_mesh
 from palpate.meshes.problem import Problem, Strain, TimeSpan
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.candidates.candidate import fastsim_candidate, result_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.diagnosis.diagnose import equations_left
 from palpate.validation.judging.error_budget import (

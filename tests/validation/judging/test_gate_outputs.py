@@ -14,8 +14,7 @@ import pytest
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis.explanation import Cause, Diagnosis, Explanation
 from palpate.validation.judging import outputs

@@ -12,8 +12,7 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes import transforms
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import Case, load_case
 from palpate.validation.judging.metamorphic import LEAST_BROKEN, judge_relations
 from palpate.validation.metrics import make_state

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -13,7 +14,7 @@ import palpate.validation
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
 from palpate.reference.integrators.schemes import Integrator
-from palpate.validation.candidates.candidate import Stepping, candidates_for, outside_candidate
+from palpate.validation.candidates.candidate import candidates_for, outside_candidate
 from palpate.validation.candidates.outside import CommandError, OutsideSimulator
 from palpate.validation.case import load_case
 from palpate.validation.case.load import Case
@@ -24,9 +25,9 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import SAME_MESH, ReferenceSet
 from palpate.validation.states import CandidateFailedError, Verdict, in_silence
 
-ADAPTERS = Path(palpate.validation.__file__).parent / "simulators/adapters"
+ADAPTERS = Path(palpate.validation.__file__).parent / "peers/adapters"
 DESCENT = f"{sys.executable} {ADAPTERS / 'vertex_block_descent.py'} {{case}} {{result}}"
-XPBD = f"{sys.executable} {ADAPTERS / 'xpbd.py'} {{case}} {{result}}"
+XPBD = DESCENT + " {iterations} method=xpbd"
 STEP = 2e-3
 
 
@@ -35,9 +36,9 @@ def case(let_go: Path) -> Case:
     return load_case(let_go)
 
 
-def judged(case: Case, command: str, stepping: Stepping) -> tuple[CaseResult, float]:
+def judged(case: Case, command: str, **stepping: Any) -> tuple[CaseResult, float]:
     """The result, and its one check's value."""
-    candidates = candidates_for(command, 300.0, None, stepping)
+    candidates = candidates_for(command, 300.0, **stepping)
     result = judge_case(case, live=True, candidate=candidates)
     (check,) = result.checks
     assert check.value is not None, check.message
@@ -55,13 +56,13 @@ def test_block_descent_comes_to_the_reference_by_backward_euler(case: Case, law:
         case.path.write_text(text, "utf-8")
         case = load_case(case.path)
     command = DESCENT + " {iterations}"
-    result, value = judged(case, command, Stepping(time_step=STEP, iterations=120))
+    result, value = judged(case, command, time_step=STEP, iterations=120)
     assert result.verdict is Verdict.PASSED, value
     assert any("backward-euler, steps of 0.002 s" in note for note in result.notes)
     # Held against central differences, its own scheme would be called wrong.
     (state,) = (s for s in result.states if not s.is_reference)
     assert state.steps is not None
-    few, left = judged(case, command, Stepping(time_step=STEP, iterations=3))
+    few, left = judged(case, command, time_step=STEP, iterations=3)
     assert few.verdict is Verdict.FAILED
     assert left > 1e-3
 
@@ -70,9 +71,7 @@ def test_block_descent_comes_to_the_reference_by_backward_euler(case: Case, law:
 @pytest.mark.nightly
 def test_xpbd_comes_to_it_with_shorter_steps_and_not_with_more_iterations(case: Case) -> None:
     left = {
-        (step, many): judged(
-            case, XPBD + " {iterations}", Stepping(time_step=step, iterations=many)
-        )[1]
+        (step, many): judged(case, XPBD, time_step=step, iterations=many)[1]
         for step, many in ((8e-3, 40), (8e-3, 160), (STEP, 160))
     }
     assert left[8e-3, 160] > 1e-5
@@ -94,27 +93,24 @@ def test_what_the_command_line_states_holds_where_the_result_says_nothing(
         "utf-8",
     )
     command = f"{sys.executable} {own} {{case}} {{result}}"
-    plain, value = judged(case, command, Stepping())
+    plain, value = judged(case, command)
     assert plain.verdict is Verdict.PASSED
     assert value < 1e-9
-    other, value = judged(case, command, Stepping(Integrator.BACKWARD_EULER))
+    other, value = judged(case, command, integrator=Integrator.BACKWARD_EULER)
     assert other.verdict is Verdict.FAILED
     assert value > 1e-3
 
 
 def test_steps_that_cannot_be_meant_are_refused(case: Case, tmp_path: Path) -> None:
     problem = case.problem
-    for stepping, message in (
-        (Stepping(time_step=3e-3), "not whole steps"),
-        (Stepping(time_step=-1.0), "above 0"),
-    ):
+    for step, message in ((3e-3, "not whole steps"), (-1.0, "above 0")):
         with pytest.raises(InputError, match=message):
-            outside_candidate(OutsideSimulator(DESCENT), stepping).solve(
+            outside_candidate(OutsideSimulator(DESCENT, time_step=step)).solve(
                 problem, Strain.GREEN, in_silence
             )
     still = dataclasses.replace(problem, time=None)
     with pytest.raises(InputError, match="takes no steps"):
-        outside_candidate(OutsideSimulator(DESCENT), Stepping(time_step=1.0)).solve(
+        outside_candidate(OutsideSimulator(DESCENT, time_step=1.0)).solve(
             still, Strain.GREEN, in_silence
         )
     for command, iterations in ((DESCENT, 3), (DESCENT + " {iterations}", None)):
@@ -123,7 +119,7 @@ def test_steps_that_cannot_be_meant_are_refused(case: Case, tmp_path: Path) -> N
     with pytest.raises(CommandError, match="at least 1"):
         OutsideSimulator(DESCENT + " {iterations}", 60.0, 0)
     with pytest.raises(InputError, match="give --simulator"):
-        candidates_for(None, 60.0, None, Stepping(iterations=3))
+        candidates_for(None, 60.0, iterations=3)
     for about, message in (
         ({"integrator": "rk4"}, "known are"),
         ({"integrator": "bdf2", "time_step": "soon"}, "no time_step"),
@@ -152,8 +148,8 @@ def test_the_gate_takes_scheme_step_and_iterations(case: Case) -> None:
 def test_time_step_is_filled_into_the_command(case: Case, tmp_path: Path) -> None:
     script = tmp_path / "echo.py"
     script.write_text("import sys\nprint(sys.argv[3])\nsys.exit(1)\n", "utf-8")
-    simulator = OutsideSimulator(f"{sys.executable} {script} {{case}} {{result}} {{time_step}}")
-    candidate = outside_candidate(simulator, Stepping(time_step=STEP))
+    command = f"{sys.executable} {script} {{case}} {{result}} {{time_step}}"
+    candidate = outside_candidate(OutsideSimulator(command, time_step=STEP))
     with pytest.raises(CandidateFailedError, match=f"{STEP:.17g}"):
         candidate.solve(case.problem, Strain.GREEN, in_silence)
 

@@ -17,8 +17,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate, result_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass, nodal_force

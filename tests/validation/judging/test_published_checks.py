@@ -16,8 +16,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.candidates.seeded import on_own_mesh
+from palpate.validation.candidates.faults import on_own_mesh
 from palpate.validation.case import Case, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.case_judge import CaseJudge

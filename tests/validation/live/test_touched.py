@@ -14,8 +14,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.candidates.candidate import fastsim_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.live.client import Client, connected

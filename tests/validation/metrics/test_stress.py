@@ -16,7 +16,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.candidates.fastsim import Way, run_fastsim
+from palpate.validation.candidates.fastsim import run_fastsim
 from palpate.validation.candidates.result_states import with_own_mesh
 from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.metrics import Part, make_state, measure, stress_integrals
@@ -104,7 +104,7 @@ def test_the_judges_own_stress_is_that_of_fastsim(problem: Problem, element: Ele
     hard = np.arange(0, problem.mesh.num_cells, 3, dtype=np.int32)
     mixed = dataclasses.replace(problem, inclusions=(Inclusion(hard, Material(4000.0, 0.2)),))
     for strain in Strain:
-        found = run_fastsim(mixed, strain, lambda _line: None, way=Way(element=element))
+        found = run_fastsim(mixed, strain, lambda _line: None, element=element)
         assert found.stresses is not None
         by_judge = dataclasses.replace(found, stresses=None)
         assert measure("stress_l2", mixed, found, by_judge, cells_of(mixed)).value <= 1e-12

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain, with_law
-from palpate.validation.candidates.candidate import Stepping, candidates_for, fastsim_candidate
+from palpate.validation.candidates.candidate import candidates_for, fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.peers import adapters
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, STEP, Score, judge_run
@@ -32,7 +32,7 @@ STEP_SIZE = 4e-3
 
 def by_descent(problem: Problem, iterations: int) -> State:
     """Backward Euler with steps of eight of the case's, solved more or less."""
-    (candidate,) = candidates_for(COMMAND, 300.0, None, Stepping(None, STEP_SIZE, iterations))
+    (candidate,) = candidates_for(COMMAND, 300.0, time_step=STEP_SIZE, iterations=iterations)
     return candidate.solve(problem, Strain.GREEN, in_silence)
 
 

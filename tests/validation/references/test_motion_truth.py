@@ -14,8 +14,7 @@ from palpate.fastsim.dynamics import simulate
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.reference.errors import ReferenceStepError, ReferenceUnavailableError
 from palpate.validation.candidates.candidate import fastsim_candidate, result_candidate
-from palpate.validation.candidates.faults import Fault
-from palpate.validation.candidates.seeded import with_fault
+from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case

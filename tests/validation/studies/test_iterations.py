@@ -16,7 +16,7 @@ from palpate.validation.states import Verdict
 from palpate.validation.studies.sweep_iterations import Trial, judge, read_moves, remarks_on, table
 from palpate.validation.studies.sweep_variants import VaryError
 
-PROGRAM = Path(palpate.validation.__file__).parent / "simulators/adapters/vertex_block_descent.py"
+PROGRAM = Path(palpate.validation.__file__).parent / "peers/adapters/vertex_block_descent.py"
 COMMAND = f"{sys.executable} {PROGRAM} {{case}} {{result}} {{iterations}}"
 
 
