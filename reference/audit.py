@@ -21,10 +21,9 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler, measure_state
 from palpate.reference.discrete_problem import DiscreteProblem
-from palpate.reference.kinematics import engineering_strain
+from palpate.reference.laws import engineering_strain, strain_energy_density
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.result import Audit
-from palpate.reference.st_venant_kirchhoff import strain_energy_density
 
 # The norm is reported to some digits; its square is what the solve is accurate in.
 _SOLVE_TOLERANCE = 1e-8

@@ -1,4 +1,7 @@
-"""The discrete balance of forces R(u, t) = internal(u) - t external(u) of a problem."""
+"""The discrete balance of forces R(u, t) = internal(u) - t external(u) of a problem.
+
+Internal forces from UFL, node for node.
+"""
 
 from __future__ import annotations
 
@@ -9,30 +12,23 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.problem import (
-    Element,
-    Inclusion,
-    Material,
-    Problem,
-    Strain,
-)
-from palpate.reference import fenicsx, hyperelastic
+from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.reference import fenicsx, laws
 from palpate.reference.contact.tool_contact import create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.follower_load import FollowerLoad
-from palpate.reference.kinematics import deformation_gradient, strain_tensor
-from palpate.reference.loads import apply_loads
-from palpate.reference.materials import by_cell, energy_by_cell, lame_by_cell
-from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
-from palpate.reference.result import Formulation
-from palpate.reference.smoothed_law import SmoothedLaw
-from palpate.reference.smoothed_stress import SmoothedStress
-from palpate.reference.springs import SpringForce, spring_forces
-from palpate.reference.st_venant_kirchhoff import (
+from palpate.reference.laws import (
+    deformation_gradient,
     second_piola_kirchhoff_stress,
     strain_energy_density,
+    strain_tensor,
 )
-from palpate.reference.strain_coefficients import StrainCoefficients
+from palpate.reference.loads import FollowerLoad, SpringForce, apply_loads, spring_forces
+from palpate.reference.materials import by_cell, energy_by_cell, lame_by_cell
+from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
+from palpate.reference.principal_laws import StrainCoefficients
+from palpate.reference.result import Formulation
+from palpate.reference.smoothed import SmoothedLaw, SmoothedStress
 from palpate.reference.supports import NodeFrames, hold
 
 
@@ -107,7 +103,7 @@ class ElasticBody:
             F = deformation_gradient(self.u) if strain is Strain.GREEN else ufl.Identity(3)
             self.virtual_work = ufl.inner(F * self.stress, ufl.grad(self.v)) * dx
         else:
-            order = hyperelastic.quadrature_degree(space.degree)
+            order = laws.quadrature_degree(space.degree)
             dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
             F = deformation_gradient(self.u)
             if material.law.is_of_stretches:
@@ -117,8 +113,8 @@ class ElasticBody:
                 self.stress, P, W = energy.slope, F * energy.slope, energy.value
             else:
                 constants = (material.law, lmbda, mu, c01)
-                P = hyperelastic.first_piola_kirchhoff_stress(F, *constants)
-                W = hyperelastic.energy_density(F, *constants)
+                P = laws.first_piola_kirchhoff_stress(F, *constants)
+                W = laws.energy_density(F, *constants)
                 self.stress = ufl.inv(F) * P
             self.energy = W * dx
             self.virtual_work = ufl.inner(P, ufl.grad(self.v)) * dx
@@ -313,3 +309,37 @@ class DiscreteProblem(ElasticBody):
         for contact in self.contacts:
             contact.add_tangent(self._matrix, displacement)
         return self.with_smoothing(self._matrix)
+
+
+def internal_force(
+    mesh: TetMesh,
+    displacement: Points,
+    *,
+    material: Material,
+    strain: Strain = Strain.GREEN,
+    degree: int = 1,
+    inclusions: Sequence[Inclusion] = (),
+    element: Element = Element.LINEAR,
+) -> Points:
+    """Assemble nodal internal forces, f_a = integral of P grad N_a over the rest volume (eq. 1).
+
+    Args:
+        mesh: Rest mesh.
+        displacement: At the mesh's points [m], shape (num_points, 3); linear in between.
+        material: Elastic constants.
+        strain: Strain measure.
+        degree: Polynomial degree of the test functions N.
+        inclusions: Cells with other elastic constants.
+        element: Smoothed tetrahedra are of degree 1.
+
+    Returns:
+        Internal force at the mesh's points [N], shape (num_points, 3). For degree 1 it sums to
+        zero over the body; beyond that the nodes on the edges carry the rest.
+
+    Raises:
+        InputError: Wrong shape, a value that is not finite, or smoothed tetrahedra of another
+            degree or on several ranks.
+    """
+    space = create_space(transfer(mesh), degree)
+    body = ElasticBody(space, material, Strain(strain), inclusions, element=Element(element))
+    return body.space.at_points(body.internal_force(body.space.from_points(displacement)))

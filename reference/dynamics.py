@@ -81,8 +81,8 @@ def simulate_implicit(
         ReferenceStepError: A step had no answer, however short; carries the last good state.
 
     Note:
-        Tools touch the body at nodes (see `contact_points`); one that a force drives has its mass
-        and moves along its line, from rest (see `driven_motion`). Where their forces set in at
+        Tools touch the body at nodes (see `ContactPoints`); one that a force drives has its mass
+        and moves along its line, from rest (see `DrivenTool`). Where their forces set in at
         once (a node is caught, or dragged from the start) steps are of first order.
         Unconditionally stable for linear problems only; of what the time step does not resolve
         nothing is true. Halve the step to see how far it is resolved.

@@ -19,11 +19,10 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import fenicsx
-from palpate.reference.across_ranks import is_anywhere
-from palpate.reference.contact.forward_increments import SteppedTools
+from palpate.reference.contact.explicit_tools import SteppedTools
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.errors import ReferenceBlowUpError
-from palpate.reference.fenicsx import ufl
+from palpate.reference.fenicsx import is_anywhere, ufl
 from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer

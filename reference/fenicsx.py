@@ -1,4 +1,3 @@
-# ruff: noqa: E402 (the wheel must be found before its parts are imported)
 """Everything that differs between dolfinx 0.5 and 0.11, and nothing else.
 
 The rest of the room reads the same on both. Import dolfinx only through this module:
@@ -7,37 +6,36 @@ The rest of the room reads the same on both. Import dolfinx only through this mo
 
 Under mpirun every rank runs the same lines. A flat vector of the room holds the entries its rank
 owns; what is summed or compared over a whole body goes through `total`, `smallest` or `largest`.
+
+What the ranks of mpirun tell each other, besides the sums of `fenicsx`.
+
+Every rank calls these together, like anything that sums over a body. A decision that one rank takes
+by its own numbers alone leaves the others waiting: take it by `is_anywhere`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import importlib.util
 import logging
 import re
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-import numpy as np
-
-from palpate.meshes.arrays import Floats, Points
-from palpate.reference.availability import require_available
-from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
-
-require_available()
-if importlib.util.find_spec("dolfinx_solver"):
-    # The PyPI wheel: finds libmpi and PETSc for the imports below.
-    import dolfinx_solver  # noqa: F401
 import dolfinx
 import dolfinx.fem.petsc
 import dolfinx.jit
+import numpy as np
 import ufl as ufl
 from dolfinx import fem as fem
 from mpi4py import MPI as MPI
 from petsc4py import PETSc as PETSc
+
+from palpate.meshes.arrays import Floats, Points
+from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
 
 # "0.11.0.post0" reads (0, 11).
 VERSION: tuple[int, int] = tuple(int(n) for n in re.findall(r"\d+", dolfinx.__version__)[:2])  # type: ignore[assignment]
@@ -391,3 +389,54 @@ def meshtags(
 ) -> Any:
     """Return tags of mesh entities (sorted, as both versions require)."""
     return dolfinx.mesh.meshtags(mesh, dimension, entities, values)
+
+
+# A rank in trouble waits this long for the others to be in trouble too [s].
+PATIENCE = 10.0
+_POLL = 0.005  # [s]
+# Where ranks in trouble meet: on a channel of its own, since the others may be at any other call.
+_TROUBLE = COMM.Dup()
+
+
+def is_anywhere(value: bool) -> bool:
+    """Whether something is so on any rank."""
+    return value if COMM.size == 1 else bool(COMM.allreduce(value, MPI.LOR))
+
+
+def all_rows(rows: Floats) -> Floats:
+    """The rows of all ranks, those of rank 0 first."""
+    return rows if COMM.size == 1 else np.concatenate(COMM.allgather(rows))
+
+
+def different_rows(rows: Floats) -> Floats:
+    """The different rows of a table over all ranks, sorted."""
+    different: Floats = np.unique(all_rows(np.unique(rows, axis=0)), axis=0)
+    return different
+
+
+def exchange(parts: list[Any]) -> list[Any]:
+    """Send each rank its part; return what each has sent to this one, in the order of the ranks."""
+    return parts if COMM.size == 1 else list(COMM.alltoall(parts))
+
+
+def last_offered(value: Any, is_offered: bool) -> Any:
+    """The value of the last rank that offers one."""
+    return [v for v in COMM.allgather(value if is_offered else None) if v is not None][-1]
+
+
+def is_met_by_all() -> bool:
+    """Whether all ranks are in trouble: each calls this where it is, and waits for the others.
+
+    False where one alone is. It must not go on then: the others wait for it elsewhere.
+    """
+    return COMM.size == 1 or comes(_TROUBLE.Ibarrier())
+
+
+def comes(request: Any) -> bool:
+    """Whether a request of MPI is met in the time that a rank in trouble waits."""
+    deadline = time.monotonic() + PATIENCE
+    while not request.Test():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(_POLL)
+    return True

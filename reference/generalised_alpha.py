@@ -17,14 +17,17 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference import fenicsx
-from palpate.reference.contact.implicit_tools import ImplicitTools
-from palpate.reference.contact.step_length import step_length
+from palpate.reference.contact.implicit_tools import ImplicitTools, step_length
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.explicit import row_sums_of_mass
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.lagged_factors import LaggedFactors
-from palpate.reference.linear_solver import LARGEST_FALLBACK, LinearSolveError, LinearSolver
+from palpate.reference.linear_solver import (
+    LARGEST_FALLBACK,
+    LaggedFactors,
+    LinearSolveError,
+    LinearSolver,
+)
 from palpate.reference.loads_over_time import LoadsOverTime
 from palpate.reference.materials import by_cell
 from palpate.reference.viscosity import Viscosity

@@ -1,7 +1,17 @@
-"""Loads as virtual work in UFL; the full load, which the solver scales by the load factor.
+"""A load whose direction follows the body, in one form for statics, pressures apart, and motion.
+
+Loads as virtual work in UFL; the full load, which the solver scales by the load factor.
 
 Every load of one kind compiles to the same form, whatever its value or place, so nothing is
 compiled twice.
+
+Springs over patches of the surface as virtual work in UFL; see `palpate.meshes.spring`.
+
+    W(u; v) = integral of kappa (d - u) . v over the patch,
+
+kappa linear on each facet between its values at the vertices, whatever the degree of u; so the
+integral is exact. It is symmetric, and holds the patch by kappa more than nothing: a Robin
+condition.
 """
 
 from __future__ import annotations
@@ -13,14 +23,42 @@ from typing import Any
 
 import numpy as np
 
+from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Floats
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
+from palpate.meshes.spring import Spring
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.kinematics import cofactor, deformation_gradient
-from palpate.reference.mesh_transfer import TransferredSpace
+from palpate.reference.laws import cofactor, deformation_gradient
+from palpate.reference.mesh_transfer import TransferredSpace, create_space
+
+
+class FollowerLoad:
+    """The forces of a follower, and their derivative.
+
+    Args:
+        mesh: The dolfinx mesh.
+        work: Virtual work of the full load, as a UFL form [J].
+        unknown: The function that the work depends on; it holds its place for every call.
+        trial: A trial function of the unknown's space.
+    """
+
+    def __init__(self, mesh: Any, work: Any, unknown: Any, trial: Any) -> None:
+        self._force = fenicsx.form(work)
+        # The tangent of R has the tangent of the load with a minus sign and a factor.
+        self._factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
+        self._tangent = fenicsx.form(-self._factor * ufl.derivative(work, unknown, trial))
+
+    def force(self) -> Floats:
+        """Nodal forces of the full load [N], flat."""
+        return fenicsx.assemble_vector(self._force)
+
+    def add_tangent(self, matrix: Any, factor: float) -> None:
+        """Add minus the derivative of the forces, times a factor."""
+        self._factor.value = factor
+        fenicsx.assemble_into_matrix(matrix, self._tangent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,3 +168,81 @@ def _constant(space: TransferredSpace, values: Sequence[float], what: str) -> An
     if not all(math.isfinite(value) for value in values):
         raise InputError(f"{what} = {tuple(values)}: needs finite values")
     return fem.Constant(space.transferred.mesh, np.array(values, dtype=PETSc.ScalarType))
+
+
+class SpringForce(FollowerLoad):
+    """The forces of a spring on a body, and their derivative.
+
+    The anchor is where the spring's path ends, until `move_to` says otherwise.
+
+    Args:
+        space: Of the displacements.
+        spring: Which.
+        u: Displacement, in UFL.
+        v: Its test function.
+        unknown: See `FollowerLoad`.
+        trial: See `FollowerLoad`.
+        what: "spring 2": for messages.
+    """
+
+    def __init__(
+        self,
+        space: TransferredSpace,
+        spring: Spring,
+        *,
+        u: Any,
+        v: Any,
+        unknown: Any,
+        trial: Any,
+        what: str,
+    ) -> None:
+        mesh = space.transferred.mesh
+        self._path = spring.path.components()
+        self._amplitude: TabularAmplitude | None = spring.amplitude
+        self._anchor = fem.Constant(mesh, spring.path.end.astype(PETSc.ScalarType))
+        kappa = _density(space, spring)
+        area = space.transferred.facet_measure(spring.facets, what, degree=1 + 2 * space.degree)
+        super().__init__(mesh, kappa * ufl.inner(self._anchor - u, v) * area, unknown, trial)
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether its stiffness never changes."""
+        return self._amplitude is None
+
+    def factor(self, time: float) -> float:
+        """On its stiffness [-]."""
+        return 1.0 if self._amplitude is None else self._amplitude(time)
+
+    def move_to(self, time: float) -> None:
+        """Have the anchor where it is at a time [s]."""
+        self._anchor.value[:] = [component(time) for component in self._path]
+
+
+def _density(space: TransferredSpace, spring: Spring) -> Any:
+    """Stiffness per rest area [N/m3] as a function that is linear in each cell."""
+    source = space.transferred.source
+    nodal: Floats = np.zeros((source.num_points, 3))
+    nodal[spring.facets.ravel(), 0] = spring.densities(source.points).ravel()
+    linear = create_space(space.transferred, 1)
+    found = fem.Function(linear.space)
+    found.x.array[: 3 * linear.num_blocks] = linear.from_points(nodal)
+    found.x.scatter_forward()
+    return found[0]
+
+
+def spring_forces(
+    space: TransferredSpace,
+    springs: tuple[Spring, ...],
+    *,
+    u: Any,
+    v: Any,
+    unknown: Any,
+    trial: Any,
+) -> list[SpringForce]:
+    """Each of a problem's springs; arguments as `SpringForce` has them."""
+    return [
+        SpringForce(
+            space, spring, u=u, v=v, unknown=unknown, trial=trial, what=f"spring {number} (Spring)"
+        )
+        for number, spring in enumerate(springs, start=1)
+    ]

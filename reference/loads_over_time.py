@@ -12,9 +12,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import ufl
-from palpate.reference.follower_load import FollowerLoad
-from palpate.reference.loads import apply_loads
-from palpate.reference.springs import spring_forces
+from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
 from palpate.reference.supports import hold
 
 Amplitude: TypeAlias = Callable[[float], float]

@@ -16,7 +16,7 @@ from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.errors import InputError, MeshError
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.reference import fenicsx
-from palpate.reference.across_ranks import exchange
+from palpate.reference.fenicsx import exchange
 
 
 def require_manifold_cells(mesh: TetMesh) -> None:

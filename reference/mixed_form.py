@@ -30,12 +30,12 @@ from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference import fenicsx, hyperelastic
+from palpate.reference import fenicsx, laws
 from palpate.reference.contact.tool_contact import Unknowns, create_contacts
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.kinematics import cofactor, deformation_gradient, strain_tensor
-from palpate.reference.loads import apply_loads
+from palpate.reference.laws import cofactor, deformation_gradient, strain_tensor
+from palpate.reference.loads import apply_loads, spring_forces
 from palpate.reference.materials import (
     by_cell,
     energy_by_cell,
@@ -43,10 +43,8 @@ from palpate.reference.materials import (
     lame_parameters,
 )
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
-from palpate.reference.principal_laws import stretch_sum
+from palpate.reference.principal_laws import StrainCoefficients, stretch_sum
 from palpate.reference.result import Formulation
-from palpate.reference.springs import spring_forces
-from palpate.reference.strain_coefficients import StrainCoefficients
 from palpate.reference.supports import hold
 
 
@@ -117,7 +115,7 @@ class MixedProblem(DiscreteProblem):
             shape, volume = mu * ufl.inner(E, E), ufl.tr(E)
             self.stress = p * ufl.Identity(3) + 2 * mu * E
         elif law.is_of_stretches:
-            order = self.stress_degree = hyperelastic.quadrature_degree(degree)
+            order = self.stress_degree = laws.quadrature_degree(degree)
             by_shape = StrainCoefficients(
                 mesh, self.u, energy_by_cell(problem.material, None, mu), order
             )
@@ -129,16 +127,16 @@ class MixedProblem(DiscreteProblem):
                 volume, S = total.value, S + p * total.slope
                 self.stress = S
             else:
-                volume = hyperelastic.volume_change(F, law)
+                volume = laws.volume_change(F, law)
                 self.stress = S + p * ufl.inv(F) * cofactor(F)
             # What UFL cannot derive of the potential below: coefficients are constants to it.
             shape, work = by_shape.value, ufl.inner(F * S, ufl.grad(v))
         else:
             c01 = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.c01)
-            order = hyperelastic.quadrature_degree(degree)
+            order = laws.quadrature_degree(degree)
             F = ufl.variable(deformation_gradient(self.u))
-            shape = hyperelastic.energy_density(F, law, 0, mu, c01)
-            volume = hyperelastic.volume_change(F, law)
+            shape = laws.energy_density(F, law, 0, mu, c01)
+            volume = laws.volume_change(F, law)
             self.stress = ufl.inv(F) * (ufl.diff(shape, F) + p * ufl.diff(volume, F))
         dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
         potential = (shape + p * volume - p**2 / (2 * lmbda)) * dx

@@ -179,8 +179,7 @@ def _do_part(task: Task, sent: bytes, say: Say) -> Any:
 
 def _together(comm: Any, part: Callable[[Say], Any], progress: Say) -> tuple[Any, Exception | None]:
     """Do this rank's part; return its answer, or its error, or on rank 0 that of another rank."""
-    from palpate.reference.across_ranks import comes
-    from palpate.reference.fenicsx import MPI
+    from palpate.reference.fenicsx import MPI, comes
 
     answer, error = None, None
     try:

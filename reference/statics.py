@@ -15,10 +15,14 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
-from palpate.reference.cell_stress import measure_stresses, support_forces
-from palpate.reference.contact.driven_tool import press
-from palpate.reference.contact.tool_path import follow_tools, go_on_at_end
-from palpate.reference.deformed_state import DetFSampler, find_smallest_stretch, measure_state
+from palpate.reference.contact.tool_path import follow_tools, go_on_at_end, press
+from palpate.reference.deformed_state import (
+    DetFSampler,
+    find_smallest_stretch,
+    measure_state,
+    measure_stresses,
+    support_forces,
+)
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
 from palpate.reference.fenicsx import PETSc
@@ -80,8 +84,8 @@ def solve_static(
         is asked, which is more than stability needs where the pressure has no potential.
         A slender body may stop at the rounding error of its own nodal forces, a few 1e-10; the
         relative residual of the result says so.
-        Tools touch the body at nodes (see `contact_points`): what is smaller than a facet slips in
-        between. With friction the answer depends on the way there (see `friction`).
+        Tools touch the body at nodes (see `ContactPoints`): what is smaller than a facet slips in
+        between. With friction the answer depends on the way there (see `Friction`).
     """
     found = find_equilibrium(
         problem,

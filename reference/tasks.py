@@ -16,8 +16,6 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference.integrators.result import SteppedResult
-from palpate.reference.integrators.schemes import Integrator
 from palpate.reference.result import (
     AdaptiveResult,
     Audit,
@@ -25,8 +23,10 @@ from palpate.reference.result import (
     Formulation,
     ImplicitResult,
     ReferenceResult,
+    SteppedResult,
     load_result,
 )
+from palpate.reference.schemes import Integrator
 
 Progress: TypeAlias = Callable[[str], None]
 Answer = TypeVar("Answer", covariant=True)
@@ -115,8 +115,7 @@ class AdaptiveTask:
     def __call__(self, problem: Problem, progress: Progress) -> AdaptiveResult:
         """Solve, estimate, refine."""
         from palpate.reference.adaptivity.adaptive import solve_adaptively
-        from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
-        from palpate.reference.adaptivity.parts import Part
+        from palpate.reference.adaptivity.goals import Budget, Goal, Part, Quantity
 
         rows = zip(self.part_cells, self.part_weights, self.part_supports, strict=True)
         parts = iter(

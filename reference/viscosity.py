@@ -21,10 +21,8 @@ from palpate.meshes.problem import Element, Strain
 from palpate.reference import fenicsx
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.kinematics import strain_tensor
-from palpate.reference.smoothed_stress import smoothing_of
-from palpate.reference.smoothing import Smoothing
-from palpate.reference.st_venant_kirchhoff import second_piola_kirchhoff_stress
+from palpate.reference.laws import second_piola_kirchhoff_stress, strain_tensor
+from palpate.reference.smoothed import Smoothing, smoothing_of
 
 
 class Viscosity:

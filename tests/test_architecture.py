@@ -25,7 +25,7 @@ FORBIDDEN = {
 }  # fmt: skip
 MOST_LINES = 600
 # Of the reference: plain Python, importable where there is no FEniCSx.
-LIGHT = ("availability", "errors", "integrators.schemes", "result")
+LIGHT = ("availability", "errors", "schemes", "result")
 
 
 def imported_names(source: str) -> list[str]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.integrators.schemes import Steps
+from palpate.reference.schemes import Steps
 
 # The simulator of the reference's states, and how their labels begin.
 REFERENCE = "reference"

@@ -1,4 +1,26 @@
-"""Contact with a rigid tool by the augmented Lagrangian.
+"""Where contact is looked for: nodes of the body's boundary with their parts of its rest area.
+
+The area of a node is the integral of its shape function over the contact facets: a quadrature of
+the facets that is exact to the degree of the displacement and holds no more constraints than the
+surface has nodes (Gauss points on a curved tool do, and lock). Degree 1: the vertices, a third of
+each facet, the discrete problem of linear simulators. Degree 2: the middles of the edges, a third
+of each facet; nothing at the vertices, which follow.
+
+Coulomb friction of the nodes on a tool, by the augmented Lagrangian: stick and slip.
+
+With the way s of a node along the tool since the last equilibrium, seen from the tool, the normal
+n, and a multiplier q per rest area:
+
+    trial = q - k s,   t = trial where |trial| <= mu p, else mu p trial / |trial|
+
+so that a node slips, against its drag, where it would take more than mu p to hold it. In motion the
+way is that of one step: its drag is that at the step's end (backward Euler). The bound is of the
+multiplier p, not of the pressure of the iterate, and both are taken over after each
+equilibrium: the tangent stays symmetric (T. A. Laursen, J. C. Simo, Algorithmic symmetrization of
+Coulomb frictional problems using augmented Lagrangians, Comput. Methods Appl. Mech. Engrg. 108
+(1993) 133-146), and what it settles to is Coulomb's law with the pressure itself.
+
+Contact with a rigid tool by the augmented Lagrangian.
 
 With the gap g(x) of the deformed place x = X + u from the tool, its normal n = grad g, and a
 multiplier p per rest area at every contact node:
@@ -22,15 +44,156 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
-from palpate.reference.across_ranks import all_rows
-from palpate.reference.contact.box_faces import HeldFaces
-from palpate.reference.contact.contact_points import find_contact_points
-from palpate.reference.contact.friction import Drag, Friction
-from palpate.reference.contact.tool_distance import Distance, tool_distance
+from palpate.reference.contact.tool_distance import Distance, HeldFaces, tool_distance
+from palpate.reference.fenicsx import all_rows, ufl
+from palpate.reference.loads import traction_work
 from palpate.reference.mesh_transfer import TransferredSpace
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoints:
+    """Nodes of the surface that may touch a tool.
+
+    Attributes:
+        nodes: Blocked dofs, of this rank's own, shape (n,).
+        dofs: Where their displacements stand in a flat vector of all unknowns, shape (n, 3).
+        rest: Rest places [m], shape (n, 3).
+        areas: Part of the rest area [m2], shape (n,), >= 0; 0 only where a node follows others.
+        facet_size: Root of twice the mean facet area [m].
+    """
+
+    nodes: Indices
+    dofs: Indices
+    rest: Points
+    areas: Floats
+    facet_size: float
+
+    def places(self, displacement: Floats) -> Points:
+        """Where the nodes are under a flat vector of all unknowns [m], shape (n, 3)."""
+        placed: Points = self.rest + displacement[self.dofs]
+        return placed
+
+
+def find_contact_points(
+    space: TransferredSpace, facets: Indices, held: Indices, numbers: Indices | None = None
+) -> ContactPoints:
+    """Collect the nodes of the facets that may touch a tool.
+
+    A node that is held along all three axes takes no part.
+
+    Args:
+        space: Displacement space.
+        facets: By the mesh's points, shape (m, 3); empty is the whole boundary.
+        held: Degrees of freedom of the displacement that are held, shape (n,).
+        numbers: Where displacements stand among all unknowns, shape (at least 3 num_blocks,); None
+            where there are no others.
+    """
+    source = space.transferred.source
+    chosen = facets if len(facets) else source.boundary_facets
+    v = ufl.TestFunction(space.space)
+    # The form of any traction: nothing more to compile.
+    work = traction_work(space, Traction(chosen, (1.0, 1.0, 1.0)), v, "a tool")
+    nodal = fenicsx.assemble_vector(fenicsx.form(work))[::3]
+    corners = source.points[chosen]
+    doubled = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    entities = space.transferred.facet_entities(chosen, "a tool")
+    nodes = np.asarray(fenicsx.fem.locate_dofs_topological(space.space, 2, entities), np.int32)
+    nodes = nodes[nodes < space.num_blocks]
+    nodes = nodes[np.bincount(held // 3, minlength=space.num_blocks)[nodes] < 3]
+    # Of degree 2 the shape functions of vertices integrate to rounding errors.
+    least = 1e-12 * fenicsx.largest(float(nodal.max(initial=0.0)))
+    areas = np.where(nodal[nodes] > least, nodal[nodes], 0.0)
+    dofs = 3 * nodes[:, None] + np.arange(3, dtype=np.int32)
+    if numbers is not None:
+        dofs = numbers[dofs]
+    size = float(np.sqrt(doubled.mean()))
+    return ContactPoints(nodes, dofs, space.coordinates[nodes], areas, size)
+
+
+@dataclass(frozen=True, eq=False)
+class Drag:
+    """What friction does to n nodes.
+
+    Attributes:
+        traction: On the body by rest area [Pa], shape (n, 3).
+        stiffness: Minus its derivative by the node's place, at this normal and bound [Pa/m], shape
+            (n, 3, 3), symmetric.
+        sticks: Whether a pressed node is held by less than the bound, shape (n,).
+    """
+
+    traction: Points
+    stiffness: Floats
+    sticks: NDArray[np.bool_]
+
+
+class Friction:
+    """Multipliers of friction, and where on the tool each node is held.
+
+    Args:
+        coefficient: Coulomb's mu [-], >= 0.
+        count: Number of nodes.
+    """
+
+    def __init__(self, coefficient: float, count: int) -> None:
+        self.coefficient = coefficient
+        # In the tool's frame, with which they turn.
+        self._multiplier: Points = np.zeros((count, 3))
+        self._kept: Points = self._multiplier
+        self._held_at: Points = np.zeros((count, 3))
+
+    def keep(self, local: Points) -> None:
+        """Go on from an equilibrium with the nodes at these places in the tool's frame [m]."""
+        self._kept, self._held_at = self._multiplier, local
+
+    def go_back(self) -> None:
+        """Begin anew from the last equilibrium that was kept."""
+        self._multiplier = self._kept
+
+    def let_go(self, which: NDArray[np.bool_]) -> None:
+        """Forget the drag on some nodes, shape (n,)."""
+        self._multiplier = np.where(which[:, None], 0.0, self._multiplier)
+
+    def carried(self, rotation: Floats) -> Points:
+        """What the multipliers stand for in space [Pa], shape (n, 3)."""
+        carried: Points = self._multiplier @ rotation.T
+        return carried
+
+    def take_over(self, traction: Points, rotation: Floats) -> None:
+        """Take tractions in space as the new multipliers [Pa], shape (n, 3)."""
+        self._multiplier = traction @ rotation
+
+    def drag(
+        self, local: Points, rotation: Floats, normal: Points, pressure: Floats, penalty: float
+    ) -> Drag:
+        """Friction at places in the tool's frame.
+
+        Args:
+            local: [m], shape (n, 3).
+            rotation: From the tool's frame to space, shape (3, 3).
+            normal: Of the tool in space [-], shape (n, 3).
+            pressure: Multipliers of contact, which bound it [Pa], shape (n,).
+            penalty: k [Pa/m].
+        """
+        count = len(local)
+        if self.coefficient == 0.0:
+            return Drag(np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count, np.bool_))
+        trial = (self._multiplier - penalty * (local - self._held_at)) @ rotation.T
+        trial -= np.sum(trial * normal, axis=1)[:, None] * normal
+        size, bound = np.linalg.norm(trial, axis=1), self.coefficient * pressure
+        slips = size > bound
+        along = trial / np.where(size > 0.0, size, 1.0)[:, None]
+        part = np.where(slips, bound / np.where(slips, size, 1.0), 1.0)
+        plane = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+        plane -= np.where(slips[:, None, None], along[:, :, None] * along[:, None, :], 0.0)
+        stiffness = (penalty * part)[:, None, None] * plane
+        return Drag(part[:, None] * trial, stiffness, ~slips & (bound > 0.0))
+
 
 # Penalty over Young's modulus by facet size: an Uzawa step leaves about a hundredth of the
 # penetration, and the tangent's condition is no worse by more than that.

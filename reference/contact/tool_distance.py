@@ -4,15 +4,31 @@ Every analytic shape here is a distance to a plane, line or point, less a radius
 d = |P (x - c)| - r with a projection P that is constant in a region of space. So
 grad d = n = P (x - c) / |P (x - c)| and grad grad d = (P - n n) / |P (x - c)|. Surfaces: see
 `surface_distance`.
+
+By which face a place came into a box: the one it has to leave by.
+
+The nearest face is the wrong one beside an edge: a node under the bottom, nearer to a side than it
+is deep, would be pushed out of that side. A node enters by the face it was outside of, and of
+several by the one whose plane it crossed last; one that has touched a face keeps to it until it is
+clear of the box.
+
+Signed distance to a closed triangulated surface with its first two derivatives.
+
+The nearest place is on a facet, an edge or a point of the surface; there d = s |P (x - c)| with a
+projection P that is constant (see `tool_distance`). The side s is told by the facet's normal, or by
+the pseudo-normal of the edge or point: facets' normals weighted by their angle there (J. A.
+Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11, 2005).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.rigid_tool import (
     BoxShape,
     CapsuleShape,
@@ -21,8 +37,7 @@ from palpate.meshes.rigid_tool import (
     SurfaceShape,
     ToolShape,
 )
-from palpate.reference.contact.box_faces import entered_faces, touching_distance
-from palpate.reference.contact.surface_distance import closed_surface, surface_distance
+from palpate.meshes.surface_checks import require_closed
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,3 +130,284 @@ def _box(local: Points, half_widths: Points, came_from: Points | None) -> Distan
         np.where(inside[:, None], face, outside.normal),
         np.where(inside[:, None, None], 0.0, outside.curvature),
     )
+
+
+Mask = NDArray[np.bool_]
+# Of the smallest half width.
+_TOUCHING = 1e-6
+
+
+def entered_faces(
+    local: Points, half_widths: Points, came_from: Points | None
+) -> tuple[Indices, Points]:
+    """The face by which each place, if it is inside, came in on the straight way.
+
+    Args:
+        local: In the box's frame [m], shape (n, 3).
+        half_widths: [m], shape (3,).
+        came_from: Where each was before, in the frame of then [m], shape (n, 3); without it, and
+            for a place that was inside, the nearest face.
+
+    Returns:
+        Axis of the face's normal, shape (n,), and its side of the box, -1 or 1, shape (n,).
+    """
+    rows = np.arange(len(local))
+    axes = np.argmax(np.abs(local) - half_widths, axis=1)
+    sides = _signs(local)[rows, axes]
+    if came_from is None:
+        return axes, sides
+    slack = touching_distance(half_widths)
+    beyond, before = np.abs(came_from) - half_widths, _signs(came_from)
+    way = np.abs(came_from) - before * local
+    # A place that is still outside by an axis has crossed no plane of it.
+    crossed = (beyond > slack) & (way >= beyond - slack)
+    parts = np.where(crossed, beyond / np.where(crossed, way, 1.0), -1.0)
+    last, known = np.argmax(parts, axis=1), crossed.any(axis=1)
+    return np.where(known, last, axes), np.where(known, before[rows, last], sides)
+
+
+def seen_at(local: Points, half_widths: Points, came_from: Points | None) -> Points:
+    """Where the next way into the box begins [m], shape (n, 3), in its frame.
+
+    A place that is clear of the box is its own. One that touches it, or is inside, counts as
+    straight in front of the face by which it came.
+
+    Args:
+        local: In the box's frame [m], shape (n, 3).
+        half_widths: [m], shape (3,).
+        came_from: As for `entered_faces`.
+    """
+    axes, sides = entered_faces(local, half_widths, came_from)
+    touching = (np.abs(local) - half_widths).max(axis=1) <= touching_distance(half_widths)
+    return np.where(touching[:, None], _in_front_of(axes, sides, local, half_widths), local)
+
+
+class HeldFaces:
+    """The faces of a box that nodes are held against while an equilibrium is sought.
+
+    A node straight in front of a face is held against the whole plane of it: where the face ended,
+    forces would jump, and a node at its edge come and go without end. One that an equilibrium
+    holds beyond the edge has slid off, and is let go to the face round that edge.
+
+    Args:
+        half_widths: Of the box [m], shape (3,).
+
+    Attributes:
+        came_from: See `entered_faces`; None before anything was seen.
+    """
+
+    def __init__(self, half_widths: tuple[float, float, float]) -> None:
+        self._half_widths = np.asarray(half_widths)
+        self.came_from: Points | None = None
+        self._kept: Points | None = None
+        self._has_slid: Mask = np.zeros(0, dtype=np.bool_)
+
+    def keep(self, local: Points) -> None:
+        """Go on from an equilibrium that has the nodes at these places, shape (n, 3)."""
+        self._kept = seen_at(local, self._half_widths, self.came_from)
+        self.go_back()
+
+    def go_back(self) -> None:
+        """To the last equilibrium that was kept."""
+        self.came_from = self._kept
+        self._has_slid = np.zeros(0 if self._kept is None else len(self._kept), dtype=np.bool_)
+
+    def planes(self, local: Points) -> tuple[Mask, Points, Points]:
+        """The planes that nodes are held against, from places [m], shape (n, 3).
+
+        Returns:
+            Whether a node is held against one, shape (n,), its distance from that [m], shape (n,),
+            and the plane's normal out of the box, in its frame, shape (n, 3).
+        """
+        is_held, axes, sides = self._held()
+        normals = np.zeros_like(local)
+        normals[np.arange(len(local)), axes] = sides
+        return is_held, (normals * local).sum(axis=1) - self._half_widths[axes], normals
+
+    def let_go(self, local: Points, pressed: Mask) -> tuple[Mask, bool]:
+        """Let go of the pressed nodes that have slid off the face they are held against.
+
+        Returns:
+            Which, shape (n,), and whether one of them had slid off another already.
+        """
+        assert self.came_from is not None
+        is_held, axes, _ = self._held()
+        beyond = np.abs(local) - self._half_widths
+        beyond[np.arange(len(axes)), axes] = -np.inf
+        off = is_held & pressed & (beyond.max(axis=1) > touching_distance(self._half_widths))
+        round_it = np.argmax(beyond, axis=1)
+        sides = _signs(local)[np.arange(len(axes)), round_it]
+        moved = _in_front_of(round_it, sides, local, self._half_widths)
+        self.came_from = np.where(off[:, None], moved, self.came_from)
+        again = bool((off & self._has_slid).any())
+        self._has_slid = self._has_slid | off
+        return off, again
+
+    def _held(self) -> tuple[Mask, Indices, Points]:
+        assert self.came_from is not None
+        beyond = np.abs(self.came_from) - self._half_widths
+        axes = np.argmax(beyond, axis=1)
+        count = (beyond > touching_distance(self._half_widths)).sum(axis=1)
+        return count == 1, axes, _signs(self.came_from)[np.arange(len(axes)), axes]
+
+
+def touching_distance(half_widths: Points) -> float:
+    """Nearer than this a place is still at the face, or the edge, that it touches [m]."""
+    return _TOUCHING * float(half_widths.min())
+
+
+def _signs(values: Points) -> Points:
+    signs: Points = np.where(values < 0.0, -1.0, 1.0)
+    return signs
+
+
+def _in_front_of(axes: Indices, sides: Points, local: Points, half_widths: Points) -> Points:
+    moved: Points = np.clip(local, -half_widths, half_widths)
+    moved[np.arange(len(local)), axes] = 2.0 * sides * half_widths[axes]
+    return moved
+
+
+# Edge k runs from corner k to the next; the two after it complete the facet.
+_NEXT = np.array([1, 2, 0])
+# Nearer than this to an edge or point, in sizes of the surface, its pseudo-normal is the normal.
+_ON_IT = 1e-10
+# Places by facets that are measured at once.
+_AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedSurface:
+    """A surface made ready to be measured from.
+
+    Attributes:
+        corners: Of each facet [m], shape (m, 3, 3).
+        normals: Of each facet, outward [-], shape (m, 3).
+        edge_normals: Pseudo-normals of each facet's edges [-], shape (m, 3, 3).
+        corner_normals: Of its corners [-], shape (m, 3, 3).
+        size: Diagonal of its bounding box [m].
+    """
+
+    corners: Points
+    normals: Points
+    edge_normals: Points
+    corner_normals: Points
+    size: float
+
+
+@lru_cache(maxsize=8)
+def closed_surface(shape: SurfaceShape) -> ClosedSurface:
+    """Make a tool's surface ready.
+
+    Raises:
+        InputError: It bounds no solid (see `require_closed`).
+    """
+    surface = shape.surface
+    require_closed(surface)
+    facets = surface.facets
+    corners = surface.points[facets]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = across / np.linalg.norm(across, axis=1)[:, None]
+    at_points = np.zeros((len(surface.points), 3))
+    for k in range(3):
+        one = _unit(corners[:, _NEXT[k]] - corners[:, k])
+        other = _unit(corners[:, _NEXT[_NEXT[k]]] - corners[:, k])
+        angles = np.arccos(np.clip(np.sum(one * other, axis=1), -1.0, 1.0))
+        np.add.at(at_points, facets[:, k], angles[:, None] * normals)
+    edges = np.sort(np.stack([facets, facets[:, _NEXT]], axis=2), axis=2).reshape(-1, 2)
+    _, edge = np.unique(edges, axis=0, return_inverse=True)
+    edge = edge.reshape(-1, 3)
+    at_edges = np.zeros((int(edge.max()) + 1, 3))
+    for k in range(3):
+        np.add.at(at_edges, edge[:, k], normals)
+    points = surface.points[np.unique(facets)]
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    return ClosedSurface(corners, normals, _unit(at_edges)[edge], _unit(at_points)[facets], size)
+
+
+def surface_distance(surface: ClosedSurface, places: Points) -> tuple[Floats, Points, Floats]:
+    """Distance, normal and curvature at places in the surface's frame; see `Distance`.
+
+    Args:
+        surface: Made ready.
+        places: [m], shape (n, 3).
+    """
+    facet, weights = _nearest(surface, places)
+    rows = np.arange(len(places))
+    corners = surface.corners[facet]
+    arms = places - np.einsum("nk,nki->ni", weights, corners)
+    is_inner = weights > 0.0
+    count = is_inner.sum(axis=1)
+    # The one corner that is not in an edge names it: that after its end.
+    out = np.argmin(is_inner, axis=1)
+    along = _unit(corners[rows, _NEXT[_NEXT[out]]] - corners[rows, _NEXT[out]])
+    on_edge, on_corner = count == 2, count == 1
+    pseudo = np.where(
+        on_edge[:, None],
+        surface.edge_normals[facet, _NEXT[out]],
+        surface.corner_normals[facet, np.argmax(is_inner, axis=1)],
+    )
+    length = np.linalg.norm(arms, axis=1)
+    is_off = (on_edge | on_corner) & (length > _ON_IT * surface.size)
+    side = np.where(np.sum(arms * pseudo, axis=1) < 0.0, -1.0, 1.0)
+    safe = np.where(is_off, length, 1.0)
+    radial = (side / safe)[:, None] * arms
+    kept = np.eye(3) - np.where(on_edge[:, None, None], along[:, :, None] * along[:, None, :], 0.0)
+    bend = (side / safe)[:, None, None] * (kept - radial[:, :, None] * radial[:, None, :])
+    flat = np.where((on_edge | on_corner)[:, None], pseudo, surface.normals[facet])
+    return (
+        np.where(is_off, side * length, np.sum(arms * flat, axis=1)),
+        np.where(is_off[:, None], radial, flat),
+        np.where(is_off[:, None, None], bend, 0.0),
+    )
+
+
+def _unit(rows: Points) -> Points:
+    lengths = np.linalg.norm(rows, axis=-1, keepdims=True)
+    unit: Points = rows / np.where(lengths > 0.0, lengths, 1.0)
+    return unit
+
+
+def _nearest(surface: ClosedSurface, places: Points) -> tuple[Indices, Floats]:
+    """The facet that is nearest to each place, and the weights of its corners at the place there.
+
+    Returns:
+        Shape (n,), and (n, 3): exactly 0 for corners that are no part of what is nearest.
+    """
+    chosen = np.zeros(len(places), dtype=np.int32)
+    weights = np.zeros((len(places), 3))
+    step = max(1, _AT_ONCE // len(surface.corners))
+    for start in range(0, len(places), step):
+        part = places[start : start + step]
+        found = _weights(surface.corners, part)
+        arms = part[:, None] - np.einsum("nmk,mki->nmi", found, surface.corners)
+        nearest = np.argmin(np.sum(arms**2, axis=2), axis=1)
+        chosen[start : start + step] = nearest
+        weights[start : start + step] = found[np.arange(len(part)), nearest]
+    return chosen, weights
+
+
+def _weights(corners: Points, places: Points) -> Floats:
+    """Weights of the nearest place of each of m triangles to each of n places, shape (n, m, 3)."""
+    a, b, c = (corners[:, k] for k in range(3))
+    across = np.cross(b - a, c - a)
+    squared = np.sum(across**2, axis=1)
+    arms = places[:, None] - a
+    # Of the foot on the plane.
+    second = np.einsum("nmi,mi->nm", arms, np.cross(c - a, across)) / squared
+    third = np.einsum("nmi,mi->nm", arms, np.cross(across, b - a)) / squared
+    foot = np.stack([1.0 - second - third, second, third], axis=2)
+    is_in = (foot > 0.0).all(axis=2)
+    best: Floats = foot
+    least = np.where(is_in, 0.0, np.inf)
+    for k in range(3):
+        start, way = corners[:, k], corners[:, _NEXT[k]] - corners[:, k]
+        t = np.einsum("nmi,mi->nm", places[:, None] - start, way) / np.sum(way**2, axis=1)
+        t = np.clip(t, 0.0, 1.0)
+        apart = places[:, None] - start - t[:, :, None] * way
+        distance = np.sum(apart**2, axis=2)
+        on_edge = np.zeros_like(foot)
+        on_edge[:, :, k], on_edge[:, :, _NEXT[k]] = 1.0 - t, t
+        is_nearer = ~is_in & (distance < least)
+        best = np.where(is_nearer[:, :, None], on_edge, best)
+        least = np.where(is_nearer, distance, least)
+    return best

@@ -14,10 +14,10 @@ from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.explicit import row_sums_of_mass
 from palpate.reference.fenicsx import PETSc, ufl
-from palpate.reference.integrators.stencils import State, Stencil
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
 from palpate.reference.mesh_transfer import create_space, transfer
+from palpate.reference.schemes import State, Stencil
 from palpate.reference.viscosity import Viscosity
 
 _MAX_ITERATIONS = 60

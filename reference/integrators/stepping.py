@@ -18,10 +18,9 @@ from palpate.reference import fenicsx
 from palpate.reference.availability import versions
 from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError
 from palpate.reference.integrators.balance import Balance, NotSolvedError
-from palpate.reference.integrators.result import SteppedResult
-from palpate.reference.integrators.schemes import Integrator, read_integrator
-from palpate.reference.integrators.stencils import State, stencil_of
 from palpate.reference.loads_over_time import Amplitudes
+from palpate.reference.result import SteppedResult
+from palpate.reference.schemes import Integrator, State, read_integrator, stencil_of
 from palpate.reference.stated_steps import stated_steps
 
 

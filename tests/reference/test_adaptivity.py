@@ -18,10 +18,10 @@ from palpate.reference.adaptivity.goals import (
     OF_PART,
     Budget,
     Goal,
+    Part,
     Quantity,
     difference,
 )
-from palpate.reference.adaptivity.parts import Part
 from palpate.reference.availability import is_available
 from palpate.reference.child import run_task
 from palpate.reference.result import Formulation

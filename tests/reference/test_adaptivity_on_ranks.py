@@ -18,7 +18,7 @@ SOLVES = """
 import sys
 import numpy as np
 from palpate.meshes.problem_files import load_problem
-from palpate.reference import across_ranks, mesh_transfer
+from palpate.reference import fenicsx, mesh_transfer
 from palpate.reference.adaptivity.adaptive import solve_adaptively
 from palpate.reference.adaptivity.goals import Budget, Goal, Quantity
 from palpate.reference.fenicsx import COMM
@@ -30,7 +30,7 @@ pulled = {L2: 0.1, Quantity.SURFACE_AREA: 0.2, Quantity.DISPLACEMENT_MAX: 0.2}
 pressed = {L2: 0.2, Quantity.TOOL_FORCE: 0.5}
 
 def misheard(parts):
-    heard = across_ranks.exchange(parts)
+    heard = fenicsx.exchange(parts)
     return [
         0.9 * x if isinstance(x, np.ndarray) and rank != COMM.rank else x
         for rank, x in enumerate(heard)

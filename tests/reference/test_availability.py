@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from palpate.reference import availability
-from palpate.reference.child_process import child_environment
+from palpate.reference.child import child_environment
 from palpate.reference.errors import (
     ReferenceCrashedError,
     ReferenceFailedError,

@@ -16,9 +16,8 @@ from palpate.validation.metrics import Part, measure
 from palpate.validation.solving import Simulator, solve
 
 if is_available():
-    from palpate.reference.cell_stress import measure_stresses
-    from palpate.reference.discrete_problem import DiscreteProblem
-    from palpate.reference.residual import internal_force
+    from palpate.reference.deformed_state import measure_stresses
+    from palpate.reference.discrete_problem import DiscreteProblem, internal_force
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx

@@ -15,8 +15,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference import child
 from palpate.reference.availability import is_available
-from palpate.reference.child import run_task
-from palpate.reference.child_process import child_environment
+from palpate.reference.child import child_environment, run_task
 from palpate.reference.errors import (
     ReferenceBlowUpError,
     ReferenceCrashedError,
@@ -176,7 +175,7 @@ def test_a_cache_spoiled_by_a_killed_run_is_mended(tmp_path, monkeypatch, beam):
 def test_the_child_ends_when_its_caller_is_killed():
     caller = (
         "import sys\n"
-        "from palpate.reference.child_process import run_child\n"
+        "from palpate.reference.child import run_child\n"
         "child = 'import os, time; print(\"progress:\", os.getpid(), flush=True)'\n"
         "child += '; time.sleep(600)'\n"
         "run_child([sys.executable, '-c', child], 600.0, lambda line: print(line, flush=True))\n"

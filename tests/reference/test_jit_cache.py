@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from palpate.reference.child_process import child_environment
+from palpate.reference.child import child_environment
 from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
 
 

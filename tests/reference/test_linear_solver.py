@@ -12,8 +12,8 @@ from palpate.reference.availability import is_available
 if is_available():
     from palpate.reference import linear_solver
     from palpate.reference.discrete_problem import DiscreteProblem
-    from palpate.reference.lagged_factors import LaggedFactors
     from palpate.reference.linear_solver import (
+        LaggedFactors,
         LinearSolveError,
         LinearSolver,
         PreconditionerError,

@@ -38,9 +38,9 @@ ranks._GRACE = 1.0
 (folder / f"{os.getpid()}.pid").touch()
 
 def task(problem, say):
-    from palpate.reference import across_ranks, linear_solver, statics
+    from palpate.reference import fenicsx, linear_solver, statics
     from palpate.reference.fenicsx import COMM, PETSc
-    across_ranks.PATIENCE = 0.5
+    fenicsx.PATIENCE = 0.5
     direct = linear_solver.LinearSolver._direct
 
     class Failing:

@@ -11,9 +11,8 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference.discrete_problem import ElasticBody
+    from palpate.reference.discrete_problem import ElasticBody, internal_force
     from palpate.reference.mesh_transfer import create_space, transfer
-    from palpate.reference.residual import internal_force
 
 pytestmark = pytest.mark.dolfinx
 

@@ -16,8 +16,8 @@ from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 
 if is_available():
+    from palpate.reference.discrete_problem import internal_force
     from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.residual import internal_force
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx

@@ -20,9 +20,9 @@ from palpate.validation.metrics import displacement_l2, make_state
 from palpate.validation.references.stored import load_stored
 
 if is_available():
-    from palpate.reference import smoothing
+    from palpate.reference import smoothed
     from palpate.reference.audit import audit_displacement
-    from palpate.reference.residual import internal_force
+    from palpate.reference.discrete_problem import internal_force
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx
@@ -169,7 +169,7 @@ def test_one_wrong_weight_is_seen_by_checks_on_the_same_mesh(box, monkeypatch, f
     stiff = Inclusion(hard.astype(np.int32), Material(8e4, 0.4))
     problem = dataclasses.replace(problem, inclusions=(stiff,))
     right = solve_static(problem, element=SMOOTHED).displacement
-    find = smoothing.find_patches
+    find = smoothed.find_patches
 
     def find_wrong(mesh, dimension, constants, volumes):
         if fault == "material":
@@ -182,7 +182,7 @@ def test_one_wrong_weight_is_seen_by_checks_on_the_same_mesh(box, monkeypatch, f
             patches.volumes[first] -= volumes[0] / 4
         return patches
 
-    monkeypatch.setattr(smoothing, "find_patches", find_wrong)
+    monkeypatch.setattr(smoothed, "find_patches", find_wrong)
     wrong = solve_static(problem, element=SMOOTHED).displacement
     assert np.linalg.norm(wrong - right) > 1e-6 * np.linalg.norm(right)
 

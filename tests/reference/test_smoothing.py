@@ -17,7 +17,7 @@ if is_available():
     from palpate.reference import fenicsx
     from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.fenicsx import fem, ufl
-    from palpate.reference.kinematics import strain_tensor
+    from palpate.reference.laws import strain_tensor
 
 pytestmark = pytest.mark.dolfinx
 

@@ -28,9 +28,9 @@ if is_available():
     from palpate.reference.audit import audit_displacement
     from palpate.reference.dynamics import simulate_implicit
     from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.integrators.schemes import Integrator
     from palpate.reference.integrators.stepping import simulate_by
     from palpate.reference.result import Formulation
+    from palpate.reference.schemes import Integrator
     from palpate.reference.statics import solve_static
 
 SIZE = (1.0, 0.6, 0.5)

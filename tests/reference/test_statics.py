@@ -19,7 +19,7 @@ from palpate.reference.availability import is_available
 from palpate.reference.errors import ReferenceNotConvergedError
 
 if is_available():
-    from palpate.reference.residual import internal_force
+    from palpate.reference.discrete_problem import internal_force
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx

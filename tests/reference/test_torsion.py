@@ -29,7 +29,7 @@ from palpate.validation.metrics.finite_laws import energy_density, finite_stress
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 
 if is_available():
-    from palpate.reference.residual import internal_force
+    from palpate.reference.discrete_problem import internal_force
     from palpate.reference.statics import solve_static
 
 pytestmark = pytest.mark.dolfinx

@@ -16,7 +16,7 @@ from palpate.fastsim.explicit_body import Precision
 from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference.integrators.schemes import Integrator
+from palpate.reference.schemes import Integrator
 from palpate.validation.candidates.fastsim import (
     CONDENSED,
     condensed_refusal,

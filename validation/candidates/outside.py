@@ -21,7 +21,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
-from palpate.reference.integrators.schemes import Integrator, Steps
+from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.result_files import (
     ResultFile,

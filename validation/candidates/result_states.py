@@ -12,7 +12,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.integrators.schemes import Steps, read_integrator
+from palpate.reference.schemes import Steps, read_integrator
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.exchange.placement import Placed, place
 from palpate.validation.exchange.result_files import ResultFile, ResultFileError

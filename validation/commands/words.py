@@ -13,7 +13,7 @@ from rich.text import Text
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
-from palpate.reference.integrators.schemes import Integrator
+from palpate.reference.schemes import Integrator
 from palpate.validation.quoting import for_terminal
 from palpate.validation.solving import Simulator
 from palpate.validation.states import Elements, Precision, Progress

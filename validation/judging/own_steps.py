@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError
-from palpate.reference.integrators.schemes import Integrator, Steps
+from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.metrics.numerical_damping import measure_numerical_damping
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.states import Progress, State

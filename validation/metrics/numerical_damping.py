@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.reference.integrators.schemes import (
+from palpate.reference.schemes import (
     Steps,
     frequency_ratio,
     numerical_damping_ratio,

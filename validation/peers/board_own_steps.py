@@ -13,7 +13,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain, with_law
 from palpate.reference.errors import ReferenceFailedError
-from palpate.reference.integrators.schemes import Integrator, Steps
+from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.diagnosis.answers import distance
 from palpate.validation.judging.own_steps import are_the_cases
 from palpate.validation.peers.board_kept import Kept, key_of

@@ -11,15 +11,14 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.integrators.schemes import Integrator, Steps
 from palpate.reference.result import Formulation
+from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH, solve_state
 from palpate.validation.states import REFERENCE, Progress, State, Trajectory
 
 if TYPE_CHECKING:
-    from palpate.reference.integrators.result import SteppedResult
-    from palpate.reference.result import ExplicitResult
+    from palpate.reference.result import ExplicitResult, SteppedResult
 
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
 _SPECTRAL_RADIUS = 0.9

@@ -19,7 +19,7 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.reference.errors import ReferenceFailedError
-from palpate.reference.integrators.schemes import Integrator, Steps
+from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.case import Case

@@ -9,7 +9,7 @@ from palpate.meshes.boundary_conditions import Support
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import BoxShape, RigidTool, ToolPath
 from palpate.reference.availability import is_available
-from palpate.reference.contact.box_faces import HeldFaces, entered_faces, seen_at
+from palpate.reference.contact.tool_distance import HeldFaces, entered_faces, seen_at
 
 if is_available():
     from palpate.reference.statics import solve_static

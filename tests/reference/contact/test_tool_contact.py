@@ -23,8 +23,7 @@ from palpate.reference.result import ReferenceResult, load_result, save_result
 
 if is_available():
     from palpate.reference.audit import audit_displacement
-    from palpate.reference.discrete_problem import DiscreteProblem
-    from palpate.reference.residual import internal_force
+    from palpate.reference.discrete_problem import DiscreteProblem, internal_force
     from palpate.reference.statics import find_equilibrium, solve_static
 
 pytestmark = pytest.mark.dolfinx

@@ -10,7 +10,7 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain, TimeSpan
 from palpate.reference.availability import is_available
-from palpate.reference.integrators.schemes import (
+from palpate.reference.schemes import (
     Integrator,
     Steps,
     amplification,

@@ -17,7 +17,7 @@ from palpate.meshes.rigid_tool import PlaneShape, RigidTool, ToolPath
 from palpate.reference.availability import is_available
 from palpate.reference.child import run_task
 from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError
-from palpate.reference.integrators.schemes import Integrator, numerical_damping_ratio
+from palpate.reference.schemes import Integrator, numerical_damping_ratio
 from palpate.reference.tasks import SteppedTask
 from palpate.validation.diagnosis.law_materials import example_material
 

@@ -15,7 +15,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
-from palpate.reference.integrators.schemes import (
+from palpate.reference.schemes import (
     Integrator,
     Steps,
     amplification,

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import palpate.validation
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
-from palpate.reference.integrators.schemes import Integrator
+from palpate.reference.schemes import Integrator
 from palpate.validation.candidates.candidate import candidates_for, outside_candidate
 from palpate.validation.candidates.outside import CommandError, OutsideSimulator
 from palpate.validation.case import load_case

@@ -103,7 +103,7 @@ def test_nothing_is_averaged_across_materials(ragged):
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("strain", Strain)
 def test_its_forces_are_the_references(ragged, strain):
-    from palpate.reference.residual import internal_force
+    from palpate.reference.discrete_problem import internal_force
 
     problem = Problem(ragged, Material(5.0, 0.4), (), ())
     u = RANDOM.uniform(-1e-3, 1e-3, ragged.points.shape)

@@ -22,9 +22,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
 from palpate.meshes.rigid_tool import BoxShape, RigidTool
 from palpate.reference import fenicsx
-from palpate.reference.contact.box_faces import seen_at
-from palpate.reference.contact.contact_points import find_contact_points
-from palpate.reference.contact.tool_distance import tool_distance
+from palpate.reference.contact.tool_contact import find_contact_points
+from palpate.reference.contact.tool_distance import seen_at, tool_distance
 from palpate.reference.mesh_transfer import TransferredSpace
 
 # A node with held components leaves the tool along another line than its normal, in some goes.

@@ -1,10 +1,18 @@
-"""Laws in invariants of C as energies in UFL; stresses and tangents by deriving.
+"""Kinematics of finite deformation and elastic laws in UFL.
 
-What each is, where it comes from and where it ends: `palpate.meshes.material_law.Law`.
+J. Bonet, R. D. Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2nd ed. 2008,
+chapters 4 and 6; the paper: Yan et al. 2007, "Soft Tissue Deformation Simulation in Virtual Surgery
+using Nonlinear Finite Element Method".
+
+What each law is, where it comes from and where it ends: `palpate.meshes.material_law.Law`. With the
+engineering strain in E's place Saint-Venant-Kirchhoff's is linear elasticity, and S is Cauchy's
+stress: the control, and the paper's eq. 1-5. A finite rotation strains that, so bodies that turn
+grow. Laws in invariants of C are written as energies, of which stresses and tangents are derived;
+those in stretches stand in `principal_laws`.
 
 Note:
-    Written in F, so that small displacements lose digits: forces are right to rounding of the
-    moduli times the areas, 1e-16 / |strain| of their own size.
+    Energies in F lose digits in small displacements: forces are right to rounding of the moduli
+    times the areas, 1e-16 / |strain| of their own size.
 """
 
 from __future__ import annotations
@@ -12,8 +20,57 @@ from __future__ import annotations
 from typing import Any
 
 from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Strain
 from palpate.reference.fenicsx import ufl
-from palpate.reference.kinematics import right_cauchy_green
+
+
+def deformation_gradient(u: Any) -> Any:
+    """Return F = I + grad u [-]."""
+    return ufl.Identity(len(u)) + ufl.grad(u)
+
+
+def right_cauchy_green(F: Any) -> Any:
+    """Return C = F^T F [-]."""
+    return F.T * F
+
+
+def green_lagrange_strain(F: Any) -> Any:
+    """Return E = (C - I) / 2 (the paper's eq. 6-7) [-]."""
+    return (right_cauchy_green(F) - ufl.Identity(F.ufl_shape[0])) / 2
+
+
+def engineering_strain(u: Any) -> Any:
+    """Return the linear part of E, (grad u + grad u^T) / 2 (the paper's eq. 3-4) [-].
+
+    Not zero for a finite rotation.
+    """
+    return ufl.sym(ufl.grad(u))
+
+
+def strain_tensor(u: Any, strain: Strain) -> Any:
+    """Return Green's strain of a displacement, or its linear part [-]."""
+    if strain is Strain.LINEAR:
+        return engineering_strain(u)
+    return green_lagrange_strain(deformation_gradient(u))
+
+
+def cofactor(F: Any) -> Any:
+    """Return cof F = det(F) F^-T, written without a division, so that it exists for any F.
+
+    Nanson's formula: n da = cof(F) N dA.
+    """
+    a, b, c = F[:, 0], F[:, 1], F[:, 2]
+    return ufl.as_tensor([ufl.cross(b, c), ufl.cross(c, a), ufl.cross(a, b)]).T
+
+
+def strain_energy_density(E: Any, lmbda: Any, mu: Any) -> Any:
+    """Return psi = lmbda/2 tr(E)^2 + mu E : E [J/m3]."""
+    return lmbda / 2 * ufl.tr(E) ** 2 + mu * ufl.inner(E, E)
+
+
+def second_piola_kirchhoff_stress(E: Any, lmbda: Any, mu: Any) -> Any:
+    """Return S = lmbda tr(E) I + 2 mu E (the paper's eq. 2) [Pa]."""
+    return lmbda * ufl.tr(E) * ufl.Identity(E.ufl_shape[0]) + 2 * mu * E
 
 
 def energy_density(F: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
@@ -64,7 +121,7 @@ def _density(C: Any, J: Any, law: Law, lmbda: Any, mu: Any, c01: Any) -> Any:
             shape = (mu / 2 - c01) * (J ** (-2 / 3) * first - 3)
             change = ufl.ln(J) if law.is_by_log_of_volume else J - 1
             return shape + c01 * (J ** (-4 / 3) * second - 3) + _by_volume(change, lmbda, mu)
-    raise ValueError(f"{law} is written in E or in stretches: st_venant_kirchhoff, principal_laws")
+    raise ValueError(f"{law} is written in E, or in stretches: see principal_laws")
 
 
 def _by_volume(change: Any, lmbda: Any, mu: Any) -> Any:
