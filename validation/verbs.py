@@ -87,8 +87,8 @@ def mesh(
     >>> round(body.volume * 1e6, 6)  # cm3
     24.0
     """
+    from palpate.validation.case.body_schema import MeshSpec
     from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
-    from palpate.validation.case.geometry_schema import MeshSpec
     from palpate.validation.case.units import LENGTH, Units
 
     for name, value in (("edge_length", edge_length), ("boundary_distance", boundary_distance)):

@@ -19,7 +19,7 @@ from palpate.meshes.boundary_conditions import (
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import IndexRangeError
 from palpate.meshes.problem import Material, Problem
-from palpate.validation.exchange.supports import held_components
+from palpate.validation.exchange.nodal_arrays import held_components
 from palpate.validation.metrics.audit import audit_on_own_mesh
 
 

@@ -105,7 +105,7 @@ def test_profiles_by_their_definitions():
 
 
 def test_a_moment_has_no_force_and_is_itself():
-    from palpate.validation.exchange.nodal_loads import nodal_force
+    from palpate.validation.exchange.nodal_arrays import nodal_force
 
     # Not flat: one side and the next.
     facets = np.vstack([END, side(MESH, 2, 0.8)])

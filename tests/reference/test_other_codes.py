@@ -18,7 +18,7 @@ from palpate.meshes.boundary_conditions import BodyForce, PointForce, Support, T
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
-from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers import adapters
 
 if is_available():

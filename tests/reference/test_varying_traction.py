@@ -13,7 +13,7 @@ from palpate.meshes.face_loads import Profile, moment_traction, profile_traction
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.reference.availability import is_available
-from palpate.validation.exchange.nodal_loads import nodal_force
+from palpate.validation.exchange.nodal_arrays import nodal_force
 
 if is_available():
     from palpate.reference.discrete_problem import DiscreteProblem

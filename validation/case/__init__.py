@@ -1,9 +1,9 @@
 """A case: its file, its tables, and the problem they make."""
 
-from palpate.validation.case.errors import CaseError
 from palpate.validation.case.load import (
     QUICK,
     Case,
+    CaseError,
     builtin_cases,
     builtin_folder,
     load_case,

@@ -2,35 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+import difflib
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
 from palpate.meshes.problem import Strain
-from palpate.validation.case.acting_schema import LoadSpec, SpringSpec, SupportSpec
-from palpate.validation.case.geometry_schema import GeometrySpec, MeshSpec
-from palpate.validation.case.material_schema import InclusionSpec, MaterialSpec
-from palpate.validation.case.motion_schema import (
-    StartSpec,
-    TimeSpec,
-    ToolSpec,
-    as_list,
-)
-from palpate.validation.case.named_values import require_inputs
-from palpate.validation.case.numbers import (
+from palpate.validation.case.body_schema import (
     Count,
+    GeometrySpec,
+    InclusionSpec,
+    MaterialSpec,
+    MeshSpec,
     NotNegative,
     Number,
     PlainData,
     Positive,
+    RegionSpec,
+    Table,
     Vector,
     plain_number,
 )
-from palpate.validation.case.region_schema import RegionSpec, Table
+from palpate.validation.case.loading_schema import (
+    LoadSpec,
+    SpringSpec,
+    StartSpec,
+    SupportSpec,
+    TimeSpec,
+    ToolSpec,
+    as_list,
+)
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import CATALOGUE, STRESSES, Metric
 from palpate.validation.states import Precision
+
+# What is judged and said, not what is solved.
+_NOT_INPUTS = ("schema_version", "title", "description", "check", "evidence", "published")
+
+
+def input_names(spec: BaseModel) -> list[str]:
+    """Names of every number, or row of numbers, that a case file gives to be solved with."""
+    tables = spec.model_dump(exclude_unset=True, exclude=set(_NOT_INPUTS))
+    return [name for key, value in tables.items() for name in _number_names(key, value)]
+
+
+def require_inputs(spec: BaseModel, names: tuple[str, ...], what: str) -> None:
+    """Raise ValueError at the first name, of those in `what`, that the case does not give."""
+    given = input_names(spec)
+    for name in names:
+        if name in given:
+            continue
+        near = difflib.get_close_matches(name, given, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"it gives {', '.join(given)}"
+        raise ValueError(f"{what}: the case gives no number {name!r}; {hint}")
+
+
+def _number_names(key: str, value: Any) -> Iterator[str]:
+    if isinstance(value, dict):
+        for inner, found in value.items():
+            yield from _number_names(f"{key}.{inner}", found)
+    elif _is_number(value):
+        yield key
+    elif isinstance(value, list | tuple):
+        if all(map(_is_number, value)):
+            yield key
+        else:
+            for place, found in enumerate(value):
+                yield from _number_names(f"{key}[{place}]", found)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
 
 if TYPE_CHECKING:
     MetricName: TypeAlias = str

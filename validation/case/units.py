@@ -10,7 +10,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from palpate.meshes.errors import InputError
-from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.exchange.result_files import LENGTH
 
 __all__ = ["DENSITY", "FORCE", "LENGTH", "STRESS", "Units"]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.validation.importing.units import UnitSystem
+from palpate.validation.importing.model import UnitSystem
 
 
 def import_model(

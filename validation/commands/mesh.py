@@ -83,9 +83,9 @@ def mesh(
     from palpate.meshes.problem import Material
     from palpate.meshes.quality import measure_quality
     from palpate.meshes.tet_mesh import TetMesh
-    from palpate.validation.case.filling import Filling
+    from palpate.validation.case.body_schema import MeshSpec
     from palpate.validation.case.geometry import LoadedSurface, fill_loaded, load_surface
-    from palpate.validation.case.geometry_schema import MeshSpec
+    from palpate.validation.case.meshing import Filling
     from palpate.validation.case.units import LENGTH, Units
     from palpate.validation.commands.step_words import TISSUE, step_lines, verdict_line
     from palpate.validation.output_files import require_outputs

@@ -21,7 +21,7 @@ def init(
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.meshes.errors import InputError
     from palpate.validation.case import load_case
-    from palpate.validation.case.first_case import first_case
+    from palpate.validation.case.writing import first_case
     from palpate.validation.output_files import OutputError, require_outputs
 
     if output.suffix != ".toml":
@@ -42,7 +42,7 @@ def schema(
 ) -> None:
     """Write the keys of a case file as a JSON Schema, for editors."""
     from palpate.meshes.atomic_write import write_text_atomically
-    from palpate.validation.case.editor_schema import editor_schema
+    from palpate.validation.case.schema_keys import editor_schema
     from palpate.validation.output_files import require_outputs
 
     require_outputs({"--output": output})

@@ -40,7 +40,7 @@ def solve(
 ) -> None:
     """Solve a case, statics or motion; write displacement and, in mesh files, stresses of cells."""
     from palpate.validation.case import load_case
-    from palpate.validation.exchange.written_result import require_written_kind, write_solution
+    from palpate.validation.exchange.result_files import require_written_kind, write_solution
     from palpate.validation.output_files import input_files, require_outputs
 
     require_written_kind(output)

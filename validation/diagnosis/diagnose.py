@@ -43,7 +43,7 @@ from palpate.validation.diagnosis.support_slips import (
     tool_explanation,
     tool_force_explanations,
 )
-from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.exchange.result_files import LENGTH
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import OTHER_STRAIN
 from palpate.validation.states import CandidateFailedError, State

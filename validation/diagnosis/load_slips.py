@@ -21,8 +21,7 @@ from palpate.validation.diagnosis.factors import (
     stiffness_words,
 )
 from palpate.validation.diagnosis.static_answer import StaticAnswer, cause_of, fit, known_factor
-from palpate.validation.exchange.facets import facet_areas
-from palpate.validation.exchange.nodal_loads import nodal_force
+from palpate.validation.exchange.nodal_arrays import facet_areas, nodal_force
 
 # A much smaller displacement with a much larger stiffness is linear theory in disguise, but for
 # strains of the factor's own size: such a pair has to fit better than that.

@@ -26,7 +26,7 @@ from palpate.validation.diagnosis.factors import (
     snapped,
 )
 from palpate.validation.diagnosis.law_slips import lame_slips
-from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
+from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.finite_laws import laws_instead_of_law
 from palpate.validation.metrics.laws import OTHER_STRAIN

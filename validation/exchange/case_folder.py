@@ -1,13 +1,19 @@
 """A case as a folder that any simulator can read: case.json, rest.vtu and rest.npz.
 
 `rest.vtu` and `rest.npz` hold the same arrays, all in the rest numbering and SI units; `rest.npz`
-has some more. case.json says what each of them is, and what the equations are (`conventions`).
+has some more. case.json says what each of them is, and what the equations are, in the words of
+`conventions.toml`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +24,52 @@ from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
-from palpate.validation.exchange.array_hash import array_hash
-from palpate.validation.exchange.conventions import describe_conventions
-from palpate.validation.exchange.nodal_loads import nodal_force, rest_arrays
-from palpate.validation.exchange.supports import held_slopes
+from palpate.validation.exchange.nodal_arrays import held_slopes, nodal_force, rest_arrays
+
+
+def array_hash(what: str, arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over a word on what they are, and name, type, shape and bytes of every array."""
+    digest = hashlib.sha256(what.encode())
+    for name, array in sorted(arrays.items()):
+        digest.update(f"|{name}|{array.dtype.str}|{array.shape}|".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+@cache
+def _texts() -> dict[str, Any]:
+    file = resources.files("palpate.validation.exchange") / "conventions.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def describe_conventions(strain: Strain, law: Law = Law.SAINT_VENANT_KIRCHHOFF) -> dict[str, Any]:
+    """What all cases with a strain measure and law have in common: keys of case.json and texts.
+
+    Law, arrays (of each its files, shape, unit and meaning), the equations by topic, all the
+    document's keys, and what to answer.
+    """
+    texts = _texts()
+    own = texts[strain]
+    topics = texts["conventions"] | {"internal_force": own["internal_force"]}
+    if strain is Strain.GREEN and not law.is_linear_in_strain:
+        own = {"law": texts["laws"][law]["energy"]}
+        topics["internal_force"] = texts["laws"]["internal_force"].replace(
+            "{stress}", texts["laws"][law]["stress"]
+        )
+        del topics["smoothed_element"]
+    topics["pressure"] = topics["pressure"].replace("{pressure}", texts[strain]["pressure"])
+    return {
+        "law": own["law"],
+        "arrays": texts["arrays"],
+        "conventions": topics,
+        "keys": texts["keys"],
+        "answer": texts["answer"],
+    }
+
 
 SCHEMA = 1
 FILES = ("case.json", "rest.vtu", "rest.npz")

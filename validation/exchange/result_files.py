@@ -1,4 +1,4 @@
-"""Reading what another simulator answered: .npz, .vtu or .csv, nothing taken on trust.
+"""Results as files: .npz, .vtu or .csv, read with nothing taken on trust, and written.
 
 What cannot be read is a ResultFileError (exit 2). NaN is read: it is the candidate's failure.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.meshes.errors import FileFormatError
-from palpate.meshes.files import read_answer
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.files import MESH_SUFFIXES, read_answer, write_mesh
 from palpate.meshes.problem import Problem
 from palpate.meshes.untrusted_arrays import array_names, read_npz
 from palpate.meshes.untrusted_text import UntrustedTextError, parse_json, read_text
-from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.exchange.case_folder import case_key
+from palpate.validation.states import State
+
+# Metres in each.
+LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
 
 RESULT_SUFFIXES = (".npz", ".vtu", ".csv")
 # A mesh of a million points with its five million tetrahedra and its displacement.
@@ -269,3 +276,75 @@ def _read_csv(file: Path, text: str) -> dict[str, Any]:
     if "original_id" in columns:
         named["original_id"] = columns["original_id"]
     return named
+
+
+WRITTEN_SUFFIXES = (*MESH_SUFFIXES, ".npz")
+
+
+def require_written_kind(path: Path) -> None:
+    """Raise InputError for a file that no solution can be written to."""
+    if path.suffix.lower() not in WRITTEN_SUFFIXES:
+        raise InputError(f"{path}: unknown kind; use {', '.join(WRITTEN_SUFFIXES)}")
+
+
+def write_solution(path: Path, problem: Problem, state: State) -> str:
+    """Write a state: displacement and stresses on its mesh, or, as .npz, the whole motion.
+
+    Stresses are fields of cells [Pa], where the state has them: `second_piola_kirchhoff_stress` and
+    `cauchy_stress`, nine components row by row, and `von_mises_stress`.
+
+    Args:
+        path: .vtu, .vtk or .npz; a file of that name is replaced.
+        problem: What was solved.
+        state: Its solution, at the mesh's points.
+
+    Returns:
+        One line that says what is in the file.
+
+    Raises:
+        InputError: Another kind of file.
+    """
+    require_written_kind(path)
+    said = f"{path}: displacement [m] of {problem.mesh.num_points} points, {state.strain} strain"
+    motion = state.trajectory
+    if path.suffix.lower() != ".npz":
+        stresses = _stresses(state)
+        write_mesh(
+            path,
+            problem.mesh,
+            point_data={"displacement": state.displacement},
+            cell_data=stresses,
+        )
+        if stresses:
+            said += f", stresses [Pa] of {problem.mesh.num_cells} cells"
+        if motion is None:
+            return said
+        return f"{said}, at {motion.times[-1]:g} s; a file .npz holds the whole motion"
+    about: dict[str, Any] = {
+        "tool": f"palpate, {state.simulator}",
+        "element": state.element.value,
+        **_forces(state),
+    }
+    arrays: dict[str, Any] = {"displacement": state.displacement}
+    if motion is not None:
+        arrays = {"displacement": motion.displacements, "times": motion.times}
+        said += f", {len(motion.times)} states to {motion.times[-1]:g} s"
+    arrays["case_key"] = np.array(case_key(problem, state.strain))
+    arrays["about"] = np.array(json.dumps(about, allow_nan=False))
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)
+    return said
+
+
+def _stresses(state: State) -> dict[str, NDArray[Any]]:
+    if state.stresses is None:
+        return {}
+    return {
+        "second_piola_kirchhoff_stress": state.stresses.second_piola_kirchhoff.reshape(-1, 9),
+        "cauchy_stress": state.stresses.cauchy.reshape(-1, 9),
+        "von_mises_stress": state.stresses.von_mises,
+    }
+
+
+def _forces(state: State) -> dict[str, Any]:
+    return {} if state.tool_forces is None else {"tool_forces": state.tool_forces.tolist()}

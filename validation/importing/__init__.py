@@ -13,9 +13,8 @@ from palpate.validation.case import load_case
 from palpate.validation.importing.abaqus import read_abaqus
 from palpate.validation.importing.case_files import Imported, as_case, require_toml
 from palpate.validation.importing.febio import read_febio
-from palpate.validation.importing.model import ImportRefusedError, Model
+from palpate.validation.importing.model import ImportRefusedError, Model, ModelUnits, UnitSystem
 from palpate.validation.importing.mujoco import read_mujoco
-from palpate.validation.importing.units import ModelUnits, UnitSystem
 
 __all__ = ["ImportRefusedError", "Imported", "UnitSystem", "import_model"]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.tet_mesh import CELL_FACETS
 from palpate.validation.importing.abaqus_cards import Card, label_of
-from palpate.validation.importing.cutting import FACES, cut_cell, cut_face
-from palpate.validation.importing.model import Place, finite, whole
+from palpate.validation.importing.model import FACES, Place, cut_cell, cut_face, finite, whole
 
 # Element types by nodes; hybrid and modified ones differ in how they solve, not in what.
 _TYPES = {

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.facets import area_vectors
+from palpate.validation.exchange.nodal_arrays import area_vectors
 from palpate.validation.importing.model import Face, Hold, ImportRefusedError, Model
 from palpate.validation.importing.nodal_forces import fit_body_force, fit_tractions
 

@@ -14,11 +14,9 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.case.annotated import case_text
-from palpate.validation.case.first_case import FIRST_CHECKS
+from palpate.validation.case.writing import FIRST_CHECKS, case_text
 from palpate.validation.importing.acting import Acting, Places, acting_tables
-from palpate.validation.importing.model import MIDDLES, Body, ImportRefusedError, Model
-from palpate.validation.importing.units import ModelUnits
+from palpate.validation.importing.model import MIDDLES, Body, ImportRefusedError, Model, ModelUnits
 
 # Middle nodes farther from their edge's middle, of its length, make a curved edge.
 _STRAIGHT = 1e-6

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.validation.importing.cutting import cut_cells, cut_face
+from palpate.validation.importing.model import cut_cells, cut_face
 from palpate.validation.importing.xml_tree import Element
 
 # Nodes of each kind of element, and its corners among them.

@@ -1,8 +1,15 @@
-"""What the readers of other simulators' files have in common: a model as it stands in its file."""
+"""What the readers of other simulators' files have in common: a model as it stands in its file.
+
+Their files have no units. Length, force and stress are chosen together; time is in seconds, so
+that mass follows: tonnes for mm and N. Cells that are no tetrahedra are cut into some.
+"""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +19,7 @@ from numpy.typing import NDArray
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Strain
+from palpate.validation.case.units import FORCE, LENGTH
 
 # A tetrahedron's middle nodes 5 to 10 lie between these corners, in Abaqus, CalculiX and FEBio.
 MIDDLES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
@@ -139,3 +147,92 @@ def whole(text: str, place: Place, what: str) -> int:
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 18):
         raise place.refuse(f"{what}: {word[:40]!r} is no whole number")
     return int(word)
+
+
+class UnitSystem(StrEnum):
+    """Length, force and stress of a model, which fit together; time in seconds."""
+
+    METRE_NEWTON = "m-N-Pa"
+    MILLIMETRE_NEWTON = "mm-N-MPa"
+    MILLIMETRE_MILLINEWTON = "mm-mN-kPa"
+    METRE_KILONEWTON = "m-kN-kPa"
+
+
+@dataclass(frozen=True)
+class ModelUnits:
+    """What turns a model's numbers into those of a case."""
+
+    length: str
+    force: str
+    stress: str
+
+    @classmethod
+    def of(cls, system: UnitSystem) -> ModelUnits:
+        """By the system's name."""
+        return cls(*system.value.split("-"))
+
+    @property
+    def table(self) -> dict[str, str]:
+        """The table [units] of a case: lengths, forces and stresses stay as they are."""
+        return {
+            "length": self.length,
+            "force": self.force,
+            "stress": self.stress,
+            "density": "kg/m3",
+        }
+
+    def kilograms_per_cubic_metre(self, density: float) -> float:
+        """Of a density in force time^2 / length^4; to 15 digits, so that 1e-9 t/mm3 is 1000."""
+        return float(f"{density * FORCE[self.force] / LENGTH[self.length] ** 4:.15g}")
+
+    def metres_per_second_squared(self, acceleration: float) -> float:
+        """Of an acceleration in length / s2."""
+        return acceleration * LENGTH[self.length]
+
+
+# Faces by corners, seen from outside counter-clockwise; FEBio's, Abaqus' and VTK's numbering of
+# nodes. Their order is that of Abaqus' and CalculiX' faces S1, S2, ...
+FACES: dict[int, tuple[tuple[int, ...], ...]] = {
+    8: (
+        (0, 3, 2, 1),
+        (4, 5, 6, 7),
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (3, 0, 4, 7),
+    ),
+    6: ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    5: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+
+
+def cut_cell(nodes: Sequence[int]) -> list[tuple[int, int, int, int]]:
+    """Tetrahedra of a cell of 8, 6 or 5 nodes: six, three or two.
+
+    >>> cut_cell([0, 1, 2, 3, 4, 5])
+    [(0, 3, 4, 5), (0, 1, 2, 5), (0, 1, 5, 4)]
+    """
+    first = min(nodes)
+    found = []
+    for face in FACES[len(nodes)]:
+        corners = [nodes[k] for k in face]
+        if first not in corners:
+            found += [(first, *triangle) for triangle in cut_face(corners)]
+    return found
+
+
+def cut_face(nodes: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Triangles of a face of three or four corners, as its cell is cut there.
+
+    >>> cut_face([3, 1, 2, 4])
+    [(1, 2, 4), (1, 4, 3)]
+    """
+    start = int(np.argmin(nodes))
+    a, *others = [*nodes[start:], *nodes[:start]]
+    return [(a, b, c) for b, c in itertools.pairwise(others)]
+
+
+def cut_cells(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Tetrahedra of cells of one kind, (num_cells, 8, 6 or 5): those of a cell stand together."""
+    cut = [tetrahedron for row in rows.tolist() for tetrahedron in cut_cell(row)]
+    return np.array(cut, dtype=np.int64).reshape(-1, 4)

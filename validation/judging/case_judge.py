@@ -7,7 +7,7 @@ from functools import cached_property, partial
 
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.case import Case
-from palpate.validation.case.parts import part_of_check
+from palpate.validation.case.regions import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.published import metric_of_bar, name_of_bar, number_of

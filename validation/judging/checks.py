@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.case.parts import part_of_check
+from palpate.validation.case.regions import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published

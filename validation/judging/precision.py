@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 
 from palpate.validation.case import Case
-from palpate.validation.case.parts import part_of_check
+from palpate.validation.case.regions import part_of_check
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.published import metric_of_bar, number_of
 from palpate.validation.judging.results import CheckResult

@@ -10,8 +10,7 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.case.parts import part_of_check
-from palpate.validation.case.regions import point_at
+from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import Number, Part

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Element
 from palpate.meshes.untrusted_text import parse_json, read_text
-from palpate.validation.case.numbers import Number
+from palpate.validation.case.body_schema import Number
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult
 from palpate.validation.metrics import CATALOGUE

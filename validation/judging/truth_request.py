@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
-from palpate.validation.case.parts import part_of_check
+from palpate.validation.case.regions import part_of_check
 from palpate.validation.judging.published import metric_of_bar
 from palpate.validation.metrics import Part
 from palpate.validation.references.adaptive_truth import TruthRequest

@@ -18,7 +18,7 @@ from palpate.validation.candidates.candidate import (
     fastsim_candidate,
 )
 from palpate.validation.case import Case
-from palpate.validation.case.parts import part_of_check
+from palpate.validation.case.regions import part_of_check
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.record import case_file
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged

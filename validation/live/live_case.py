@@ -21,10 +21,10 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.untrusted_text import parse_toml
 from palpate.validation.case import Case
-from palpate.validation.case.errors import CaseError, explain
-from palpate.validation.case.motion_schema import ToolSpec
+from palpate.validation.case.load import CaseError, explain
+from palpate.validation.case.loading_schema import ToolSpec
 from palpate.validation.case.schema import CaseSpec
-from palpate.validation.exchange.length_units import LENGTH
+from palpate.validation.exchange.result_files import LENGTH
 from palpate.validation.live.hand import Clock
 
 # A tick is about so long [s]: two make a frame.

@@ -11,7 +11,7 @@ from palpate.meshes.arrays import Floats
 from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.errors import InputError
 from palpate.validation.case import Case
-from palpate.validation.case.annotated import case_text
+from palpate.validation.case.writing import case_text
 from palpate.validation.live.grip import Grip
 from palpate.validation.live.live_case import LiveCase
 

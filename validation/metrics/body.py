@@ -17,16 +17,14 @@ from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import Load, Pressure
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.exchange.nodal_loads import (
+from palpate.validation.exchange.nodal_arrays import (
     cell_materials,
     cell_values,
-    nodal_force,
-    touchable_points,
-)
-from palpate.validation.exchange.supports import (
     held_components,
     held_slopes,
+    nodal_force,
     pushes_of_supports,
+    touchable_points,
 )
 from palpate.validation.metrics.finite_laws import energy_density, finite_stress
 from palpate.validation.metrics.laws import (

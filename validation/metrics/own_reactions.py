@@ -16,9 +16,8 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Pressure
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.nodal_loads import nodal_force
+from palpate.validation.exchange.nodal_arrays import held_components, nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
-from palpate.validation.exchange.supports import held_components
 from palpate.validation.metrics.body import body_of, factor_at_end, load_force
 from palpate.validation.metrics.springs import spring_force
 from palpate.validation.states import State

@@ -13,7 +13,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.field_norms import SMALLEST_CHANGE, l2_norm, size_of_change
 from palpate.meshes.problem import Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.exchange.facets import facet_areas
+from palpate.validation.exchange.nodal_arrays import facet_areas
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.states import State, Trajectory
 

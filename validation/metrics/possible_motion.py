@@ -24,8 +24,7 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_loads import lumped_mass
-from palpate.validation.exchange.supports import held_components
+from palpate.validation.exchange.nodal_arrays import held_components, lumped_mass
 from palpate.validation.metrics.body import body_of, load_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency

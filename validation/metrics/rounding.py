@@ -36,7 +36,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.supports import held_components
+from palpate.validation.exchange.nodal_arrays import held_components
 from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
 from palpate.validation.metrics.numbers import Number

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_loads import lumped_mass
+from palpate.validation.exchange.nodal_arrays import lumped_mass
 from palpate.validation.metrics.body import body_of
 from palpate.validation.states import Trajectory
 

@@ -13,8 +13,7 @@ import numpy as np
 from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.spring import Spring
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.facets import facet_areas
-from palpate.validation.exchange.nodal_loads import FACET_PLACES, FACET_WEIGHTS
+from palpate.validation.exchange.nodal_arrays import FACET_PLACES, FACET_WEIGHTS, facet_areas
 
 
 def spring_force(

@@ -17,8 +17,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.nodal_loads import lumped_mass
-from palpate.validation.exchange.supports import held_components, held_slopes
+from palpate.validation.exchange.nodal_arrays import held_components, held_slopes, lumped_mass
 from palpate.validation.metrics.body import Body, Mask
 from palpate.validation.metrics.laws import Array, Law
 

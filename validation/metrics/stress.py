@@ -35,8 +35,8 @@ from palpate.meshes.arrays import Floats, Indices, Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
+from palpate.validation.exchange.nodal_arrays import pushes_of_supports
 from palpate.validation.exchange.point_location import locate
-from palpate.validation.exchange.supports import pushes_of_supports
 from palpate.validation.metrics.body import (
     Body,
     body_of,

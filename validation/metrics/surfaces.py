@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.facets import facet_areas
-from palpate.validation.exchange.surface_search import nearest_on_surface
+from palpate.validation.exchange.nodal_arrays import facet_areas
+from palpate.validation.exchange.point_location import nearest_on_surface
 from palpate.validation.metrics.finite import largest
 from palpate.validation.metrics.pairs import Difference, ratio
 from palpate.validation.states import State

@@ -17,7 +17,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.case import load_case
-from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers.bench_children import DOLFINX, OURS, Child, Schedule, Tool
 from palpate.validation.peers.bench_run import Benchmark, Row, Scene
 from palpate.validation.states import Progress

@@ -31,7 +31,7 @@ from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers.bench_children import DOLFINX, OURS, Child, Schedule, Tool
 from palpate.validation.peers.bench_run import Benchmark, Row, Scene
 from palpate.validation.states import Progress

@@ -16,7 +16,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
-from palpate.validation.exchange.array_hash import array_hash
+from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.metrics import COMPARISONS, Part, stress_integrals
 from palpate.validation.references.sequences import NOISE
 from palpate.validation.references.static_states import state_of, stresses_of

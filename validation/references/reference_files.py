@@ -15,7 +15,7 @@ from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.untrusted_arrays import read_npz
 from palpate.meshes.untrusted_text import parse_json
-from palpate.validation.exchange.array_hash import array_hash
+from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.soundness import SCALARS

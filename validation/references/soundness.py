@@ -14,8 +14,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_loads import touchable_points
-from palpate.validation.exchange.supports import held_components, held_slopes
+from palpate.validation.exchange.nodal_arrays import held_components, held_slopes, touchable_points
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.finite import largest

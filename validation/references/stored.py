@@ -15,7 +15,7 @@ from typing import Any
 
 from palpate.meshes.problem import Problem
 from palpate.meshes.problem_files import problem_arrays
-from palpate.validation.exchange.array_hash import array_hash
+from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.references.additions import (
     accept_additions,
     additions,

@@ -13,8 +13,7 @@ import numpy as np
 
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.nodal_loads import touchable_points
-from palpate.validation.exchange.supports import held_components, held_slopes
+from palpate.validation.exchange.nodal_arrays import held_components, held_slopes, touchable_points
 from palpate.validation.metrics.body import dead_force
 from palpate.validation.states import State
 

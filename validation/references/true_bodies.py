@@ -27,11 +27,11 @@ from palpate.meshes.true_surfaces import (
     upright_parts,
 )
 from palpate.validation.case import Case
-from palpate.validation.case.acting_schema import ForceSpec, LoadSpec, MomentSpec
 from palpate.validation.case.geometry import build_shape, inside_folder, load_surface
+from palpate.validation.case.loading_schema import ForceSpec, LoadSpec, MomentSpec
 from palpate.validation.case.units import Units
-from palpate.validation.exchange.facets import facet_areas
-from palpate.validation.exchange.surface_search import nearest_on_surface
+from palpate.validation.exchange.nodal_arrays import facet_areas
+from palpate.validation.exchange.point_location import nearest_on_surface
 
 # Of built-in shapes that are curved: what their polyhedron is one of.
 CURVED = {

@@ -9,8 +9,7 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.facets import area_vectors
-from palpate.validation.exchange.nodal_loads import nodal_force
+from palpate.validation.exchange.nodal_arrays import area_vectors, nodal_force
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.validation.exchange.facets import area_vectors
+from palpate.validation.exchange.nodal_arrays import area_vectors
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.looks import Look, looks_of
 

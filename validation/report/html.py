@@ -18,7 +18,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
-from palpate.validation.exchange.conventions import describe_conventions
+from palpate.validation.exchange.case_folder import describe_conventions
 from palpate.validation.judging.citation import citation
 from palpate.validation.judging.error_budget import (
     Budget,

@@ -13,7 +13,7 @@ from palpate.meshes.problem import Element, Problem
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units
-from palpate.validation.exchange.facets import are_among, facet_areas
+from palpate.validation.exchange.nodal_arrays import are_among, facet_areas
 from palpate.validation.report.acting import acting
 from palpate.validation.report.bending_rule import STUDY, expected_error
 from palpate.validation.report.costs import Costs, expected_costs

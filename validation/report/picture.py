@@ -23,7 +23,7 @@ from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.spring import Spring
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.exchange.facets import area_vectors
+from palpate.validation.exchange.nodal_arrays import area_vectors
 from palpate.validation.report.acting import Acting, acting
 from palpate.validation.report.scene import (
     BLUE,

@@ -18,7 +18,7 @@ import numpy as np
 from palpate.meshes.arrays import Indices, Points
 from palpate.meshes.supervised import run_supervised
 from palpate.meshes.temporaries import scratch_folder
-from palpate.validation.exchange.facets import are_among
+from palpate.validation.exchange.nodal_arrays import are_among
 
 GREEN, BLUE, RED, GREY, TAN, OCHRE = (
     "#2f8f4e", "#30558f", "#b5332e", "#d9d9d9", "#e3d9d0", "#c98a12",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh, signed_volumes
-from palpate.validation.exchange.facets import are_among
+from palpate.validation.exchange.nodal_arrays import are_among
 
 _MOST_RAYS = 400
 # A straight line crosses three tetrahedra of a brick cut in six, of whatever proportions, from side

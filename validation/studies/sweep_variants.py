@@ -15,9 +15,8 @@ from pydantic import ValidationError
 from palpate.meshes.errors import InputError
 from palpate.meshes.untrusted_text import parse_toml
 from palpate.validation.case import Case, CaseError
-from palpate.validation.case.errors import explain
-from palpate.validation.case.named_values import input_names
-from palpate.validation.case.schema import CaseSpec
+from palpate.validation.case.load import explain
+from palpate.validation.case.schema import CaseSpec, input_names
 
 MOST_RUNS = 10_000
 # What `load[0].factor` multiplies.

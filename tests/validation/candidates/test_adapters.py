@@ -93,7 +93,7 @@ def test_kinetic_damping_brings_a_spring_to_rest_and_gives_up_politely() -> None
 
 def test_the_stable_step_is_below_the_limit_of_the_matrix(problem: Problem) -> None:
     from palpate.fastsim.body import Body
-    from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass
+    from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 
     materials = cell_materials(problem)
     rest = {

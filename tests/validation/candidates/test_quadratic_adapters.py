@@ -21,7 +21,7 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import outside_candidate
 from palpate.validation.candidates.interpreters import interpreter_with, interpreters
 from palpate.validation.candidates.outside import OutsideSimulator
-from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers import adapters
 from palpate.validation.studies.frontier import ADAPTERS
 

@@ -15,7 +15,7 @@ from palpate.meshes.face_loads import Profile, hydrostatic_traction, profile_tra
 from palpate.validation.case import Case, load_case
 from palpate.validation.diagnosis.load_slips import load_explanations
 from palpate.validation.diagnosis.static_answer import StaticAnswer
-from palpate.validation.exchange.nodal_loads import nodal_force
+from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.metrics.body import Body
 from palpate.validation.report.look import look_at
 from palpate.validation.report.picture import draw_case

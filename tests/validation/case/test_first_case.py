@@ -20,10 +20,9 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import write_mesh, write_surface
 from palpate.meshes.shapes import shape_sphere
 from palpate.validation.case import builtin_cases, builtin_folder, load_case
-from palpate.validation.case.editor_schema import editor_schema
-from palpate.validation.case.first_case import first_case
 from palpate.validation.case.schema import CaseSpec
-from palpate.validation.case.tables import tables_of
+from palpate.validation.case.schema_keys import editor_schema, tables_of
+from palpate.validation.case.writing import first_case
 
 
 def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -18,7 +18,7 @@ from palpate.meshes.problem import InitialVelocity, Strain
 from palpate.validation.case import load_case
 from palpate.validation.case.regions import flat_normal
 from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.exchange.supports import free_part, held_slopes, pushes_of_supports
+from palpate.validation.exchange.nodal_arrays import free_part, held_slopes, pushes_of_supports
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.stepping import Slip, Stepper
 from palpate.validation.report.look import look_at

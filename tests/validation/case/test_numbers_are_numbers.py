@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from palpate.meshes.errors import InputError
 from palpate.validation.case import CaseError, load_case
-from palpate.validation.case.numbers import Count, Flag, Number
+from palpate.validation.case.body_schema import Count, Flag, Number
 from palpate.validation.case.schema import CaseSpec
 
 Write = Callable[..., Path]

@@ -12,9 +12,8 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import InputError
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.case import Case, load_case
-from palpate.validation.case.parts import part_of_check
-from palpate.validation.case.region_schema import RegionSpec
-from palpate.validation.case.regions import select_cells, select_points
+from palpate.validation.case.body_schema import RegionSpec
+from palpate.validation.case.regions import part_of_check, select_cells, select_points
 from palpate.validation.case.units import Units
 from palpate.validation.metrics import Part
 

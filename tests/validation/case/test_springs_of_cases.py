@@ -14,7 +14,7 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case, load_case
-from palpate.validation.case.errors import CaseError
+from palpate.validation.case.load import CaseError
 from palpate.validation.diagnosis.diagnose import diagnose
 from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.metrics.audit import audit_on_own_mesh

@@ -13,7 +13,7 @@ from palpate.meshes.files import in_file_unit, read_mesh, write_surface
 from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.surface_checks import require_closed
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.surface_advice import REMEDIES
+from palpate.validation.case.geometry import REMEDIES
 from palpate.validation.cli import app
 
 BALL = shape_sphere(20.0, edge_length=6.0)  # in millimetres

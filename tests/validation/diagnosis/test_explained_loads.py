@@ -117,7 +117,7 @@ def test_loads_that_are_each_wrong_in_their_own_way_are_told_apart() -> None:
 
 def test_a_traction_shared_equally_between_its_points_is_named(problem: Problem) -> None:
     from palpate.meshes.boundary_conditions import PointForce
-    from palpate.validation.exchange.nodal_loads import nodal_force
+    from palpate.validation.exchange.nodal_arrays import nodal_force
 
     (load,) = problem.loads
     total = nodal_force(problem.mesh, load).sum(axis=0)

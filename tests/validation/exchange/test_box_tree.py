@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.meshes.shapes import shape_sphere
-from palpate.validation.exchange.box_tree import BoxTree
-from palpate.validation.exchange.surface_search import nearest_on_surface
+from palpate.validation.exchange.point_location import BoxTree, nearest_on_surface
 
 
 @settings(max_examples=50, deadline=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.validation.exchange.facets import are_among, area_vectors, facet_areas
+from palpate.validation.exchange.nodal_arrays import are_among, area_vectors, facet_areas
 
 POINTS = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 1.0]])
 

@@ -16,10 +16,9 @@ from palpate.meshes.refinement import refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.candidates.fastsim import run_fastsim
 from palpate.validation.candidates.result_states import state_of_result
-from palpate.validation.exchange.conventions import describe_conventions
+from palpate.validation.exchange.case_folder import describe_conventions
 from palpate.validation.exchange.point_location import locate_points
-from palpate.validation.exchange.result_files import ResultFileError, read_result
-from palpate.validation.exchange.written_result import write_solution
+from palpate.validation.exchange.result_files import ResultFileError, read_result, write_solution
 from palpate.validation.metrics import Part, make_state, measure
 from palpate.validation.metrics.body import Body
 from palpate.validation.states import CandidateFailedError, State

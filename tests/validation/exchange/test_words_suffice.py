@@ -19,8 +19,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support
 from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.validation.case import builtin_cases, load_case
-from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.exchange.conventions import describe_conventions
+from palpate.validation.exchange.case_folder import describe_conventions, write_case_folder
 from palpate.validation.references.sets import SAME_MESH
 from palpate.validation.references.stored import load_stored
 

@@ -11,8 +11,7 @@ import pytest
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.result_files import read_result
-from palpate.validation.exchange.written_result import write_solution
+from palpate.validation.exchange.result_files import read_result, write_solution
 from palpate.validation.metrics import make_state
 from palpate.validation.states import CellStresses, State, Trajectory
 

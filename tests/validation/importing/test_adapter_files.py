@@ -16,7 +16,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.bricks import side
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem, Strain
-from palpate.validation.exchange.nodal_loads import rest_arrays
+from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.importing import UnitSystem
 from palpate.validation.peers import adapters
 

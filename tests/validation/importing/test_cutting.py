@@ -15,7 +15,7 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.importing import ImportRefusedError
-from palpate.validation.importing.cutting import cut_cells, cut_face
+from palpate.validation.importing.model import cut_cells, cut_face
 
 Bring = Callable[..., Any]
 

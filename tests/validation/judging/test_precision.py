@@ -20,8 +20,12 @@ from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
-from palpate.validation.exchange.nodal_loads import cell_materials, lumped_mass, nodal_force
-from palpate.validation.exchange.supports import held_components
+from palpate.validation.exchange.nodal_arrays import (
+    cell_materials,
+    held_components,
+    lumped_mass,
+    nodal_force,
+)
 from palpate.validation.judging import judge, outputs
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state

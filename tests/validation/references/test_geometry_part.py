@@ -16,7 +16,7 @@ from palpate.meshes.shapes import shape_sphere
 from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceCrashedError
 from palpate.validation.case import CaseError, load_case
-from palpate.validation.exchange.facets import facet_areas
+from palpate.validation.exchange.nodal_arrays import facet_areas
 from palpate.validation.judging import judge
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import COMPARISONS, make_state

@@ -16,7 +16,7 @@ from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
-from palpate.validation.exchange.nodal_loads import nodal_force
+from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.solving import Simulator, solve
 from palpate.validation.studies.sweep import ends_of
 from palpate.validation.studies.sweep_runs import linear_error, run_all

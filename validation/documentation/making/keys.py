@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from making.tables import table
-from palpate.validation.case.editor_schema import editor_schema
+from palpate.validation.case.schema_keys import editor_schema
 
 
 def keys() -> str:

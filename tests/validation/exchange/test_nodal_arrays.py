@@ -10,8 +10,8 @@ from palpate.meshes.boundary_conditions import BodyForce, PointForce, Pressure, 
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange import nodal_loads
-from palpate.validation.exchange.supports import held_components
+from palpate.validation.exchange import nodal_arrays
+from palpate.validation.exchange.nodal_arrays import held_components
 
 ONE_CELL = TetMesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 1, 2, 3]])
@@ -20,13 +20,13 @@ ONE_CELL = TetMesh(
 
 def test_a_body_force_on_one_cell_is_a_quarter_each() -> None:
     # Volume 1/6, a quarter of it 1/24.
-    force = nodal_loads.nodal_force(ONE_CELL, BodyForce((24.0, 0.0, -48.0)))
+    force = nodal_arrays.nodal_force(ONE_CELL, BodyForce((24.0, 0.0, -48.0)))
     np.testing.assert_allclose(force, np.tile([1.0, 0.0, -2.0], (4, 1)), rtol=1e-15)
 
 
 def test_a_traction_on_one_facet_is_a_third_each() -> None:
     facet = np.array([[0, 2, 1]], dtype=np.int32)  # area 1/2, a third of it 1/6
-    force = nodal_loads.nodal_force(ONE_CELL, Traction(facet, (0.0, 6.0, 0.0)))
+    force = nodal_arrays.nodal_force(ONE_CELL, Traction(facet, (0.0, 6.0, 0.0)))
     np.testing.assert_allclose(force[:3], np.tile([0.0, 1.0, 0.0], (3, 1)), rtol=1e-15)
     assert not force[3].any()
 
@@ -40,17 +40,17 @@ def test_loads_and_mass_agree_with_fastsims_own() -> None:
         PointForce(np.array([3, 3], dtype=np.int32), np.array([[1.0, 0, 0], [2.0, 1, 0]])),
     )
     problem = Problem(mesh, Material(1e3, 0.3, 900.0), (), loads)
-    ours = sum(nodal_loads.nodal_force(mesh, load) for load in loads)
+    ours = sum(nodal_arrays.nodal_force(mesh, load) for load in loads)
     theirs = forces.external_force(problem)
     scale = np.abs(theirs).max()
     np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=50 * np.finfo(float).eps * scale)
     mass = Body(mesh, problem.material).lumped_mass
-    np.testing.assert_allclose(nodal_loads.lumped_mass(problem), mass, rtol=1e-13)
+    np.testing.assert_allclose(nodal_arrays.lumped_mass(problem), mass, rtol=1e-13)
 
 
 def test_pressure_follows_the_surface_and_is_no_nodal_force() -> None:
     load = Pressure(ONE_CELL.boundary_facets, 5.0)
-    assert not nodal_loads.nodal_force(ONE_CELL, load).any()
+    assert not nodal_arrays.nodal_force(ONE_CELL, load).any()
 
 
 def test_held_components_are_those_of_the_supports() -> None:
@@ -66,7 +66,7 @@ def test_held_components_are_those_of_the_supports() -> None:
 def test_an_inclusion_has_its_own_row() -> None:
     mesh = brick_box((1, 1, 1), (1.0, 1.0, 1.0))
     inclusion = Inclusion(np.array([2], dtype=np.int32), Material(5.0, 0.1, 7.0))
-    rows = nodal_loads.cell_materials(
+    rows = nodal_arrays.cell_materials(
         Problem(mesh, Material(1.0, 0.3), (), (), None, (), (inclusion,))
     )
     assert rows[2].tolist() == [5.0, 0.1, 7.0]

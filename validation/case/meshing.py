@@ -37,7 +37,7 @@ from palpate.meshes.gmsh_mesher import mesh_with_gmsh
 from palpate.meshes.problem import Material
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.case.geometry_schema import GradeSpec, MeshSpec
+from palpate.validation.case.body_schema import GradeSpec, MeshSpec
 from palpate.validation.case.units import Units
 
 MOST_CELLS = 2_000_000

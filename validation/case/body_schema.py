@@ -1,0 +1,352 @@
+"""The keys of a case file for the body: numbers, regions, geometry, mesh and materials."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from palpate.meshes.material_law import Law
+from palpate.meshes.repair.choices import LARGEST_HOLE
+from palpate.meshes.untrusted_text import is_a_float
+
+# What a float64 and a machine word both hold without loss.
+LARGEST_COUNT = 2**53
+
+
+def plain_number(value: Any) -> Any:
+    """A finite number, as it stands; anything else is refused."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("number", "is a truth value; write a number")
+    if isinstance(value, str):
+        raise PydanticCustomError("number", "is text; write the number without quotes")
+    if not isinstance(value, int | float):
+        raise PydanticCustomError("number", "is no number")
+    if not is_a_float(value):
+        is_whole = isinstance(value, int)
+        message = "is beyond what a float can hold" if is_whole else "is not finite"
+        raise PydanticCustomError("number", f"{message}; write a finite number")
+    return value
+
+
+def _plain_count(value: Any) -> Any:
+    plain_number(value)
+    if not isinstance(value, int):
+        raise PydanticCustomError("number", "must be a whole number, without a point")
+    if abs(value) > LARGEST_COUNT:
+        raise PydanticCustomError("number", "is too large to count with")
+    return value
+
+
+def _truth_value(value: Any) -> Any:
+    if not isinstance(value, bool):
+        raise PydanticCustomError("truth_value", "must be true or false, without quotes")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(plain_number)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Count = Annotated[int, BeforeValidator(_plain_count)]
+Flag = Annotated[bool, BeforeValidator(_truth_value)]
+Vector = tuple[Number, Number, Number]
+
+
+def _usable(value: Any) -> Any:
+    """Refuse what cannot be written out as JSON, with the place where it stands."""
+    _require_usable(value, ())
+    return value
+
+
+def _require_usable(value: Any, place: tuple[str | int, ...]) -> None:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _require_usable(item, (*place, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _require_usable(item, (*place, index))
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        if not is_a_float(value):
+            raise PydanticCustomError(
+                "published", "is no finite number", {"place": place, "value": repr(value)}
+            )
+    elif not isinstance(value, str | bool):
+        kind = type(value).__name__
+        raise PydanticCustomError(
+            "published", f"is a {kind}; write it as text, in quotes", {"place": place}
+        )
+
+
+# Text, truth values, finite numbers, and lists and tables of them.
+PlainData = Annotated[dict[str, Any], AfterValidator(_usable)]
+
+
+class Table(BaseModel):
+    """Unknown keys, NaN and infinity are errors; the text below a key describes it to all."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        protected_namespaces=(),
+        use_attribute_docstrings=True,
+    )
+
+
+class BoxRegion(Table):
+    """Between two corners, in the case's length unit."""
+
+    min: Vector
+    """Its lowest corner [units.length]."""
+    max: Vector
+    """Its highest corner [units.length]."""
+
+
+class BallRegion(Table):
+    """Within a radius of a centre."""
+
+    center: Vector
+    """[units.length]."""
+    radius: Positive
+    """[units.length]."""
+
+
+class HalfSpaceRegion(Table):
+    """The side of a plane to which its normal points."""
+
+    point: Vector
+    """A point of the plane [units.length]."""
+    normal: Vector
+    """Points into the half that is meant; any length."""
+
+
+class RegionSpec(Table):
+    """Part of the boundary: where all the given conditions hold."""
+
+    box: BoxRegion | None = None
+    """Between two corners."""
+    ball: BallRegion | None = None
+    """Within a radius of a centre."""
+    half_space: HalfSpaceRegion | None = None
+    """One side of a plane."""
+    group: str | None = None
+    """What the mesh file gives a name: facets; of some keys cells or single points."""
+    nearest: Vector | None = None
+    """The one point nearest to this place [units.length]; stands alone."""
+
+    @model_validator(mode="after")
+    def _says_something(self) -> RegionSpec:
+        if not self.model_fields_set:
+            raise ValueError("needs one of box, ball, half_space, group, nearest")
+        if self.nearest is not None and len(self.model_fields_set) > 1:
+            raise ValueError("nearest stands alone")
+        return self
+
+
+# Of each built-in shape its sizes, in the order in which its maker takes them.
+SHAPES: dict[str, tuple[str, ...]] = {
+    "box": ("size",),
+    "beam": ("length", "width", "height"),
+    "cylinder": ("radius", "height"),
+    "sphere": ("radius",),
+    "kidney": (),
+    "hollow_sphere": ("radius", "inner_radius"),
+    "hollow_octant": ("radius", "inner_radius"),
+    "tube": ("radius", "inner_radius", "height"),
+}
+
+
+_REPAIR_KEYS = ("repair_distance", "largest_hole", "smallest_shell")
+
+
+class GeometrySpec(Table):
+    """Exactly one of a built-in shape, a surface file or a mesh file."""
+
+    shape: (
+        Literal[
+            "box",
+            "beam",
+            "cylinder",
+            "sphere",
+            "kidney",
+            "hollow_sphere",
+            "hollow_octant",
+            "tube",
+        ]
+        | None
+    ) = None
+    """A built-in shape, in place of a file; an octant has x, y, z >= 0, for symmetry planes."""
+    surface: str | None = None
+    """A closed surface beside this file: .stl, .obj, .ply, .off, .msh, .vtk, .vtu."""
+    mesh: str | None = None
+    """A mesh of tetrahedra beside this file, in place of a surface: .msh, .vtk, .vtu."""
+    repair: Flag = False
+    """Mend the surface; what was done stands in the report."""
+    repair_distance: Positive | None = None
+    """How far it may move where it cuts itself [units.length]; two mean edges where not said."""
+    largest_hole: Annotated[Count, Field(ge=0)] = LARGEST_HOLE
+    """Most edges of a hole that is closed; facet groups "cap 1", ... are what closes them."""
+    smallest_shell: NotNegative = 0.0
+    """Loose parts whose box is shorter are dropped [units.length]."""
+    wrap: Positive | None = None
+    """A new closed surface around it, at most this far away, in place of repair [units.length]."""
+    size: Vector | None = None
+    """Of a box along x, y, z [units.length]."""
+    length: Positive | None = None
+    """Of a beam, along x [units.length]."""
+    width: Positive | None = None
+    """Of a beam, along y [units.length]."""
+    height: Positive | None = None
+    """Of a beam, a cylinder or a tube, along z [units.length]."""
+    radius: Positive | None = None
+    """Of a cylinder or a sphere, outside of what is hollow [units.length]."""
+    inner_radius: Positive | None = None
+    """Of what is hollow, below the radius [units.length]."""
+    edge_length: Positive | None = None
+    """Of a shape's facets [units.length]."""
+
+    @model_validator(mode="after")
+    def _is_one_thing(self) -> GeometrySpec:
+        given = [k for k in ("shape", "surface", "mesh") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError("needs exactly one of shape, surface, mesh")
+        parameters = {*SHAPES[self.shape], "edge_length"} if self.shape else set()
+        extra = self.model_fields_set - parameters - {"shape", "surface", "mesh"}
+        if self.surface is not None:
+            extra -= {"wrap"} if self.wrap is not None else {"repair"}
+            extra -= set(_REPAIR_KEYS if self.repair else ())
+        missing = parameters - self.model_fields_set
+        what = f"shape {self.shape!r}" if self.shape else given[0]
+        wrongs = [f"takes no {', '.join(sorted(extra))}"] if extra else []
+        wrongs += [f"needs {', '.join(sorted(missing))}"] if missing else []
+        if wrongs:
+            hint = "; cells are sized by edge_length" if extra == {"size"} else ""
+            raise ValueError(f"{what} {' and '.join(wrongs)}{hint}")
+        return self
+
+
+class GradeSpec(Table):
+    """Smaller cells towards a point, a ball or the whole boundary; sizes grow with distance."""
+
+    point: Vector | None = None
+    """The place with the smallest cells [units.length]."""
+    ball: BallRegion | None = None
+    """Or all of a ball."""
+    boundary: Flag = False
+    """Or all of the boundary."""
+    smallest: Positive
+    """Edge length there [units.length]."""
+    growth: Positive = 0.5
+    """Edge length over the distance from there [-]."""
+
+    @model_validator(mode="after")
+    def _is_towards_one_thing(self) -> GradeSpec:
+        if (self.point is not None) + (self.ball is not None) + self.boundary != 1:
+            raise ValueError("needs exactly one of point, ball, boundary = true")
+        return self
+
+
+class MeshSpec(Table):
+    """Who fills a surface, and how finely."""
+
+    mesher: Literal["auto", "fastsim", "gmsh"] = "auto"
+    """Who fills the surface; auto is fastsim's mesher, and gmsh where that gives up."""
+    edge_length: Positive | None = None
+    """Wanted inside [units.length]; the mean of the surface's where nothing is said."""
+    interior: Literal["uniform", "graded"] = "uniform"
+    """Or cells that grow from the surface inwards, to edge_length or eight of its mean edges."""
+    boundary: Literal["kept", "free"] = "kept"
+    """The given facets, or better ones within a distance of them."""
+    boundary_distance: Positive | None = None
+    """How far a free boundary may lie from the given one [units.length]."""
+    grade: tuple[GradeSpec, ...] = ()
+    """Cells are bisected until each is as small as every grade asks."""
+
+    @model_validator(mode="after")
+    def _free_says_how_far(self) -> MeshSpec:
+        if (self.boundary == "free") != (self.boundary_distance is not None):
+            raise ValueError('boundary = "free" and boundary_distance go together')
+        return self
+
+
+_MODULI = ("youngs_modulus", "poissons_ratio")
+_OF_MOONEY_RIVLIN = ("c10", "c01", "bulk_modulus")
+_OF_OGDEN = ("mu_1", "alpha_1", "bulk_modulus")
+_MORE_OF_OGDEN = (("mu_2", "alpha_2"), ("mu_3", "alpha_3"))
+
+
+class MaterialSpec(Table):
+    """Isotropic solid; the ranges are checked where it is built."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "anyOf": [{"required": list(keys)} for keys in (_MODULI, _OF_MOONEY_RIVLIN, _OF_OGDEN)]
+        }
+    )
+
+    youngs_modulus: Number | None = None
+    """Young's modulus at rest [units.stress], above 0."""
+    poissons_ratio: Number | None = None
+    """Poisson's ratio at rest [-], between -1 and 0.5; linear cells lock near 0.5."""
+    density: Number = 1000.0
+    """[units.density], above 0; matters for weight and motion."""
+    law: Law = Law.SAINT_VENANT_KIRCHHOFF
+    """For strain = "green"; with "linear" all are Hooke's law. Inclusions follow their body's."""
+    c10: Number | None = None
+    """mooney-rivlin takes this and the next two, not moduli; so does -log [units.stress]."""
+    c01: Number | None = None
+    """[units.stress]; 2 (c10 + c01) is the shear modulus."""
+    bulk_modulus: Number | None = None
+    """[units.stress], above 0."""
+    mu_1: Number | None = None
+    """ogden takes bulk_modulus and one to three such pairs [units.stress]."""
+    alpha_1: Number | None = None
+    """Its exponent [-]; half the sum of mu alpha is the shear modulus, above 0."""
+    mu_2: Number | None = None
+    """Of the second term [units.stress]."""
+    alpha_2: Number | None = None
+    """Its exponent [-]."""
+    mu_3: Number | None = None
+    """Of the third term [units.stress]."""
+    alpha_3: Number | None = None
+    """Its exponent [-]."""
+
+    @model_validator(mode="after")
+    def _has_its_constants(self) -> MaterialSpec:
+        needed: tuple[str, ...] = _MODULI
+        if self.law.has_c01:
+            needed = _OF_MOONEY_RIVLIN
+        elif self.law is Law.OGDEN:
+            needed = _OF_OGDEN
+            for pair in _MORE_OF_OGDEN:
+                if any(getattr(self, key) is not None for key in pair):
+                    needed += pair
+        known = (*_MODULI, *_OF_MOONEY_RIVLIN, *_OF_OGDEN, *sum(_MORE_OF_OGDEN, ()))
+        others = [key for key in known if key not in needed]
+        for key in needed:
+            if getattr(self, key) is None:
+                raise PydanticCustomError("missing", "needed", {"place": (key,)})
+        for key in others:
+            if getattr(self, key) is not None:
+                raise ValueError(f"law = {self.law} takes {', '.join(needed)}, not {key}")
+        return self
+
+
+class InclusionSpec(Table):
+    """Cells of another material: in a region, of a group, or within a surface of their own."""
+
+    region: RegionSpec | None = None
+    """A box, a ball or a half_space, for cells whose centroid lies in it; or a group of cells."""
+    surface: str | None = None
+    """A closed surface beside this file, in the place of a region: its facets are in the mesh."""
+    material: MaterialSpec
+    """Of those cells."""
+
+    @model_validator(mode="after")
+    def _chooses_cells(self) -> InclusionSpec:
+        if (self.region is None) == (self.surface is None):
+            raise ValueError("an inclusion needs either a region or a surface")
+        if self.region is not None and self.region.nearest is not None:
+            raise ValueError("the region of an inclusion is a box, a ball, a half_space or a group")
+        return self
