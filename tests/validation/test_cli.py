@@ -24,7 +24,7 @@ from palpate.validation.candidates.faults import Fault
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.judging.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.report.table_one import state_table
+from palpate.validation.report.tables import state_table
 from palpate.validation.states import ExitCode, Verdict
 from palpate.validation.studies import STUDIES
 from palpate.validation.versions import extras, version_of

@@ -27,7 +27,7 @@ from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult, Judged
 from palpate.validation.report.html import report_environment
-from palpate.validation.report.table_one import state_table_csv
+from palpate.validation.report.tables import state_table_csv
 from palpate.validation.states import Verdict
 
 ESCAPE, RIGHT_TO_LEFT, HALF, NONE = "\x1b[2J", "\u202e", "\ud800", "\ufffe"

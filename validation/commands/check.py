@@ -21,7 +21,7 @@ def check(
     from palpate.validation.case import load_case
     from palpate.validation.output_files import input_files, require_outputs
     from palpate.validation.quoting import for_terminal
-    from palpate.validation.report.look import look_at
+    from palpate.validation.report.preview import look_at
 
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture {picture}: name a file with .png")
@@ -34,7 +34,7 @@ def check(
     for warning in look.warnings:
         print(for_terminal(f"warning: {warning}"))
     if picture is not None:
-        from palpate.validation.report.picture import draw_case
+        from palpate.validation.report.pictures import draw_case
 
         draw_case(loaded, picture)
         print(f"{picture}: body, supports, loads and tools")

@@ -22,7 +22,7 @@ def import_model(
     from palpate.validation.importing import import_model as make_case
     from palpate.validation.output_files import OutputError, require_outputs
     from palpate.validation.quoting import for_terminal
-    from palpate.validation.report.look import look_at
+    from palpate.validation.report.preview import look_at
 
     mesh = output.with_suffix(".msh")
     require_outputs({"--output": output, "its mesh": mesh}, inputs=[model])

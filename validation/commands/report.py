@@ -24,7 +24,7 @@ from palpate.validation.commands.words import (
     is_condensed,
     progress_lines,
 )
-from palpate.validation.report.figure_form import FigureForm
+from palpate.validation.report import FigureForm
 from palpate.validation.solving import Simulator
 
 

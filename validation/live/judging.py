@@ -27,7 +27,7 @@ from palpate.validation.live.condensed_pane import AnyPane
 from palpate.validation.live.live_case import LiveCase
 from palpate.validation.live.recording import write_case
 from palpate.validation.live.verdict import ANSWERED, SAME_MESH, TRUTH
-from palpate.validation.report.viewer_data import packed
+from palpate.validation.report.viewer import packed
 
 Note = dict[str, Any]
 VERDICT = "palpate.validation.live.verdict"

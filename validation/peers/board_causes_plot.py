@@ -9,7 +9,7 @@ from markupsafe import escape
 
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, STEP, Score
 from palpate.validation.quoting import visible
-from palpate.validation.report.colours import BLUE, GREY, OCHRE, RED
+from palpate.validation.report.plots import BLUE, GREY, OCHRE, RED
 
 _COLOURS = {LAW: RED, MESH: BLUE, STEP: OCHRE, SOLVER: GREY}
 _ROW, _LEFT, _WIDTH, _TOP = 24, 190, 760, 34

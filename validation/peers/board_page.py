@@ -19,7 +19,7 @@ from palpate.validation.peers.board_judge import CAUSES, Score
 from palpate.validation.peers.board_runs import Status
 from palpate.validation.peers.entries import Entry
 from palpate.validation.quoting import for_json, for_markdown, visible
-from palpate.validation.report.environment import page_environment
+from palpate.validation.report.html import page_environment
 from palpate.validation.report.study_page import Table
 from palpate.validation.run_folder import RESULTS
 from palpate.validation.states import Verdict

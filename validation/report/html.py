@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 from collections import Counter
 from collections.abc import Callable, Sequence
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib import image
 
@@ -28,21 +30,49 @@ from palpate.validation.judging.error_budget import (
 )
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, tone_of
+from palpate.validation.quoting import for_html
 from palpate.validation.references.sets import OF_ELEMENT
+from palpate.validation.report import FigureForm
+from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
+from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.report.credibility import credibility
-from palpate.validation.report.environment import page_environment, script_of
-from palpate.validation.report.figure_form import FigureForm
-from palpate.validation.report.looks import looks_of
-from palpate.validation.report.motion_plot import motion_svg
-from palpate.validation.report.paper_figures import write_figures
 from palpate.validation.report.pictures import draw_pictures
-from palpate.validation.report.plots import budget_svg, checks_svg
-from palpate.validation.report.provenance import provenance_rows, record_text
-from palpate.validation.report.table_one import state_table
-from palpate.validation.report.tables import write_tables
+from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
-from palpate.validation.report.viewer_data import viewer_json
+from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict, gravest
+
+_PACKAGE = "palpate.validation.report"
+
+
+def page_environment() -> Environment:
+    """Templates that escape every text and show what is hidden in it."""
+    return Environment(
+        loader=PackageLoader(_PACKAGE),
+        autoescape=True,
+        finalize=for_html,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def template_text(name: str) -> str:
+    """A file of the templates' folder as it is."""
+    return (resources.files(_PACKAGE) / "templates" / name).read_text(encoding="utf-8")
+
+
+def script_of(*names: str) -> tuple[Markup, Markup]:
+    """Scripts one after another as one, and the words by which a page's policy admits it."""
+    script = "\n".join(template_text(name) for name in names)
+    return Markup(script), policy_hash(script)
+
+
+def policy_hash(text: str) -> Markup:
+    """Of a script or a style, for a Content-Security-Policy."""
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+    return Markup("sha256-{}").format(digest)
+
 
 INDEX = "index.html"
 # Cells times steps; its budget costs about fifty times as much, some ten seconds.
@@ -113,7 +143,10 @@ def _write_case(
 
 
 def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> dict[str, Any]:
-    pictures = draw_pictures(result, folder)
+    try:
+        pictures = draw_pictures(result, folder)
+    except Exception:  # like a plot, a picture must never take the verdict with it
+        pictures = {}
     problem = result.problem
     budgets, no_budget = _budgets(result)
     tables = write_tables(result, folder, budgets)
@@ -135,7 +168,7 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "table": state_table(result),
         "pictures": {name: _data_url(path) for name, path in pictures.items()},
         "scene": Markup(viewer_json(result)) if result.states else "",
-        "looks": [look.name(result.states) for look in looks_of(result)],
+        "looks": [shown.name(result.states) for shown in comparisons_of(result)],
         "plot": _drawn(checks_svg, result),
         "time": problem.time,
         "is_motion": problem.time is not None,

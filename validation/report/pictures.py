@@ -1,31 +1,163 @@
-"""Pictures of a judged case: its states side by side, and where they are wrong."""
+"""Still pictures of a case before it is solved, and of its states and errors afterwards."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.arrays import Points
+from palpate.meshes.atomic_write import atomic_path
 from palpate.meshes.problem import Problem, Strain
+from palpate.validation.case import Case
+from palpate.validation.case.units import LENGTH
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.camera import first_eye, way_to_eye
-from palpate.validation.report.looks import STRAIN_NAMES, Look, error_top, looks_of
-from palpate.validation.report.scene import (
+from palpate.validation.report.comparisons import (
+    STRAIN_NAMES,
+    Comparison,
+    comparisons_of,
+    error_top,
+    first_eye,
+    way_to_eye,
+)
+from palpate.validation.report.drawing import (
     BLUE,
     GREEN,
+    OCHRE,
     RED,
     Marks,
-    Panel,
     Surface,
+    View,
     boundary,
     draw,
     joined,
 )
-from palpate.validation.report.surroundings import arrows_around, tools_placed
+from palpate.validation.report.loads_and_tools import (
+    MILLI,
+    MOST_ARROWS,
+    arrows_around,
+    load_arrows,
+    resultant_of,
+    spring_arrows,
+    tool_surface,
+)
 
-_MILLI = 1e3
+# Lines of a path that is drawn.
+_POSES = 60
+_SIDES = ((1.0, -1.3, 0.7), (-1.0, 1.3, -0.7))
+# Of what one sees through.
+_PALE = 0.35
+
+
+def draw_case(case: Case, path: Path) -> None:
+    """Write a case's picture as .png; a file of that name is replaced."""
+    picture = draw({"case": _case_views(case)})["case"]
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(picture)
+
+
+def _case_views(case: Case) -> list[View]:
+    """The case from two sides, in its length unit."""
+    problem, unit = case.problem, case.spec.units.length
+    scale = LENGTH[unit]
+    points = problem.mesh.points / scale
+    loads = [resultant_of(problem, load) for load in problem.loads]
+    surfaces = _boundary(problem, points)
+    marks, legend = _points_of_supports(problem, points), []
+    if problem.supports:
+        legend.append(("fixed", BLUE))
+    marks += _ways_of_supports(problem, points, scale)
+    if any(support.normal is not None for support in problem.supports):
+        legend.append(("arrows on it: fixed along these alone, it slides across them", BLUE))
+    if any(support.rotation is not None for support in problem.supports):
+        legend.append(("line: axis of a support that turns", BLUE))
+    if problem.initial_velocity is not None:
+        marks.append(_velocities(problem, points))
+        legend.append(("velocity at the start", GREEN))
+    if loads:
+        marks += _arrows(load_arrows(problem, scale))
+        what = "the whole force of a load"
+        if any(load.spread is not None for load in loads):
+            what += ", or many the force per area where it varies"
+        legend.append((f"pushed or pulled; an arrow is {what}", RED))
+    if problem.springs:
+        marks += _arrows(spring_arrows(problem.springs, points, scale))
+        legend.append(("spring over a patch; an arrow is its anchor's way", RED))
+    if problem.tools:
+        legend.append(("tool, pale where it starts", OCHRE))
+        for tool in problem.tools:
+            times = np.linspace(tool.path.times[0], tool.path.times[-1], _POSES)
+            path = np.array([tool.path.pose_at(float(time))[0] for time in times])
+            marks.append(Marks(path / scale, "black", is_path=True))
+        surfaces += _tools(problem, scale, at_end=False)
+        surfaces += _tools(problem, scale, at_end=True, opacity=1.0)
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(points, axis=0))
+    return [
+        View(f"{case.name}: {case.title}", surfaces, _SIDES[0], marks, unit, legend),
+        View(f"{size} {unit}, from the other side and below", surfaces, _SIDES[1], marks),
+    ]
+
+
+def _boundary(problem: Problem, points: Points) -> list[Surface]:
+    """The body at rest, what is fixed and what is pushed in colours of their own."""
+    fixed = joined([support.facets for support in problem.supports])
+    pushed = joined([getattr(by, "facets", None) for by in (*problem.springs, *problem.loads)])
+    return boundary(points, problem.mesh.boundary_facets, fixed, pushed)
+
+
+def _arrows(pairs: Points) -> list[Marks]:
+    return [Marks(pairs[:, 0], RED, vectors=pairs[:, 1])] if len(pairs) else []
+
+
+def _points_of_supports(problem: Problem, points: Points) -> list[Marks]:
+    """Supports without facets."""
+    single = [support.points for support in problem.supports if not len(support.facets)]
+    return [Marks(points[np.concatenate(single)], BLUE)] if single else []
+
+
+def _ways_of_supports(problem: Problem, points: Points, scale: float) -> list[Marks]:
+    """Normals of what slides, and axes of what turns."""
+    reach = float(np.ptp(points, axis=0).max())
+    found = []
+    for support in problem.supports:
+        if support.normal is not None:
+            rows = support.points[:: -(-len(support.points) // MOST_ARROWS)]
+            arrow = 0.08 * reach * support.directions
+            vectors = np.repeat(arrow, len(rows), axis=0)
+            found.append(Marks(points[rows] - vectors, BLUE, vectors=vectors))
+        if support.rotation is not None:
+            middle, axis = np.array(support.rotation.center) / scale, support.rotation.axis
+            ends = 0.4 * reach * np.outer([-1.0, 1.0], axis)
+            found.append(Marks(middle + ends, BLUE, is_path=True))
+    return found
+
+
+def _velocities(problem: Problem, points: Points) -> Marks:
+    """The initial velocity at some points of the boundary, the fastest as long as a fifth."""
+    assert problem.initial_velocity is not None
+    outer = np.unique(problem.mesh.boundary_facets)
+    rows = outer[:: -(-len(outer) // MOST_ARROWS)]
+    speed = problem.initial_velocity.at(problem.mesh.points[rows])
+    largest = float(np.linalg.norm(speed, axis=1).max()) or 1.0
+    reach = float(np.ptp(points, axis=0).max())
+    return Marks(points[rows], GREEN, vectors=0.2 * reach / largest * speed)
+
+
+def _tools(
+    problem: Problem, scale: float, *, at_end: bool, opacity: float = _PALE, driven: bool = True
+) -> list[Surface]:
+    """Tools where their paths start or end, in a unit of so many metres."""
+    size = float(np.ptp(problem.mesh.points, axis=0).max())
+    found = []
+    for tool in problem.tools:
+        if driven or tool.drive is None:
+            own, facets = tool_surface(tool, size)
+            position, turn = tool.path.pose_at(float(tool.path.times[-1 if at_end else 0]))
+            points = (own @ turn.T + position) / scale
+            beside = not driven
+            found.append(Surface(points, facets, OCHRE, opacity=opacity, is_beside=beside))
+    return found
 
 
 def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[str, Path]:
@@ -34,100 +166,84 @@ def draw_pictures(result: CaseResult, folder: Path, form: str = "png") -> dict[s
     Args:
         result: With the states.
         folder: Where they go, that exists.
-        form: As of `drawing.scene.draw`.
+        form: As of `drawing.draw`.
 
     Returns:
-        Path of each picture that came about, by name ("states", "errors"); none is required.
+        Path of each picture, by name ("states", "errors").
     """
     made = {}
-    for name, picture in draw(_pictures(result), form=form).items():
+    for name, picture in draw(result_views(result), form).items():
         made[name] = folder / f"{result.name}-{name}.{form}"
         made[name].write_bytes(picture)
     return made
 
 
-def _pictures(result: CaseResult) -> dict[str, list[Panel]]:
+def result_views(result: CaseResult) -> dict[str, list[View]]:
     """The boundary, its states and their errors, in millimetres.
 
     Of one candidate both strain measures; of several Green strain, beside the best reference.
     """
-    mesh, problem, states = result.problem.mesh, result.problem, result.states
-    points, facets = mesh.points * _MILLI, mesh.boundary_facets
-    looks = [look for look in looks_of(result) if look.strain is Strain.GREEN]
+    problem, states = result.problem, result.states
+    points, facets = problem.mesh.points * MILLI, problem.mesh.boundary_facets
+    green = [pairs for pairs in comparisons_of(result) if pairs.strain is Strain.GREEN]
     candidates = [state for state in states if not state.is_reference]
     several = len(result.candidates) > 1
     if several:
         shown = [state for state in candidates if state.strain is Strain.GREEN]
-        shown += [states[k] for look in looks[:1] for k in look.references]
+        shown += [states[k] for pairs in green[:1] for k in pairs.references]
     else:
         shown = sorted(candidates, key=lambda state: state.strain is Strain.GREEN)
-    moved = [state.displacement * _MILLI for state in shown]
+    lengths = [np.linalg.norm(state.displacement * MILLI, axis=1) for state in shown]
+    largest = max((float(of.max()) for of in lengths), default=1.0)
     x, y, z = way_to_eye(*first_eye(result))
     side = (float(x), float(y), float(z))
-    largest = max((float(np.linalg.norm(u, axis=1).max()) for u in moved), default=1.0)
-    held = joined([support.facets for support in problem.supports])
-    pushed = [*problem.springs, *problem.loads]
-    red = joined([getattr(load, "facets", None) for load in pushed])
+    marks = _arrows(arrows_around(problem, np.zeros(3)))
+    started, ended = (
+        _tools(problem, 1.0 / MILLI, at_end=at_end, driven=False) for at_end in (False, True)
+    )
+    fixed = joined([support.facets for support in problem.supports])
     original = Surface(points, facets, GREEN, opacity=0.55, is_wireframe=True)
-    words = "original (blue: held, red: pushed)"
-    marks, single = _arrows(problem), [s.points for s in problem.supports if not len(s.facets)]
-    dots = [Marks(points[np.concatenate(single)], BLUE)] if single else []
-    tools, ended = (tools_placed(problem, at_end=at_end) for at_end in (False, True))
-    panels = [Panel(words, [*boundary(points, facets, held, red), *tools], side, [*marks, *dots])]
 
-    def around(u: Points) -> list[Surface]:
-        return [Surface(points + u, held, BLUE, is_wireframe=True), *ended]
+    def around(moved: Points) -> list[Surface]:
+        return [Surface(moved, fixed, BLUE, is_wireframe=True), *ended]
 
-    for column, (state, u) in enumerate(zip(shown, moved, strict=True)):
-        lengths = np.linalg.norm(u, axis=1)
-        # Bars of one picture need names of their own.
-        name = f"displacement [mm]{' ' * column}"
-        coloured = Surface(points + u, facets, values=lengths, values_name=name, largest=largest)
-        title = f"{state.label if several else STRAIN_NAMES[state.strain]} (wires: original)"
-        panels.append(Panel(title, [coloured, original, *around(u)], side, marks))
-    errors = [
-        Panel(
-            f"{states[one].label} - {states[other].label}",
-            [surface, *around(states[one].displacement * _MILLI)],
+    views = [
+        View(
+            "original (blue: fixed, red: pushed)",
+            [*_boundary(problem, points), *started],
             side,
-            marks,
+            [*marks, *_points_of_supports(problem, points)],
         )
-        for (one, other), surface in _errors(result, _best(looks), facets)
     ]
-    return {"states": panels} | ({"errors": errors} if errors else {})
-
-
-def _best(looks: Sequence[Look]) -> list[Look]:
-    """The same mesh, then the best truth, which comes first of all."""
-    own, true = ([look for look in looks if look.is_truth is kind][:1] for kind in (False, True))
-    return own + true
-
-
-def _errors(
-    result: CaseResult, looks: Sequence[Look], facets: Indices
-) -> Iterator[tuple[tuple[int, int], Surface]]:
-    """Length of the error of each pair on the candidate's shape, a look's on one scale [mm]."""
-    column = 0
-    for look in looks:
-        pairs = [(result.states[one], result.states[other]) for one, other in look.pairs]
-        lengths = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in pairs]
-        largest = _MILLI * error_top(result, max(float(length.max()) for length in lengths))
-        for numbers, (candidate, _), length in zip(look.pairs, pairs, lengths, strict=True):
-            yield (
-                numbers,
-                Surface(
-                    (result.problem.mesh.points + candidate.displacement) * _MILLI,
-                    facets,
-                    values=_MILLI * length,
-                    values_name=f"error [mm]{' ' * column}",
-                    largest=largest,
-                    colours="magma_r",
-                ),
+    for state, length in zip(shown, lengths, strict=True):
+        moved = points + state.displacement * MILLI
+        coloured = Surface(
+            moved, facets, values=length, values_name="displacement [mm]", largest=largest
+        )
+        title = f"{state.label if several else STRAIN_NAMES[state.strain]} (wires: original)"
+        views.append(View(title, [coloured, original, *around(moved)], side, marks))
+    errors = []
+    for pairs in _best(green):
+        compared = [(states[one], states[other]) for one, other in pairs.pairs]
+        wrong = [np.linalg.norm(a.displacement - b.displacement, axis=1) for a, b in compared]
+        # Those that are compared alike are on one scale.
+        top = MILLI * error_top(result, max(float(length.max()) for length in wrong))
+        for (one, other), length in zip(compared, wrong, strict=True):
+            moved = points + one.displacement * MILLI
+            coloured = Surface(
+                moved,
+                facets,
+                values=MILLI * length,
+                values_name="error [mm]",
+                largest=top,
+                colours="magma_r",
             )
-            column += 1
+            title = f"{one.label} - {other.label}"
+            errors.append(View(title, [coloured, *around(moved)], side, marks))
+    return {"states": views} | ({"errors": errors} if errors else {})
 
 
-def _arrows(problem: Problem) -> list[Marks]:
-    """Loads, and the ways of springs' anchors [mm]."""
-    pairs = arrows_around(problem, np.zeros(3))
-    return [Marks(pairs[:, 0], RED, vectors=pairs[:, 1])] if len(pairs) else []
+def _best(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """The same mesh, then the best truth, which comes first of all."""
+    kinds = ([pairs for pairs in comparisons if pairs.is_truth is kind] for kind in (False, True))
+    return [pairs for kind in kinds for pairs in kind[:1]]

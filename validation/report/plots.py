@@ -1,29 +1,28 @@
-"""Plots of checks and budgets: as SVG text for the page, and in the width of a paper's column."""
+"""How every plot looks, and lines over axes: the one way in which studies plot numbers."""
 
 from __future__ import annotations
 
 import io
 import math
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import matplotlib as mpl
 from markupsafe import escape
 from matplotlib import pyplot
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullFormatter
 
-from palpate.validation.judging.error_budget import DISCRETISATION, MODEL, TIME, Budget
-from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.remainder import SOLVER
-from palpate.validation.judging.results import CaseResult
-from palpate.validation.states import Verdict
+from palpate.meshes.arrays import Points
+
+BLUE, RED, OCHRE, GREEN, PURPLE, GREY, PINK, BROWN = COLOURS = (
+    "#2f6f8f", "#b5332e", "#c98a12", "#2f8f4e", "#6b4c9a", "#4d4d4d", "#d0679b", "#8a5a2b",
+)  # fmt: skip
+
 
 mpl.use("Agg")
-_COLOUR = {
-    Verdict.PASSED: "#2f8f4e",
-    Verdict.FAILED: "#b5332e",
-    Verdict.INCONCLUSIVE: "#c98a12",
-    Verdict.SKIPPED: "#888888",
-}
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,8 @@ class Medium:
 
 
 PAGE = Medium(8.4, 10.0)
+
+
 # A column of a journal is 88 mm wide.
 COLUMN = Medium(3.46, 7.0)
 
@@ -69,45 +70,6 @@ def tidy(axes: mpl.axes.Axes) -> None:
         axes.spines[side].set_visible(False)
 
 
-def checks_svg(result: CaseResult) -> str:
-    """Each check's error, its bar and its limit on one logarithmic axis; "" without any."""
-    with plot_style():
-        figure = checks_figure(result)
-        return "" if figure is None else figure_svg(figure, "Errors, error bars and limits")
-
-
-def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figure | None:
-    """The same as a figure, within a `plot_style`; None where nothing is compared."""
-    rows = [c for c in result.checks if c.against != "candidate" and c.value is not None]
-    if not rows:
-        return None
-    size = medium.row
-    high = (0.9 + 0.34 * len(rows)) * size
-    figure, axes = pyplot.subplots(figsize=(medium.width, high))
-    for place, check in enumerate(reversed(rows)):
-        value = max(check.value or 0.0, 1e-17)
-        bar = check.reference_error if math.isfinite(check.reference_error) else 0.0
-        colour = _COLOUR[check.verdict]
-        axes.plot(
-            [value, max(value + bar, value)], [place, place], color=colour, lw=3 * size, alpha=0.4
-        )
-        axes.plot(value, place, "o", color=colour, ms=6 * size)
-        axes.plot([check.limit] * 2, [place - 0.32, place + 0.32], color="black", lw=1.6 * size)
-    names = [check_name(c) for c in reversed(rows)]
-    if medium is not PAGE:
-        names = [name.replace(" (", "\n(") for name in names]
-    axes.set_yticks(
-        range(len(rows)), names, fontsize=(1.0 if medium is PAGE else 0.8) * medium.font
-    )
-    axes.set_xscale("log")
-    axes.set_ylim(-0.6, len(rows) - 0.4)
-    words = ("relative error: dot", "reference's error bar: line", "limit: upright tick")
-    axes.set_xlabel(("; " if medium is PAGE else ";\n").join(words))
-    tidy(axes)
-    figure.tight_layout()
-    return figure
-
-
 def figure_svg(figure: mpl.figure.Figure, title: str = "") -> str:
     """A figure as an <svg> element without date or XML header; the figure is closed.
 
@@ -125,51 +87,156 @@ def figure_svg(figure: mpl.figure.Figure, title: str = "") -> str:
     return svg.replace("<svg", f'<svg role="img" aria-label="{escape(title)}"', 1) if title else svg
 
 
-def budget_svg(budgets: list[Budget]) -> str:
-    """Bars of the terms, signed, in per cent of the truth; a tick marks the total."""
-    if not budgets:
-        return ""
+@dataclass(frozen=True)
+class Figure:
+    """A drawing of ours, as an <svg> element, and what it shows."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Line:
+    """Numbers over numbers.
+
+    Attributes:
+        x: Places.
+        y: Numbers there, as many.
+        label: For the legend, where there is one.
+        style: Of the line and its marks, as matplotlib writes it.
+        colour: None takes the next one.
+        width: Of the line [points].
+        alpha: 0 is clear.
+    """
+
+    x: Sequence[float] | Points
+    y: Sequence[float] | Points
+    label: str = ""
+    style: str = "-o"
+    colour: str | None = None
+    width: float = 1.3
+    alpha: float = 1.0
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Lines in one pair of axes.
+
+    Attributes:
+        lines: Drawn in this order.
+        x: Words below.
+        y: Words beside.
+        title: Words above.
+        log: Which axes are logarithmic: "", "x", "y" or "xy".
+        levels: Values of y that are marked by dotted lines.
+        places: Values of x, likewise, each with what is written along its line.
+        band: From where to where on y is grey.
+        notes: Words at (x, y).
+        ticks: Words at places along x.
+        y_ticks: Words at places along y.
+        x_range: Lower and upper end; None as the lines need it.
+        y_range: Likewise.
+    """
+
+    lines: Sequence[Line]
+    x: str
+    y: str = ""
+    title: str = ""
+    log: str = ""
+    levels: Sequence[float] = ()
+    places: Mapping[float, str] = field(default_factory=dict)
+    band: tuple[float, float] | None = None
+    notes: Sequence[tuple[float, float, str]] = ()
+    ticks: Mapping[float, str] | None = None
+    y_ticks: Mapping[float, str] | None = None
+    x_range: tuple[float | None, float | None] = (None, None)
+    y_range: tuple[float | None, float | None] = (None, None)
+
+
+def line_figure(
+    rows: Sequence[Sequence[Panel]],
+    caption: str,
+    *,
+    shares_legend: bool,
+    pdf: Path | None = None,
+) -> Figure:
+    """Panels beside and above each other.
+
+    Args:
+        rows: Panels, as many in each row.
+        caption: What the figure shows.
+        shares_legend: One legend below them all, or one in each that has labels.
+        pdf: Where the same figure goes as PDF.
+    """
+    width = {1: 6.4, 2: 9.6, 3: 11.0}.get(len(rows[0]), 12.0)
+    height = min(4.2, 1.1 * width / len(rows[0])) * len(rows) + 0.3 * shares_legend
     with plot_style():
-        return figure_svg(budget_figure(budgets), f"Where the {budgets[0].quantity} is wrong from")
-
-
-def budget_figure(budgets: list[Budget], medium: Medium = PAGE) -> mpl.figure.Figure:
-    """The same as a figure, within a `plot_style`; one budget at least."""
-    colours = {MODEL: "#b5332e", DISCRETISATION: "#2f6f8f", TIME: "#c98a12"}
-    labelled: set[str] = set()
-    size = medium.row
-    high = (1.2 + 0.62 * len(budgets)) * size
-    figure, axes = pyplot.subplots(figsize=(medium.width, high))
-    for place, budget in enumerate(reversed(budgets)):
-        scale = (abs(budget.truth) or 1.0) / 100.0
-        up = down = 0.0
-        rest = "#2f8f4e" if budget.rest == SOLVER else "#6b3fa0"
-        for name, colour in (colours | {budget.rest: rest, "interaction": "#999999"}).items():
-            value = budget.interaction if name == "interaction" else budget.terms.get(name)
-            width = (value or 0.0) / scale
-            start = up if width >= 0.0 else down
-            label = name.partition(":")[0]
-            axes.barh(
-                place, width, left=start, height=0.5, color=colour,
-                label=None if label in labelled else label,
-            )  # fmt: skip
-            labelled.add(label)
-            up, down = (up + width, down) if width >= 0.0 else (up, down + width)
-        axes.plot(
-            [budget.total / scale] * 2, [place - 0.36, place + 0.36], color="black", lw=2 * size
+        figure, axes = pyplot.subplots(
+            len(rows), len(rows[0]), figsize=(width, height), squeeze=False
         )
-    is_page = medium is PAGE
-    names = [f"{b.quantity}\n" * is_page + b.candidate for b in reversed(budgets)]
-    axes.set_yticks(range(len(budgets)), names, fontsize=8 * size)
-    axes.set_axisbelow(True)
-    axes.axvline(0.0, color="black", lw=0.8)
-    what = "error" if is_page else f"{budgets[0].quantity}:\nerror"
-    axes.set_xlabel(f"{what} in per cent of the truth; upright tick: total")
+        for row, beside in zip(rows, axes, strict=True):
+            for panel, place in zip(row, beside, strict=True):
+                _draw(place, panel)
+                if not shares_legend and any(line.label for line in panel.lines):
+                    place.legend(frameon=False, fontsize=8)
+        below = 0.0
+        if shares_legend:
+            found = [place.get_legend_handles_labels() for place in axes.flat]
+            labels = {
+                lb: h for handles, words in found for h, lb in zip(handles, words, strict=True)
+            }
+            inches = sum(0.55 + 0.075 * len(label) for label in labels)
+            columns = math.ceil(len(labels) / math.ceil(inches / width))
+            figure.legend(
+                labels.values(), labels.keys(), loc="lower center", ncols=columns,
+                frameon=False, fontsize=9,
+            )  # fmt: skip
+            below = 0.26 * -(-len(labels) // columns) / height
+        figure.tight_layout(rect=(0.0, below, 1.0, 1.0))
+        if pdf is not None:
+            with mpl.rc_context({"pdf.fonttype": 42}):  # its text stays text too
+                figure.savefig(pdf, metadata={"CreationDate": None})
+        return Figure(figure_svg(figure), caption)
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    axes.set_prop_cycle(color=COLOURS)
+    for line in panel.lines:
+        axes.plot(
+            line.x, line.y, line.style, label=line.label or None, color=line.colour,
+            lw=line.width, ms=8 if line.style == "x" else 4, alpha=line.alpha,
+        )  # fmt: skip
+    axes.set_xscale("log" if "x" in panel.log else "linear")
+    axes.set_yscale("log" if "y" in panel.log else "linear")
+    for level in panel.levels:
+        axes.axhline(level, color="black", lw=0.8, ls=":")
+    for place, words in panel.places.items():
+        axes.axvline(place, color="black", lw=0.8, ls=":")
+        axes.text(
+            place, 0.98, words, transform=axes.get_xaxis_transform(), rotation=90,
+            ha="right", va="top", fontsize=7,
+        )  # fmt: skip
+    if panel.band is not None:
+        axes.axhspan(*panel.band, color="#999999", alpha=0.25, lw=0)
+    axes.margins(x=0.08 if panel.notes else 0.05)
+    for x, y, words in panel.notes:
+        axes.annotate(words, (x, y), (4, 4), textcoords="offset points", fontsize=8)
+    axes.set_xlim(*panel.x_range)
+    axes.set_ylim(*panel.y_range)
+    for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+        low, high = axis.get_view_interval()
+        if letter in panel.log and high <= 1e5 * low:
+            axis.set_major_formatter(_plainly)
+            axis.set_minor_formatter(_plainly if high <= 10.0 * low else NullFormatter())
+    for axis, ticks in ((axes.xaxis, panel.ticks), (axes.yaxis, panel.y_ticks)):
+        if ticks is not None:
+            axis.set_ticks(list(ticks), list(ticks.values()))
+            axis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(panel.x)
+    axes.set_ylabel(panel.y)
+    axes.set_title(panel.title, fontsize=10)
     tidy(axes)
-    columns = 5 if is_page else 3
-    axes.legend(
-        frameon=False, fontsize=8 * size, ncol=columns, loc="lower center",
-        bbox_to_anchor=(0.45 if is_page else 0.3, 1.0),
-    )  # fmt: skip
-    figure.tight_layout()
-    return figure
+
+
+def _plainly(value: float, _place: float) -> str:
+    return f"{value:g}"

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import csv_text, for_json, for_terminal
-from palpate.validation.report.environment import page_environment
-from palpate.validation.report.html import write_report
+from palpate.validation.report.html import page_environment, write_report
+from palpate.validation.report.plots import Figure
 from palpate.validation.run_folder import RESULTS
 from palpate.validation.states import ExitCode, Verdict, gravest
 
@@ -79,14 +79,6 @@ def _text(cell: Any, form: str) -> str:
         return "-"
     # Plus nothing: there is no minus zero on a page.
     return cell if isinstance(cell, str) else format(cell + 0, form)
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A drawing of ours, as an <svg> element, and what it shows."""
-
-    svg: str
-    caption: str
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,95 @@
-"""The tables of a report as CSV: errors and limits in full digits, SI units."""
+"""Tables of a report: Table I of the paper, checks, solutions, provenance; for page and CSV."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from palpate.meshes.problem import Strain
 from palpate.validation.judging.error_budget import Budget, budget_rows
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import csv_text
-from palpate.validation.report.table_one import state_table_csv
+
+MM3, MM2 = 1e9, 1e6
+
+
+@dataclass(frozen=True)
+class Row:
+    """One quantity in one state: a value and its change against the original, per column."""
+
+    quantity: str
+    state: str
+    cells: tuple[tuple[float | None, float | None], ...]
+
+
+@dataclass(frozen=True)
+class StateTable:
+    """Volume and surface area of the original, linear and Green states, by column."""
+
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+    has_paper: bool
+
+
+def state_table(result: CaseResult) -> StateTable:
+    """Columns: the paper where the case has its numbers, then every simulator; mm3 and mm2."""
+    references = [s for s in result.states if s.is_reference]
+    references.sort(key=lambda s: (s.degree, s.label), reverse=True)
+    labels = list(dict.fromkeys(s.label for s in references))
+    labels += dict.fromkeys(s.label for s in result.states if not s.is_reference)
+    published = result.published
+    has_paper = all(
+        isinstance(published.get(f"{state}_{key}"), int | float)
+        for state in ("original", *Strain)
+        for key in ("volume", "area")
+    )
+    mesh = result.problem.mesh
+    rows = []
+    for quantity, key, rest, scale in (
+        ("volume", "volume", mesh.volume, MM3),
+        ("surface area", "area", mesh.surface_area, MM2),
+    ):
+        for state, strain in (
+            ("original", None),
+            ("linear strain", Strain.LINEAR),
+            ("Green strain", Strain.GREEN),
+        ):
+            cells: list[tuple[float | None, float | None]] = []
+            if has_paper:
+                original = float(published[f"original_{key}"])
+                value = float(published[f"{strain or 'original'}_{key}"])
+                cells.append((value, None if strain is None else (value / original - 1) * 100))
+            for label in labels:
+                if strain is None:
+                    cells.append((rest * scale, None))
+                    continue
+                found = result.state(label, strain)
+                if found is None:
+                    cells.append((None, None))
+                    continue
+                amount = found.volume if key == "volume" else found.surface_area
+                cells.append((amount * scale, (amount / rest - 1) * 100))
+            rows.append(Row(quantity, state, tuple(cells)))
+    columns = (["paper"] if has_paper else []) + labels
+    return StateTable(tuple(columns), tuple(rows), has_paper)
+
+
+def state_table_csv(result: CaseResult) -> str:
+    """The same table for a spreadsheet."""
+    table = state_table(result)
+    columns = ["quantity", "state"]
+    columns += [name for c in table.columns for name in (c, f"{c} change %")]
+    rows = []
+    for row in table.rows:
+        unit = "mm3" if row.quantity == "volume" else "mm2"
+        cells = ["" if number is None else f"{number:.4f}" for pair in row.cells for number in pair]
+        rows.append([f"{row.quantity} [{unit}]", row.state, *cells])
+    return csv_text(columns, rows)
+
 
 _CHECK = (
     "metric", "against", "strain", "element", "verdict", "value", "limit", "reference_error",
@@ -63,3 +144,45 @@ def _cell(value: object) -> object:
     return (
         f"{value:.10g}" if isinstance(value, float) else value if type(value) is int else str(value)
     )
+
+
+# As a record names them, in this order.
+_OWN = ("palpate", "python", "numpy", "machine", "time", "command", "case_file", "case_key")
+
+
+def provenance_rows(record: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Versions, machine, command, hashes, mesh and reference: a name and its value each.
+
+    Whatever of a record is missing is left out; what is long (iterates, parts of bars, changes
+    since the reference before) is in the whole record only.
+    """
+    rows = [(name.replace("_", " "), str(record[name])) for name in _OWN if name in record]
+    mesh: Mapping[str, Any] = record.get("mesh") or {}
+    if mesh:
+        rows.append(("mesh", ", ".join(f"{k.replace('_', ' ')} {_short(mesh[k])}" for k in mesh)))
+    reference: Mapping[str, Any] = record.get("reference") or {}
+    if "origin" in reference:
+        rows.append(("reference", str(reference["origin"])))
+    about = [f"{k} {_short(v)}" for k, v in reference.items() if isinstance(v, str | int | float)]
+    about = [words for words in about if not words.startswith("origin ")]
+    if about:
+        rows.append(("reference built", ", ".join(about)))
+    versions: Mapping[str, Any] = reference.get("versions") or {}
+    if versions:
+        rows.append(("with", ", ".join(f"{name} {version}" for name, version in versions.items())))
+    accepted: Mapping[str, Any] = reference.get("accepted") or {}
+    said = [f"{key} {accepted[key]}" for key in ("by", "date") if key in accepted]
+    if said:
+        rows.append(("reference accepted", ", ".join(said)))
+    return rows
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def record_text(record: Mapping[str, Any]) -> str:
+    """As JSON, a list of numbers on one line."""
+    text = json.dumps(dict(record), indent=2, allow_nan=False)
+    numbers = r"\[\s+((?:-?[\d.]+(?:e[-+]?\d+)?|null)(?:,\s+(?:-?[\d.]+(?:e[-+]?\d+)?|null))*)\s+\]"
+    return re.sub(numbers, lambda found: f"[{' '.join(found[1].split())}]", text)

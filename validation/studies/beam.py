@@ -21,8 +21,7 @@ from palpate.validation.candidates.fastsim import run_fastsim
 from palpate.validation.case import load_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.colours import OCHRE, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
+from palpate.validation.report.plots import OCHRE, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Page, Table
 from palpate.validation.states import Progress, in_silence
 from palpate.validation.studies.of_case import findings_of, judge_live, page_of

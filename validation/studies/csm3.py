@@ -23,7 +23,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support
 from palpate.meshes.bricks import brick_box, held, rollers
 from palpate.meshes.problem import Material, Problem, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.report.line_plot import Line, Panel, line_figure
+from palpate.validation.report.plots import Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.study import Study

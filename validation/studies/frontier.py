@@ -34,8 +34,8 @@ from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.peers import adapters
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import CandidateFailedError, Progress
 from palpate.validation.studies.study import Study
 from palpate.validation.versions import version_of

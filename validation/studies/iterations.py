@@ -24,9 +24,8 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.transforms import scale_loads
 from palpate.validation.case import load_case
-from palpate.validation.report.colours import BLUE, GREEN, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import BLUE, GREEN, RED, Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.study import Study
 

@@ -30,9 +30,8 @@ from palpate.meshes.quality import dihedral_angles, edge_length_deviation
 from palpate.meshes.shells import winding_numbers
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.report.colours import BLUE
-from palpate.validation.report.plots import figure_svg, plot_style
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import BLUE, Figure, figure_svg, plot_style
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.study import Study
 

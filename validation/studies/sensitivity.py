@@ -34,9 +34,8 @@ from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import GridConvergence
-from palpate.validation.report.colours import BLUE, GREY, OCHRE, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import BLUE, GREY, OCHRE, RED, Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.bodies import Solve, changed
 from palpate.validation.studies.kidney.meshes import (

@@ -9,9 +9,7 @@ from pathlib import Path
 from palpate.meshes.problem import Strain
 from palpate.validation.case import Case
 from palpate.validation.case.units import LENGTH
-from palpate.validation.report.colours import COLOURS
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure
+from palpate.validation.report.plots import COLOURS, Figure, Line, Panel, line_figure
 from palpate.validation.solving import Simulator
 from palpate.validation.studies.sweep_runs import Run, linear_error
 from palpate.validation.studies.sweep_variants import Axis

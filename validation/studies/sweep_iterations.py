@@ -30,8 +30,8 @@ from palpate.validation.metrics.numerical_damping import (
 )
 from palpate.validation.references.motion_runs import solve_by_steps
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, leave
+from palpate.validation.report.plots import Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict
 from palpate.validation.studies.sweep_variants import VaryError
 

@@ -17,8 +17,8 @@ from palpate.validation.diagnosis.load_slips import load_explanations
 from palpate.validation.diagnosis.static_answer import StaticAnswer
 from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.metrics.body import Body
-from palpate.validation.report.look import look_at
-from palpate.validation.report.picture import draw_case
+from palpate.validation.report.pictures import draw_case
+from palpate.validation.report.preview import look_at
 
 Write = Callable[..., Path]
 FORCE = 'kind = "force"\nforce = [60.0, 20.0, -10.0]'
@@ -155,7 +155,7 @@ def test_check_tells_the_moment_and_draws_the_spread(write_case: Write, tmp_path
     lines = "\n".join(look_at(case).lines)
     assert "moment, its force [0, 0, 0] N" in lines
     assert "moment [0, 5, 0] N m about its middle" in lines
-    draw_case(case, tmp_path / "case.png", by=("matplotlib",))
+    draw_case(case, tmp_path / "case.png")
     assert (tmp_path / "case.png").stat().st_size > 5000
 
 

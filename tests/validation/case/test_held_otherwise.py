@@ -21,8 +21,8 @@ from palpate.validation.exchange.case_folder import write_case_folder
 from palpate.validation.exchange.nodal_arrays import free_part, held_slopes, pushes_of_supports
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.stepping import Slip, Stepper
-from palpate.validation.report.look import look_at
-from palpate.validation.report.picture import draw_case
+from palpate.validation.report.pictures import draw_case
+from palpate.validation.report.preview import look_at
 
 Write = Callable[..., Path]
 CLAMP = "[[support]]\nregion = { half_space = { point = [0.001, 0.0, 0.0], "
@@ -114,7 +114,7 @@ def test_a_turned_face(write_case: Write, tmp_path: Path) -> None:
     assert support.rotation == Rotation((1.0, 0.0, 0.0), (2.0, 0.5, 0.5), np.deg2rad(30.0))
     lines = "\n".join(look_at(case).lines)
     assert "turned by 30 degrees about [1, 0, 0] through [2, 0.5, 0.5] m" in lines
-    draw_case(case, tmp_path / "case.png", by=("matplotlib",))
+    draw_case(case, tmp_path / "case.png")
     found = solve_static(case.problem).displacement
     body = Body(case.problem, case.strain)
     assert body.miss(found) < 1e-12
@@ -204,9 +204,9 @@ def test_steps_along_moving_slanted_walls_by_the_words_alone(
 
 def test_what_slides_and_flies_is_drawn(write_case: Write, tmp_path: Path) -> None:
     start = "[initial_velocity]\nangular_velocity = [0.0, 2.0, 0.0]\n\n" + TIME
-    draw_case(load_case(slanted(write_case)), tmp_path / "slides.png", by=("matplotlib",))
+    draw_case(load_case(slanted(write_case)), tmp_path / "slides.png")
     flies = load_case(write_case((CLAMP, ""), ("[[load]]", start)))
-    draw_case(flies, tmp_path / "flies.png", by=("matplotlib",))
+    draw_case(flies, tmp_path / "flies.png")
     assert all((tmp_path / f"{name}.png").stat().st_size > 5000 for name in ("slides", "flies"))
 
 

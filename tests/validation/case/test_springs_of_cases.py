@@ -21,8 +21,8 @@ from palpate.validation.metrics.audit import audit_on_own_mesh
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.pairs import make_state
 from palpate.validation.metrics.springs import spring_force, stiffness_times
-from palpate.validation.report.look import look_at
-from palpate.validation.report.picture import draw_case
+from palpate.validation.report.pictures import draw_case
+from palpate.validation.report.preview import look_at
 
 Write = Callable[..., Path]
 LOAD = "[[load]]"
@@ -123,7 +123,7 @@ def test_what_is_told_drawn_and_written_out(write_case: Write, tmp_path: Path) -
     case = case_of(write_case)
     told = look_at(case).lines
     assert any(line.startswith("spring 1") and "80 N/m over" in line for line in told), told
-    draw_case(case, tmp_path / "case.png", by=("matplotlib",))
+    draw_case(case, tmp_path / "case.png")
     write_case_folder(tmp_path / "out", case.problem, Strain.GREEN, name="block")
     (spring,) = json.loads((tmp_path / "out" / "case.json").read_text())["springs"]
     assert spring["stiffness"] == 80.0

@@ -13,7 +13,7 @@ from palpate.validation.case import load_case
 from palpate.validation.commands.importing import import_model
 from palpate.validation.importing import UnitSystem
 from palpate.validation.output_files import OutputError
-from palpate.validation.report.look import look_at
+from palpate.validation.report.preview import look_at
 
 MODEL = """*HEADING
 One cell

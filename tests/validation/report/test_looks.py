@@ -15,15 +15,14 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.camera import way_to_eye
-from palpate.validation.report.colours import BLUE, OCHRE, RED
-from palpate.validation.report.looks import colours_of, looks_of
-from palpate.validation.report.motion_plot import motion_svg
-from palpate.validation.report.pictures import _pictures
-from palpate.validation.report.scene import BLUE as SUPPORT
-from palpate.validation.report.scene import Panel, Surface, extent
-from palpate.validation.report.surroundings import arrows_around
-from palpate.validation.report.viewer_data import viewer_json
+from palpate.validation.report.case_plots import motion_svg
+from palpate.validation.report.comparisons import colours_of, comparisons_of, way_to_eye
+from palpate.validation.report.drawing import BLUE as SUPPORT
+from palpate.validation.report.drawing import Surface, View, extent
+from palpate.validation.report.loads_and_tools import arrows_around
+from palpate.validation.report.pictures import result_views
+from palpate.validation.report.plots import BLUE, OCHRE, RED
+from palpate.validation.report.viewer import viewer_json
 
 BOTH = [fastsim_candidate(element=element) for element in Element]
 
@@ -39,7 +38,7 @@ def block() -> CaseResult:
 
 
 def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(block: CaseResult) -> None:
-    for look in looks_of(block):
+    for look in comparisons_of(block):
         candidates = [block.states[one] for one, _ in look.pairs]
         references = [block.states[other] for _, other in look.pairs]
         assert [s.element for s in candidates] == [Element.LINEAR, Element.SMOOTHED]
@@ -50,13 +49,13 @@ def test_each_candidate_has_its_own_same_mesh_and_all_share_the_truth(block: Cas
         else:
             assert [s.element for s in references] == [s.element for s in candidates]
     # The finest truth comes first, linear strain last.
-    first, *_, last = looks_of(block)
+    first, *_, last = comparisons_of(block)
     assert block.states[first.references[0]].label == "reference P2, refined"
     assert (first.strain, last.strain) == (Strain.GREEN, Strain.LINEAR)
 
 
 def test_pictures_show_both_and_the_reference_on_one_scale(block: CaseResult) -> None:
-    pictures = _pictures(block)
+    pictures = result_views(block)
     titles = [panel.title for panel in pictures["states"]]
     assert titles[1:] == [
         f"{name} (wires: original)"
@@ -99,7 +98,7 @@ def test_a_candidate_alone_looks_as_ever() -> None:
     svg = motion_svg(alone)
     assert {BLUE, OCHRE} <= lines_of(svg)
     assert "to reference P1" in svg
-    assert [panel.title for panel in _pictures(alone)["states"]][1:] == [
+    assert [panel.title for panel in result_views(alone)["states"]][1:] == [
         "linear strain (wires: original)", "Green strain (wires: original)",
     ]  # fmt: skip
 
@@ -112,7 +111,7 @@ def test_pictures_stand_as_the_3d_view_begins_with_tools_supports_and_loads(
     problem = dataclasses.replace(block.problem, tools=(tool,))
     result = dataclasses.replace(block, problem=problem)
     yaw, pitch = json.loads(viewer_json(result))["eye"]
-    pictures = _pictures(result)
+    pictures = result_views(result)
     assert {panel.side for panels in pictures.values() for panel in panels} == {
         tuple(map(float, way_to_eye(yaw, pitch)))
     }
@@ -133,7 +132,7 @@ def test_a_tool_widens_a_picture_by_a_part_of_the_body_at_most() -> None:
     body = Surface(corners, facets)
     plane = Surface(100.0 * (corners - 0.5), facets, is_beside=True)
     near = Surface(corners + 0.1, facets, is_beside=True)
-    low, high = extent([Panel("", [body, plane], (1.0, 0.0, 0.0))])
+    low, high = extent([View("", [body, plane], (1.0, 0.0, 0.0))])
     assert (low, high) == (pytest.approx([-0.6] * 3), pytest.approx((1.6, 1.6, 2.6)))
-    low, high = extent([Panel("", [body, near], (1.0, 0.0, 0.0))])
+    low, high = extent([View("", [body, near], (1.0, 0.0, 0.0))])
     assert (low, high) == (pytest.approx([0.0] * 3), pytest.approx((1.1, 1.1, 2.1)))

@@ -18,8 +18,8 @@ from palpate.validation.judging.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.figure_form import FigureForm
-from palpate.validation.report.paper_figures import write_figures
+from palpate.validation.report import FigureForm
+from palpate.validation.report.case_plots import write_figures
 from palpate.validation.report.tables import write_tables
 
 MILLIMETRE = 72.0 / 25.4  # points

@@ -20,7 +20,7 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import html
 from palpate.validation.report.pdf import find_browser, print_pdf
-from palpate.validation.report.viewer_data import viewer_json
+from palpate.validation.report.viewer import viewer_json
 
 pytestmark = pytest.mark.browser
 
@@ -133,7 +133,7 @@ def test_two_candidates_stand_below_their_errors_beside_the_reference(
     assert texts(browser, ".view:not([hidden]) .name") == [
         "error of fastsim",
         "error of fastsim (smoothed)",
-        "original: held blue, pushed red",
+        "original: fixed blue, pushed red",
         "fastsim, Green strain",
         "fastsim (smoothed), Green strain",
         "reference P2, refined, Green strain",

@@ -21,12 +21,10 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import for_json
 from palpate.validation.report import html
-from palpate.validation.report.camera import choose_camera
+from palpate.validation.report.comparisons import choose_camera, comparisons_of
 from palpate.validation.report.credibility import credibility
-from palpate.validation.report.looks import looks_of
-from palpate.validation.report.provenance import provenance_rows, record_text
-from palpate.validation.report.table_one import state_table
-from palpate.validation.report.viewer_data import viewer_json
+from palpate.validation.report.tables import provenance_rows, record_text, state_table
+from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict
 
 
@@ -114,7 +112,7 @@ def test_the_scene_is_the_solution(kidney: CaseResult) -> None:
         assert difference <= 0.5 * drawn["step"] * (1 + 1e-9)
         assert drawn["is_reference"] == (state.simulator == "reference")
     names = [look["name"] for look in scene["looks"]]
-    assert names == [look.name(kidney.states) for look in looks_of(kidney)]
+    assert names == [look.name(kidney.states) for look in comparisons_of(kidney)]
     assert len(scene["errors"]) == len(names) == 6
     # The best truth of Green strain comes first, and the same mesh after all truths.
     assert names[0] == "fastsim, Green strain with reference P2, refined"

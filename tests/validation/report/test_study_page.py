@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Page, Table, judged, study_page
+from palpate.validation.report.plots import Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Page, Table, judged, study_page
 
 TABLE = Table(
     "A <table>",

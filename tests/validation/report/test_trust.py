@@ -20,9 +20,8 @@ from palpate.validation.judging.outputs import (
     summary_markdown,
 )
 from palpate.validation.judging.results import CaseResult, Scope, tone_of
-from palpate.validation.report.looks import looks_of
-from palpate.validation.report.trust import trust_of
-from palpate.validation.report.where_wrong import where_wrong
+from palpate.validation.report.comparisons import comparisons_of
+from palpate.validation.report.trust import trust_of, where_wrong
 from palpate.validation.states import Verdict
 
 
@@ -143,7 +142,7 @@ def test_several_cases_are_green_only_where_each_is(block: CaseResult, kidney: C
 
 def test_where_an_answer_is_wrong(block: CaseResult) -> None:
     """Of the block by hand: a tenth too far everywhere, then wrong at its held end alone."""
-    pair = looks_of(block)[0].pairs[0]
+    pair = comparisons_of(block)[0].pairs[0]
     true, own = block.states[pair[1]], block.states[pair[0]]
 
     def said(displacement: np.ndarray) -> str:

@@ -11,7 +11,8 @@ from rich.console import Console
 from palpate.meshes.errors import InputError
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.report.study_page import Figure, Finding, Page, Table
+from palpate.validation.report.plots import Figure
+from palpate.validation.report.study_page import Finding, Page, Table
 from palpate.validation.states import ExitCode, Progress, Verdict
 from palpate.validation.studies import STUDIES, load_study, of_case
 from palpate.validation.studies.study import Study

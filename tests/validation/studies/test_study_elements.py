@@ -11,7 +11,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem
 from palpate.meshes.quality import measure_quality
 from palpate.reference.errors import ReferenceUnavailableError
-from palpate.validation.report.bending_rule import expected_error
+from palpate.validation.report.estimates import expected_error
 from palpate.validation.states import Verdict
 from palpate.validation.studies import elements, frontier
 from palpate.validation.studies.elements import Found, bar, meshes, modes, present

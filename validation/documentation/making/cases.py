@@ -13,7 +13,7 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.expectation import Expectation, read_expected
 from palpate.validation.references.sets import ReferenceSet
 from palpate.validation.references.stored import load_stored
-from palpate.validation.report.picture import draw_case
+from palpate.validation.report.pictures import draw_case
 
 
 def write_cases(made: Path) -> None:
@@ -47,7 +47,7 @@ def write_cases(made: Path) -> None:
 def draw_cases(made: Path) -> None:
     """The picture of each."""
     for name in builtin_cases():
-        draw_case(load_case(name), made / "cases" / f"{name}.png", by=("matplotlib",))
+        draw_case(load_case(name), made / "cases" / f"{name}.png")
 
 
 def _page(case: Case, expected: Mapping[str, Expectation]) -> str:

@@ -147,7 +147,7 @@ class Viewer extends Stage {
     const scene = this.scene, views = scene.looks[Number(this.choice.value)].views;
     const all = (kind, of) => Math.max(0, ...views.filter((v) => kind in v).map((v) => of[v[kind]].largest));
     const moved = all("solution", scene.solutions), wrong = all("error", scene.errors);
-    const original = { name: "original: held blue, pushed red", motion: this.still, value: this.marks, mode: 0, largest: 1 };
+    const original = { name: "original: fixed blue, pushed red", motion: this.still, value: this.marks, mode: 0, largest: 1 };
     this.shown = views.map((v) => ("original" in v ? original : "solution" in v
         ? { name: scene.solutions[v.solution].name, motion: this.motions[v.solution], value: null, mode: 1, largest: moved }
         : { name: v.name, motion: this.motions[scene.errors[v.error].candidate], value: this.errorLengths[v.error], mode: 1, largest: wrong }));

@@ -24,9 +24,18 @@ import numpy as np
 from palpate.reference.availability import is_available
 from palpate.validation.case import load_case
 from palpate.validation.metrics.grid_convergence import GridConvergence
-from palpate.validation.report.colours import BLUE, COLOURS, GREEN, GREY, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import (
+    BLUE,
+    COLOURS,
+    GREEN,
+    GREY,
+    RED,
+    Figure,
+    Line,
+    Panel,
+    line_figure,
+)
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.convergence.families import (
     ErrorFamily,

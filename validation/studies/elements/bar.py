@@ -17,9 +17,21 @@ from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
 from palpate.validation.references.sets import solve_state
-from palpate.validation.report.colours import BLUE, BROWN, GREEN, GREY, OCHRE, PINK, PURPLE, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Table, judged
+from palpate.validation.report.plots import (
+    BLUE,
+    BROWN,
+    GREEN,
+    GREY,
+    OCHRE,
+    PINK,
+    PURPLE,
+    RED,
+    Figure,
+    Line,
+    Panel,
+    line_figure,
+)
+from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress, Verdict, gravest
 from palpate.validation.studies.frontier import (
     STVK,

@@ -15,9 +15,8 @@ from palpate.meshes.errors import InvertedCellError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.report.colours import BLUE, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Table, judged
+from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.elements.bar import WIDTH, make_bar
 from palpate.validation.studies.frontier import Truth

@@ -17,9 +17,8 @@ from palpate.fastsim.body import Body
 from palpate.meshes.arrays import Floats
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.report.colours import BLUE, GREY, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Table, judged
+from palpate.validation.report.plots import BLUE, GREY, RED, Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.elements.bar import make_bar
 

@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Element
-from palpate.validation.report.bending_rule import expected_error
-from palpate.validation.report.colours import BLUE, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Table, judged
+from palpate.validation.report.estimates import expected_error
+from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.elements.bar import make_bar
 from palpate.validation.studies.frontier import Truth

@@ -13,9 +13,8 @@ import numpy as np
 
 from palpate.meshes.errors import InputError
 from palpate.reference.availability import is_available
-from palpate.validation.report.colours import BLUE, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.half_space.blocks import (
     CONTACT_RADIUS,

@@ -22,9 +22,17 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import SURFACE_SUFFIXES, read_surface
 from palpate.meshes.quality import dihedral_angles
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.report.colours import BLUE, GREY, OCHRE, RED
-from palpate.validation.report.plots import figure_svg, plot_style, tidy
-from palpate.validation.report.study_page import Figure, Finding, Page, Table, judged
+from palpate.validation.report.plots import (
+    BLUE,
+    GREY,
+    OCHRE,
+    RED,
+    Figure,
+    figure_svg,
+    plot_style,
+    tidy,
+)
+from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.organs.measures import Measured, deviation, measure
 from palpate.validation.studies.organs.recipe import (

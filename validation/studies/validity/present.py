@@ -10,9 +10,17 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import numpy as np
 
-from palpate.validation.report.colours import BLUE, COLOURS, GREY, RED
-from palpate.validation.report.line_plot import Line, Panel, line_figure
-from palpate.validation.report.study_page import Figure, Page, Table
+from palpate.validation.report.plots import (
+    BLUE,
+    COLOURS,
+    GREY,
+    RED,
+    Figure,
+    Line,
+    Panel,
+    line_figure,
+)
+from palpate.validation.report.study_page import Page, Table
 from palpate.validation.studies.validity.block import Mode, ModePoint
 from palpate.validation.studies.validity.rising import (
     LIMITS,

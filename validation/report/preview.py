@@ -14,11 +14,17 @@ from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.case.units import FORCE, LENGTH, Units
 from palpate.validation.exchange.nodal_arrays import are_among, facet_areas
-from palpate.validation.report.acting import acting
-from palpate.validation.report.bending_rule import STUDY, expected_error
-from palpate.validation.report.costs import Costs, expected_costs
-from palpate.validation.report.mesh_guess import MOST_CELLS, edge_that_would_do, guess_errors
-from palpate.validation.report.thickness import measure_thickness
+from palpate.validation.report.estimates import (
+    MOST_CELLS,
+    STUDY,
+    Costs,
+    edge_that_would_do,
+    expected_costs,
+    expected_error,
+    guess_errors,
+    measure_thickness,
+)
+from palpate.validation.report.loads_and_tools import resultant_of
 
 _SMALL_ANGLE = 5.0
 _NEAR_INCOMPRESSIBLE = 0.45
@@ -143,7 +149,7 @@ def _what_acts(look: Look, problem: Problem, units: Units) -> None:
         look.say(f"support {number}", f"{where}, {names} held{moving}")
     total = np.zeros(3)
     for number, load in enumerate(problem.loads, 1):
-        found = acting(problem, load)
+        found = resultant_of(problem, load)
         total += found.force
         force = found.force / FORCE[units.force]
         where = (

@@ -1,4 +1,4 @@
-"""What the page's 3-D view draws: the boundary and its motions, packed small.
+"""What the page's 3-D view draws: the boundary and its motions, packed small, with tools and loads.
 
 Displacements are rounded to 1/32767 of the largest component: enough for a picture, never for a
 number. Errors are computed before that, in full precision.
@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.report.camera import first_eye
-from palpate.validation.report.looks import STRAIN_NAMES, error_top, looks_of
-from palpate.validation.report.surroundings import arrows_around, tools_around
+from palpate.validation.report.comparisons import STRAIN_NAMES, comparisons_of, error_top, first_eye
+from palpate.validation.report.loads_and_tools import MILLI, arrows_around, tools_around
 from palpate.validation.states import State
 
-_MILLI = 1e3
 _COLOURS = 32
 
 
@@ -28,7 +26,7 @@ def viewer_json(result: CaseResult) -> str:
     """The scene of a case as JSON that is safe inside a <script> element; lengths in mm."""
     mesh = result.problem.mesh
     used, facets = np.unique(mesh.boundary_facets, return_inverse=True)
-    points = mesh.points[used] * _MILLI
+    points = mesh.points[used] * MILLI
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     times = _times(result)
     scene = {
@@ -37,7 +35,7 @@ def viewer_json(result: CaseResult) -> str:
         "marks": packed(_marks(result, used), np.int8),
         "solutions": [_solution(state, used) for state in result.states],
         "errors": _errors(result, used),
-        "looks": _looks(result),
+        "looks": _offered(result),
         "times": times,
         "tools": [
             {
@@ -60,7 +58,7 @@ def viewer_json(result: CaseResult) -> str:
 
 def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
     """One motion: whole numbers times `step` millimetres, time after time."""
-    displacement = state.displacements[:, used] * _MILLI
+    displacement = state.displacements[:, used] * MILLI
     largest = float(np.abs(displacement).max())
     step = largest / 32767.0 if largest > 0.0 else 1.0
     return {
@@ -72,7 +70,7 @@ def _solution(state: State, used: NDArray[Any]) -> dict[str, Any]:
     }
 
 
-def _looks(result: CaseResult) -> list[dict[str, Any]]:
+def _offered(result: CaseResult) -> list[dict[str, Any]]:
     """What the list offers, each with its views: states and errors, on one scale each.
 
     Errors come first, then the original, candidates and references, so that of two candidates each
@@ -80,18 +78,18 @@ def _looks(result: CaseResult) -> list[dict[str, Any]]:
     """
     offered: list[dict[str, Any]] = []
     states, first = result.states, 0
-    for look in looks_of(result):
-        numbers = range(first, first + len(look.pairs))
-        first += len(look.pairs)
-        moved = [{"solution": one} for one, _ in look.pairs]
-        moved += [{"solution": other} for other in look.references]
+    for shown in comparisons_of(result):
+        numbers = range(first, first + len(shown.pairs))
+        first += len(shown.pairs)
+        moved = [{"solution": one} for one, _ in shown.pairs]
+        moved += [{"solution": other} for other in shown.references]
         wrong = [
             {"error": k, "name": "length of the error"}
-            if len(look.pairs) == 1
+            if len(shown.pairs) == 1
             else {"error": k, "name": f"error of {states[one].label}"}
-            for k, (one, _) in zip(numbers, look.pairs, strict=True)
+            for k, (one, _) in zip(numbers, shown.pairs, strict=True)
         ]
-        offered.append({"name": look.name(states), "views": [*wrong, {"original": True}, *moved]})
+        offered.append({"name": shown.name(states), "views": [*wrong, {"original": True}, *moved]})
     if not offered:
         own = [k for k, state in enumerate(states) if not state.is_reference]
         views = [{"original": True}, *({"solution": k} for k in (own or [0])[:1])]
@@ -100,17 +98,17 @@ def _looks(result: CaseResult) -> list[dict[str, Any]]:
 
 
 def _errors(result: CaseResult, used: NDArray[Any]) -> list[dict[str, Any]]:
-    """Length of the error of every compared pair, look by look."""
+    """Length of the error of every compared pair, look by shown."""
     errors = []
-    for number, other in (pair for look in looks_of(result) for pair in look.pairs):
+    for number, other in (pair for shown in comparisons_of(result) for pair in shown.pairs):
         candidate, reference = result.states[number], result.states[other]
         apart = (candidate.displacements - reference.displacements)[:, used]
-        length = np.linalg.norm(apart, axis=2) * _MILLI
+        length = np.linalg.norm(apart, axis=2) * MILLI
         errors.append(
             {
                 "candidate": number,
                 "reference": other,
-                "largest": _MILLI * error_top(result, float(length.max()) / _MILLI),
+                "largest": MILLI * error_top(result, float(length.max()) / MILLI),
                 "length": packed(length, np.float32),
             }
         )

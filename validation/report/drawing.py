@@ -1,0 +1,307 @@
+"""Still pictures: surfaces, arrows and paths as plain data, and their drawing by matplotlib."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import patches
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.validation.exchange.nodal_arrays import are_among
+from palpate.validation.report.plots import Medium, plot_style
+
+GREEN, BLUE, RED, GREY, TAN, OCHRE = (
+    "#2f8f4e", "#30558f", "#b5332e", "#d9d9d9", "#e3d9d0", "#c98a12",
+)  # fmt: skip
+_EDGES = "#6e6660"
+# A tool may reach beyond the bodies by this part of their size before the frame cuts it.
+BEYOND = 0.3
+_ABOVE = np.array([0.0, 0.0, 0.6])
+# What is turned away from the light keeps this part of its colour.
+_SHADE = 0.62
+# Facets above this are drawn as pixels within a vector figure: no reader opens megabytes of them.
+_MOST_FACETS = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles in one colour, or in those of a number at each point.
+
+    Attributes:
+        points: (num_points, 3).
+        facets: (num_facets, 3).
+        colour: Where there are no values.
+        values: By point, shown with a bar of colours; None for one colour.
+        values_name: What they are.
+        largest: Where the bar ends.
+        colours: Name of matplotlib's map.
+        opacity: 0..1.
+        is_wireframe: Edges only, in the colour.
+        is_beside: A tool, which may reach beyond the frame: it widens that by `BEYOND` at most.
+    """
+
+    points: Points
+    facets: Indices
+    colour: str = GREY
+    values: Floats | None = None
+    values_name: str = ""
+    largest: float = 1.0
+    colours: str = "viridis"
+    opacity: float = 1.0
+    is_wireframe: bool = False
+    is_beside: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Arrows (starts and vectors), a path, or single points, in one colour."""
+
+    points: Points
+    colour: str
+    vectors: Points | None = None
+    is_path: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A body as it is seen from one side.
+
+    Attributes:
+        title: Above it.
+        surfaces: What is seen.
+        side: From where one looks.
+        marks: In front of the surfaces.
+        unit: Of the extents that are written beside the body; "" for none.
+        legend: Words and their colours.
+    """
+
+    title: str
+    surfaces: Sequence[Surface]
+    side: tuple[float, float, float]
+    marks: Sequence[Marks] = ()
+    unit: str = ""
+    legend: Sequence[tuple[str, str]] = ()
+
+    @property
+    def reached(self) -> Points:
+        """Every position that is drawn, but those of tools, (n, 3)."""
+        heads = [m.points + m.vectors for m in self.marks if m.vectors is not None]
+        starts = [m.points for m in self.marks]
+        return np.vstack([*(s.points for s in self.surfaces if not s.is_beside), *starts, *heads])
+
+
+@dataclass(frozen=True)
+class _Size:
+    """Of a picture: inches of a view, points of its text, of lines, and pixels to an inch."""
+
+    wide: float
+    high: float
+    font: float
+    line: float
+    dpi: int
+
+    @property
+    def row(self) -> float:
+        """Height of a letter in parts of the picture's."""
+        return self.font / (72.0 * self.high)
+
+
+def _size_of(form: str, num_views: int) -> _Size:
+    """Of a page's picture, or on paper: one column is 88 mm wide, two are 180."""
+    if form == "png":
+        return _Size(6.2, 7.0, 11.0, 1.0, 110)
+    wide = 3.46 if num_views == 1 else 7.09 / num_views
+    return _Size(wide, max(1.25 * wide, 2.2), 7.0 if num_views < 4 else 6.0, 0.5, 300)
+
+
+def extent(views: Sequence[View]) -> tuple[Points, Points]:
+    """Lowest and highest corner of all that is drawn, of tools as far as the frame follows them."""
+    reached = np.vstack([view.reached for view in views])
+    low, high = reached.min(axis=0), reached.max(axis=0)
+    beyond = BEYOND * float((high - low).max())
+    beside = [s.points for view in views for s in view.surfaces if s.is_beside]
+    for points in beside:
+        low = np.minimum(low, np.maximum(points.min(axis=0), reached.min(axis=0) - beyond))
+        high = np.maximum(high, np.minimum(points.max(axis=0), reached.max(axis=0) + beyond))
+    return low, high
+
+
+def draw(pictures: Mapping[str, Sequence[View]], form: str = "png") -> dict[str, bytes]:
+    """Draw each picture, its views side by side.
+
+    Args:
+        pictures: By name.
+        form: "png", "pdf" or "svg"; the last two in the width of a paper's columns, text as text.
+
+    Returns:
+        The bytes of each picture, the same for the same views.
+    """
+    made = {}
+    for name, views in pictures.items():
+        size = _size_of(form, len(views))
+        with plot_style(Medium(size.wide * len(views), size.font)):
+            figure = _figure(views, size)
+            date = {"pdf": "CreationDate", "svg": "Date"}.get(form)
+            data = io.BytesIO()
+            figure.savefig(data, format=form, metadata={date: None} if date else None)
+        made[name] = data.getvalue()
+    return made
+
+
+def _figure(views: Sequence[View], size: _Size) -> Figure:
+    figure = Figure(figsize=(size.wide * len(views), size.high), dpi=size.dpi)
+    for column, view in enumerate(views):
+        left, wide = column / len(views), 1.0 / len(views)
+        box = (left, 6.0 * size.row, wide, 1.0 - 9.5 * size.row)
+        axes = figure.add_axes(box, projection="3d")
+        _draw(axes, view, views, size)
+    words = [entry for view in views for entry in view.legend]
+    if words:
+        handles = [patches.Patch(color=colour, label=label) for label, colour in words]
+        figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False)
+    return figure
+
+
+def _draw(axes: Any, view: View, views: Sequence[View], size: _Size) -> None:
+    axes.set_proj_type("ortho")
+    eye = np.array(view.side) / np.linalg.norm(view.side)
+    arrows = [_arrow(marks) for marks in view.marks if marks.vectors is not None]
+    # One collection: only within one are triangles sorted by depth.
+    faces, paints, edges = zip(
+        *(_faces(part, eye) for part in (*view.surfaces, *arrows)), strict=True
+    )
+    body = Poly3DCollection(
+        np.concatenate(faces),
+        facecolor=np.vstack(paints),
+        edgecolor=np.vstack(edges),
+        linewidth=0.25 * size.line,
+    )
+    body.set_rasterized(sum(map(len, faces)) > _MOST_FACETS)
+    axes.add_collection3d(body)
+    for marks in view.marks:
+        _add_marks(axes, marks, size.line)
+    low, high = extent(views)
+    for axis, a, b in zip("xyz", low, high, strict=True):
+        getattr(axes, f"set_{axis}lim")(a, b)
+        getattr(axes, f"set_{axis}label")(f"{axis} [{view.unit}]", fontsize=0.9 * size.font)
+        getattr(axes, f"{axis}axis").set_major_locator(mpl.ticker.MaxNLocator(4))
+    sides = tuple(np.maximum(high - low, 1e-9))
+    axes.set_box_aspect(sides)
+    axes.tick_params(labelsize=0.8 * size.font)
+    if not view.unit:
+        axes.set_axis_off()
+    x, y, z = view.side
+    height, azimuth = np.degrees([np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)])
+    axes.view_init(elev=float(height), azim=float(azimuth))
+    if not any(each.unit for each in views):
+        axes.set_box_aspect(sides, zoom=_zoom(axes, views))
+    letters = int(size.wide * 72.0 / (0.62 * size.font))
+    axes.set_title("\n".join(textwrap.wrap(view.title, letters)), fontsize=size.font)
+    for part in view.surfaces:
+        if part.values is not None:
+            _add_bar(axes, part, size)
+
+
+def _add_bar(axes: Any, part: Surface, size: _Size) -> None:
+    """The colours of a surface's values, below it."""
+    scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, part.largest), part.colours)
+    above = axes.get_position()
+    left, wide = above.x0 + 0.22 * above.width, 0.56 * above.width
+    below = axes.figure.add_axes((left, 4.6 * size.row, wide, size.row))
+    bar = axes.figure.colorbar(scale, cax=below, orientation="horizontal")
+    bar.set_label(part.values_name)
+    bar.locator = mpl.ticker.MaxNLocator(3)
+    bar.formatter = lambda value, _position: f"{value:.3g}"
+    bar.solids.set(rasterized=False, edgecolor="face")
+    bar.outline.set_linewidth(0.5 * size.line)
+    bar.ax.tick_params(width=0.5 * size.line)
+    bar.update_ticks()
+
+
+def _zoom(axes: Any, views: Sequence[View]) -> float:
+    """What makes all that is drawn fill the axes: matplotlib's own leaves half of them empty."""
+    points = np.vstack([view.reached for view in views])
+    low, high = extent(views)
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    tools = any(part.is_beside for view in views for part in view.surfaces)
+    x, y, _ = proj3d.proj_transform(*(corners if tools else points).T, axes.get_proj())
+    limits = axes.viewLim
+    fills = [np.abs(x - 0.5 * (limits.x0 + limits.x1)).max() / (0.5 * limits.width)]
+    fills.append(np.abs(y - 0.5 * (limits.y0 + limits.y1)).max() / (0.5 * limits.height))
+    return float(0.97 / max(fills))
+
+
+def _faces(surface: Surface, eye: Floats) -> tuple[Floats, Floats, Floats]:
+    """Corners of the facets that are seen, their colours and those of their edges.
+
+    Of what one sees through all facets, of solids those that face the eye; shaded by a light that
+    comes from the eye and from above.
+    """
+    corners = surface.points[surface.facets]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    is_solid = not surface.is_wireframe and surface.opacity == 1.0
+    rows = normals @ eye > 0.0 if is_solid else np.ones(len(corners), dtype=bool)
+    corners, count = corners[rows], int(rows.sum())
+    if surface.is_wireframe:
+        edges = np.tile(mpl.colors.to_rgba(surface.colour, 0.5), (count, 1))
+        return corners, np.zeros((count, 4)), edges
+    if surface.values is None:
+        paint = np.tile(mpl.colors.to_rgba(surface.colour, surface.opacity), (count, 1))
+    else:
+        shown = surface.values[surface.facets[rows]].mean(axis=1) / (surface.largest or 1.0)
+        paint = mpl.colormaps[surface.colours](shown)
+    light = eye + _ABOVE
+    facing = np.maximum(normals[rows] @ (light / np.linalg.norm(light)), 0.0)
+    paint[:, :3] *= (_SHADE + (1.0 - _SHADE) * facing)[:, None]
+    return corners, paint, np.tile(mpl.colors.to_rgba(_EDGES, 0.5), (count, 1))
+
+
+def _arrow(marks: Marks) -> Surface:
+    """Arrows as solids: a shaft of eight sides and a cone."""
+    assert marks.vectors is not None
+    angles = 0.25 * np.pi * np.arange(8)
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    k = np.arange(8)
+    quads = np.stack([k, (k + 1) % 8, k + 8, (k + 1) % 8 + 8], axis=1)
+    band = np.concatenate([quads[:, [0, 1, 2]], quads[:, [1, 3, 2]]])
+    rings = np.concatenate([band, band + 8, band + 16])
+    points, facets = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int32)]
+    for start, vector in zip(marks.points, marks.vectors, strict=True):
+        length = float(np.linalg.norm(vector))
+        if length > 0.0:
+            facets.append(rings + sum(map(len, points)))
+            across = np.linalg.svd(vector[None])[2][1:]
+            across[1] *= np.sign(np.linalg.det(np.vstack([across, vector])))
+            for along, wide in ((0.0, 0.03), (0.7, 0.03), (0.7, 0.09), (1.0, 0.0)):
+                points.append(start + along * vector + length * wide * around @ across)
+    return Surface(np.vstack(points), np.vstack(facets), marks.colour)
+
+
+def _add_marks(axes: Any, marks: Marks, line: float) -> None:
+    if marks.is_path:
+        axes.plot(*marks.points.T, color=marks.colour, lw=1.5 * line)
+    elif marks.vectors is None:
+        axes.scatter(*marks.points.T, color=marks.colour, s=50 * line**2)
+
+
+def joined(parts: Iterable[Indices | None]) -> Indices:
+    """Facets of several parts, (num_facets, 3); None has none."""
+    known = [part for part in parts if part is not None]
+    return np.vstack([np.zeros((0, 3), dtype=np.int32), *known])
+
+
+def boundary(points: Points, facets: Indices, fixed: Indices, pushed: Indices) -> list[Surface]:
+    """A body's boundary: what is fixed blue, what is pushed red, the rest in the colour of skin."""
+    is_fixed, is_pushed = (are_among(facets, part) for part in (fixed, pushed))
+    kinds = ((~is_fixed & ~is_pushed, TAN), (is_pushed & ~is_fixed, RED), (is_fixed, BLUE))
+    return [Surface(points, facets[rows], colour) for rows, colour in kinds if rows.any()]

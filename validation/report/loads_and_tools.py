@@ -1,0 +1,231 @@
+"""What acts on a body, as numbers and as it is drawn: loads, springs and rigid tools."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.meshes.arrays import Indices, Points
+from palpate.meshes.boundary_conditions import BodyForce, Load, PointForce, Pressure, Traction
+from palpate.meshes.problem import Problem
+from palpate.meshes.rigid_tool import (
+    BoxShape,
+    CapsuleShape,
+    PlaneShape,
+    RigidTool,
+    SphereShape,
+    SurfaceShape,
+)
+from palpate.meshes.shapes import shape_sphere
+from palpate.meshes.spring import Spring
+from palpate.validation.exchange.nodal_arrays import area_vectors, nodal_force
+
+MILLI = 1e3
+# Arrows on a face whose traction varies.
+MOST_ARROWS = 60
+_NO_FACETS = np.zeros((0, 3), dtype=np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Resultant:
+    """One load on the rest body.
+
+    Attributes:
+        kind: In a word or two.
+        facets: Loaded facets, shape (n, 3); none for weight and for point forces.
+        area: Of them [m2].
+        force: In all [N], shape (3,).
+        center: Where the force acts [m], shape (3,); of a traction that varies, the middle of
+            what it acts on.
+        moment: About the center [N m], shape (3,); 0 but of a traction that varies.
+        spread: Of a traction that varies, its value at the middle of each facet [Pa], (n, 3).
+    """
+
+    kind: str
+    facets: Indices
+    area: float
+    force: Points
+    center: Points
+    moment: Points = field(default_factory=lambda: np.zeros(3))
+    spread: Points | None = None
+
+
+def resultant_of(problem: Problem, load: Load) -> Resultant:
+    """What a load comes to on the rest body, with a factor of 1."""
+    mesh = problem.mesh
+    match load:
+        case Traction() | Pressure():
+            vectors = area_vectors(mesh.points, load.facets)
+            areas = np.linalg.norm(vectors, axis=1)
+            total = float(areas.sum())
+            center = np.average(mesh.points[load.facets].mean(axis=1), axis=0, weights=areas)
+            if isinstance(load, Pressure):
+                force = -load.pressure * vectors.sum(axis=0)
+                return Resultant("pressure", load.facets, total, force, center)
+            if not load.is_uniform:
+                return _varying(problem, load, total, center)
+            force = np.array(load.traction) * total
+            return Resultant("force on a surface", load.facets, total, force, center)
+        case PointForce():
+            center = mesh.points[load.points].mean(axis=0)
+            return Resultant("point force", _NO_FACETS, 0.0, np.sum(load.forces, axis=0), center)
+        case BodyForce():
+            low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+            force = np.array(load.force_density) * mesh.volume
+            return Resultant("weight", _NO_FACETS, 0.0, force, 0.5 * (low + high))
+
+
+def _varying(problem: Problem, load: Traction, area: float, center: Points) -> Resultant:
+    points = problem.mesh.points
+    nodal = nodal_force(problem.mesh, load)
+    force, moment = nodal.sum(axis=0), np.cross(points - center, nodal).sum(axis=0)
+    # What is left by rounding is not reported.
+    size = float(np.ptp(points[np.unique(load.facets)], axis=0).max())
+    largest = float(np.abs(nodal).sum())
+    force[np.abs(force) < 1e-12 * largest] = 0.0
+    moment[np.abs(moment) < 1e-12 * largest * size] = 0.0
+    spread = load.at(points[load.facets].mean(axis=1))
+    kind = "force on a surface, varying," if force.any() else "moment, its force"
+    return Resultant(kind, load.facets, area, force, center, moment, spread)
+
+
+def load_arrows(problem: Problem, scale: float) -> Points:
+    """Loads as starts and vectors, (num_arrows, 2, 3), in a unit of so many metres.
+
+    An arrow for each load, longer for more force, but the smallest is seen too; of a traction that
+    varies, many for the force per area.
+    """
+    points = problem.mesh.points / scale
+    reach = float(np.ptp(points, axis=0).max())
+    loads = [resultant_of(problem, load) for load in problem.loads]
+    arrows = [_spread_arrows(points, load, reach) for load in loads if load.spread is not None]
+    whole = [load for load in loads if load.spread is None]
+    sizes = [float(np.linalg.norm(load.force)) for load in whole]
+    largest = max(sizes, default=0.0) or 1.0
+    for load, size in zip(whole, sizes, strict=True):
+        way = load.force / size if size else np.zeros(3)
+        arrow = reach * way * (0.12 + 0.18 * size / largest)
+        start = _start(points, load, load.center / scale, arrow)
+        arrows.append(np.array([[start, arrow]]))
+    return np.concatenate([np.zeros((0, 2, 3)), *arrows])
+
+
+def spring_arrows(springs: Sequence[Spring], points: Points, scale: float) -> Points:
+    """Ways of springs' anchors, or short arrows where they stay, (num_springs, 2, 3)."""
+    arrows = np.zeros((len(springs), 2, 3))
+    for arrow, spring in zip(arrows, springs, strict=True):
+        path = spring.path
+        way = (path.end - path.displacements[0] * (len(path.times) > 1)) / scale
+        arrow[0] = np.array(spring.center) / scale
+        arrow[1] = way if way.any() else 1e-3 * np.ptp(points, axis=0)
+    return arrows
+
+
+def arrows_around(problem: Problem, centre: Points) -> Points:
+    """Loads and the ways of springs' anchors [mm] from a centre, (num_arrows, 2, 3)."""
+    points, scale = problem.mesh.points * MILLI, 1.0 / MILLI
+    pairs = [spring_arrows(problem.springs, points, scale), load_arrows(problem, scale)]
+    arrows = np.concatenate(pairs)
+    arrows[:, 0] -= centre
+    return arrows
+
+
+def _spread_arrows(points: Points, load: Resultant, reach: float) -> Points:
+    """Arrows over a face whose traction varies: a push ends on it, a pull begins there."""
+    assert load.spread is not None
+    rows = np.arange(0, len(load.facets), -(-len(load.facets) // MOST_ARROWS))
+    middles, traction = points[load.facets[rows]].mean(axis=1), load.spread[rows]
+    largest = float(np.linalg.norm(traction, axis=1).max(initial=0.0)) or 1.0
+    arrows = 0.2 * reach / largest * traction
+    outward = area_vectors(points, load.facets[rows])
+    is_push = np.einsum("ij,ij->i", outward, arrows) < 0.0
+    starts = np.where(is_push[:, None], middles - arrows, middles)
+    return np.stack([starts, arrows], axis=1)
+
+
+def _start(points: Points, load: Resultant, center: Points, arrow: Points) -> Points:
+    """Where an arrow begins that is clear of the body: a push ends on it, a pull begins there."""
+    length = float(np.linalg.norm(arrow))
+    if length == 0.0:
+        return center
+    direction = arrow / length
+    if load.kind == "point force":
+        return center - arrow
+    outward = area_vectors(points, load.facets).sum(axis=0)
+    is_pull = bool(outward @ arrow > 0.0)
+    # Where the line of the force meets the loaded part, about: what is nearest to the line.
+    middles = points[load.facets].mean(axis=1) if len(load.facets) else points
+    along = (middles - center) @ direction
+    beside = np.linalg.norm(middles - center - along[:, None] * direction, axis=1)
+    beside[along < -1e-9 * length if is_pull else along > 1e-9 * length] = np.inf
+    met = center + direction * float(along[beside.argmin()])
+    return met if is_pull else met - arrow
+
+
+_BOX = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+_BOX_FACETS = np.array(
+    [
+        [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+        [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+    ],
+    dtype=np.int32,
+)  # fmt: skip
+
+
+def tool_surface(tool: RigidTool, size: float, *, fineness: float = 0.3) -> tuple[Points, Indices]:
+    """A tool as it is drawn.
+
+    Args:
+        tool: Of any shape.
+        size: Side of the flat box that a plane is drawn as [m].
+        fineness: Edges of spheres and capsules, in parts of the radius.
+
+    Returns:
+        Points in the tool's frame [m], (n, 3), and triangles, (m, 3).
+    """
+    match tool.shape:
+        case SphereShape(radius):
+            ball = shape_sphere(radius, edge_length=fineness * radius)
+            return ball.points, ball.facets
+        case CapsuleShape(radius, half_length):
+            ball = shape_sphere(radius, edge_length=fineness * radius)
+            drawn_out = np.zeros_like(ball.points)
+            drawn_out[:, 2] = np.sign(np.round(ball.points[:, 2] / radius, 6)) * half_length
+            return ball.points + drawn_out, ball.facets
+        case BoxShape(half_widths):
+            return _BOX * np.array(half_widths), _BOX_FACETS
+        case SurfaceShape(surface):
+            return surface.points, surface.facets
+        case PlaneShape():
+            low, high = np.array([-0.5, -0.5, -0.05]), np.array([0.5, 0.5, 0.0])
+            return size * np.where(_BOX > 0, high, low), _BOX_FACETS
+
+
+def tools_around(
+    problem: Problem, centre: Points, times: Points | None
+) -> list[tuple[Points, Indices, Points]]:
+    """Each tool that follows a path, in millimetres from a centre.
+
+    A tool that a force drives is left out: its position is part of the result, and not stored.
+
+    Args:
+        problem: With the tools.
+        centre: Of the view [mm], (3,).
+        times: Stored times of a motion [s]; None for a state at rest, at the end of the path.
+
+    Returns:
+        Points in the tool's frame (n, 3), facets (m, 3), and of each time the rotation matrix's
+        nine numbers row by row and the position (num_times, 12).
+    """
+    size = float(np.ptp(problem.mesh.points, axis=0).max())
+    found = []
+    for tool in problem.tools:
+        if tool.drive is None:
+            own, facets = tool_surface(tool, size)
+            shown = [tool.path.times[-1]] if times is None else times
+            poses = [tool.path.pose_at(float(time)) for time in shown]
+            rows = np.array([[*turn.ravel(), *(at * MILLI - centre)] for at, turn in poses])
+            found.append((own * MILLI, facets, rows))
+    return found
