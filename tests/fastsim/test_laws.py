@@ -20,7 +20,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Inclusion, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.diagnosis.law_materials import example_material
+from palpate.validation.diagnosis.law_simulators import example_material
 
 MakeBox = Callable[..., TetMesh]
 FINITE = [law for law in Law if not law.is_linear_in_strain]

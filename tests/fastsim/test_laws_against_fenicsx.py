@@ -16,7 +16,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Pressure, Support, Tra
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Problem, Strain, TimeSpan
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.diagnosis.law_materials import example_material, following
+from palpate.validation.diagnosis.law_simulators import example_material, following
 
 pytestmark = pytest.mark.dolfinx
 

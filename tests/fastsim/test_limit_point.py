@@ -22,7 +22,7 @@ from palpate.meshes.boundary_conditions import BodyForce, Support, Traction
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.diagnosis.law_materials import example_material
+from palpate.validation.diagnosis.law_simulators import example_material
 
 MakeBox = Callable[..., TetMesh]
 SOFT = Material(1e4, 0.3, 1000.0)

@@ -12,7 +12,7 @@ from palpate.fastsim.body import Body
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.diagnosis.law_materials import example_material
+from palpate.validation.diagnosis.law_simulators import example_material
 
 MakeBox = Callable[..., TetMesh]
 LAWS = pytest.mark.parametrize("law", [law for law in Law if not law.is_linear_in_strain])

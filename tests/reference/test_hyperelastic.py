@@ -17,7 +17,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.reference.availability import is_available
-from palpate.validation.diagnosis.law_materials import example_material as material
+from palpate.validation.diagnosis.law_simulators import example_material as material
 
 if is_available():
     from palpate.reference.dynamics import simulate_implicit

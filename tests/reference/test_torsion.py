@@ -23,8 +23,8 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.availability import is_available
-from palpate.validation.diagnosis.law_materials import example_material
-from palpate.validation.diagnosis.law_slips import lame_of
+from palpate.validation.diagnosis.law_simulators import example_material
+from palpate.validation.diagnosis.static_hypotheses import lame_of
 from palpate.validation.metrics.finite_laws import energy_density, finite_stress, stress_change
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 

@@ -15,7 +15,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain, TimeSpan
 from palpate.reference.availability import is_available
 from palpate.reference.schemes import Integrator
-from palpate.validation.diagnosis.law_materials import example_material
+from palpate.validation.diagnosis.law_simulators import example_material
 
 if is_available():
     from palpate.reference import generalised_alpha

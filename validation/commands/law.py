@@ -57,10 +57,12 @@ def law(
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.candidates.outside import OutsideSimulator
     from palpate.validation.diagnosis import law_checks as checks
-    from palpate.validation.diagnosis import law_of_simulator as laws_of
-    from palpate.validation.diagnosis import law_outside as outside
-    from palpate.validation.diagnosis import law_seeded as seeded
-    from palpate.validation.diagnosis.law_materials import example_material
+    from palpate.validation.diagnosis.law_outside import check_simulator
+    from palpate.validation.diagnosis.law_simulators import (
+        FastsimLaw,
+        ReferenceLaw,
+        example_material,
+    )
     from palpate.validation.output_files import require_outputs
 
     if who not in _WHO:
@@ -77,14 +79,14 @@ def law(
         material = dataclasses.replace(material, ogden_terms=_ogden_terms(ogden))
     if simulator is not None:
         program = OutsideSimulator(simulator, time_limit)
-        found = outside.check_simulator(program, material, limit, progress_lines())
+        found = check_simulator(program, material, limit, progress_lines())
         _end(material, program.name, found, json)
         return
-    whose = laws_of.FastsimLaw(material) if who == "fastsim" else laws_of.ReferenceLaw(material)
+    whose = FastsimLaw(material) if who == "fastsim" else ReferenceLaw(material)
     if not self_test:
         _end(material, whose.name, checks.check_law(whose, material), json)
         return
-    caught = seeded.self_test(whose, material)
+    caught = checks.self_test(whose, material)
     for mistake, findings in caught.items():
         says = f"seen by {findings[0].check}: {findings[0].message}" if findings else "NOT SEEN"
         print(for_terminal(f"{mistake}: {says}"))

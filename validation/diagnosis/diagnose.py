@@ -16,11 +16,10 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem
-from palpate.validation.diagnosis.answers import Fields, answer_explanations, distance, plain_slips
-from palpate.validation.diagnosis.asked import Ask, isotropy_explanation
 from palpate.validation.diagnosis.explanation import (
     CONVERGED,
     DOUBLE,
+    LENGTH_UNITS,
     OF_DISPLACEMENT,
     OF_FORCE,
     SINGLE,
@@ -28,20 +27,27 @@ from palpate.validation.diagnosis.explanation import (
     Diagnosis,
     Explanation,
     choose,
+    displacement_words,
 )
-from palpate.validation.diagnosis.factors import LENGTH_UNITS, displacement_words
-from palpate.validation.diagnosis.law_slips import (
-    anisotropy_explanations,
-    law_explanations,
-    material_explanations,
+from palpate.validation.diagnosis.motion_hypotheses import motion_hypotheses, stepper_of
+from palpate.validation.diagnosis.result_hypotheses import (
+    Ask,
+    Fields,
+    distance,
+    isotropy_hypotheses,
+    plain_hypotheses,
+    result_hypotheses,
 )
-from palpate.validation.diagnosis.load_slips import each_load_apart, load_explanations
-from palpate.validation.diagnosis.motion_slips import motion_explanations, stepper_of
-from palpate.validation.diagnosis.static_answer import StaticAnswer
-from palpate.validation.diagnosis.support_slips import (
-    support_explanations,
-    tool_explanation,
-    tool_force_explanations,
+from palpate.validation.diagnosis.static_hypotheses import (
+    StaticResult,
+    anisotropy_hypotheses,
+    each_load_apart,
+    law_hypotheses,
+    load_hypotheses,
+    material_hypotheses,
+    support_hypotheses,
+    tool_force_hypotheses,
+    tool_hypotheses,
 )
 from palpate.validation.exchange.result_files import LENGTH
 from palpate.validation.metrics.body import Body
@@ -92,19 +98,19 @@ def diagnose(
                 other = None
                 if other_strain is not None:
                     other = (OTHER_STRAIN[candidate.strain], other_strain.displacements)
-                tried += answer_explanations(mine, theirs, problem.mesh.points, other=other)
+                tried += result_hypotheses(mine, theirs, problem.mesh.points, other=other)
             if problem.time is None:
                 apart = None if theirs is None else distance(mine, theirs)
-                answer = StaticAnswer(body, mine[-1], apart)
+                answer = StaticResult(body, mine[-1], apart)
                 if theirs is None:
                     tried += _by_balance(answer)
                 tried += _statics(answer, ask, bool(choose(tried)))
                 if reference is not None:
-                    tried += tool_force_explanations(candidate, reference)
+                    tried += tool_force_hypotheses(candidate, reference)
             else:
                 stepper, hint = stepper_of(body, candidate)
                 if stepper is not None:
-                    tried += motion_explanations(stepper, mine)
+                    tried += motion_hypotheses(stepper, mine)
         found = choose(tried)
         stated, of = _stated(body, mine, theirs)
         if not found and problem.springs:
@@ -119,7 +125,7 @@ def diagnose(
 def equations_left(problem: Problem, candidate: State) -> float:
     """What a static answer leaves of the stated equations, over the largest nodal force."""
     body = Body(problem, candidate.strain, candidate.element)
-    return StaticAnswer(body, candidate.displacement).stated
+    return StaticResult(body, candidate.displacement).stated
 
 
 def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str]:
@@ -127,18 +133,18 @@ def _stated(body: Body, mine: Fields, theirs: Fields | None) -> tuple[float, str
         return distance(mine, theirs), OF_DISPLACEMENT
     if body.problem.time is not None:
         return float("nan"), OF_DISPLACEMENT
-    return StaticAnswer(body, mine[-1]).stated, OF_FORCE
+    return StaticResult(body, mine[-1]).stated, OF_FORCE
 
 
 # Of a static answer; the next of them only where nothing simpler fits.
 _FAMILIES = (
-    (law_explanations, load_explanations, support_explanations, tool_explanation),
-    (material_explanations, each_load_apart),
-    (anisotropy_explanations,),
+    (law_hypotheses, load_hypotheses, support_hypotheses, tool_hypotheses),
+    (material_hypotheses, each_load_apart),
+    (anisotropy_hypotheses,),
 )
 
 
-def _statics(answer: StaticAnswer, ask: Ask | None, is_found: bool) -> Iterator[Explanation]:
+def _statics(answer: StaticResult, ask: Ask | None, is_found: bool) -> Iterator[Explanation]:
     problem = answer.body.problem
     if answer.stated <= CONVERGED and not is_found:
         yield answer.tried(_kept(answer), Cause.AGREES, 0)
@@ -152,11 +158,11 @@ def _statics(answer: StaticAnswer, ask: Ask | None, is_found: bool) -> Iterator[
     if ask is not None and not (is_found or choose(tried) or problem.inclusions):
         # Where it cannot answer these problems, nothing is said of them.
         with contextlib.suppress(CandidateFailedError, InputError):
-            tried += isotropy_explanation(problem, answer.displacement, ask)
+            tried += isotropy_hypotheses(problem, answer.displacement, ask)
     yield from tried
 
 
-def _kept(answer: StaticAnswer) -> str:
+def _kept(answer: StaticResult) -> str:
     if answer.body.problem.tools:
         return "the stated equations are kept wherever no tool can touch"
     if answer.apart is not None and answer.apart > SINGLE:
@@ -167,12 +173,12 @@ def _kept(answer: StaticAnswer) -> str:
     return "the stated equations are kept on this mesh"
 
 
-def _by_balance(answer: StaticAnswer) -> Iterator[Explanation]:
+def _by_balance(answer: StaticResult) -> Iterator[Explanation]:
     """Slips of the answer, where no reference is there to see them: undone, the body balances."""
     body = answer.body
-    for name, fixed in plain_slips(answer.displacement, body.mesh.points):
-        left = StaticAnswer(body, fixed).stated
-        yield Explanation(name, Cause.ANSWER, left, answer.stated, OF_FORCE)
+    for name, fixed in plain_hypotheses(answer.displacement, body.mesh.points):
+        left = StaticResult(body, fixed).stated
+        yield Explanation(name, Cause.RESULT, left, answer.stated, OF_FORCE)
 
 
 def _on_own_mesh(mine: Fields, theirs: Fields | None) -> Iterator[Explanation]:

@@ -2,7 +2,8 @@
 
 P = dW/dF, tangent = dP/dF and its symmetry, W(Q F) = W(F) and P(Q F) = Q P(F) (objectivity),
 P(F Q) = P(F) Q (isotropy), no stress at rest and Hooke's tangent there, P as the judge writes it.
-R. W. Ogden, Non-linear Elastic Deformations, 1984, sections 4.2 and 6.1.
+R. W. Ogden, Non-linear Elastic Deformations, 1984, sections 4.2 and 6.1. Laws with one seeded error
+each show that the checks see it.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material
-from palpate.validation.diagnosis.law_deformations import deformations, rotations
-from palpate.validation.diagnosis.law_naming import name_of_stress
-from palpate.validation.diagnosis.law_of_simulator import LawOf
-from palpate.validation.diagnosis.law_slips import lame_of
+from palpate.validation.diagnosis.law_simulators import LawOf, deformations, rotations
+from palpate.validation.diagnosis.static_hypotheses import lame_of
 from palpate.validation.metrics.finite_laws import OgdenTerms, finite_stress
-from palpate.validation.metrics.laws import Array
+from palpate.validation.metrics.laws import Array, linear
 
 # Differences of fourth order with steps of a thousandth of the smallest stretch are right to 1e-10
 # or so; a derivative that is off in any user's sense is off by more than a tenth of a million.
@@ -205,3 +206,154 @@ def _scale(P: Array, material: Material) -> Array:
     """A stress, or a hundredth of the modulus where there is hardly any."""
     scale: Array = np.maximum(_sizes(P), 0.01 * material.youngs_modulus)
     return scale
+
+
+# Of the stress: a law that fits so well is it.
+_FITS = 1e-6
+
+
+def name_of_stress(
+    P: Array, material: Material, F: Array, known: NDArray[np.bool_] | None = None
+) -> str:
+    """What explains a stress: another law, or the same with other moduli; else how far off it is.
+
+    Args:
+        P: First Piola-Kirchhoff stress [Pa], (n, 3, 3).
+        material: What was stated.
+        F: Where, (n, 3, 3).
+        known: Which components count, (3, 3); None is all.
+    """
+    weights = np.ones((3, 3)) if known is None else known.astype(float)
+    P = np.where(weights > 0.0, P, 0.0)
+    if not np.isfinite(P).all():
+        return "the stress is no finite number"
+    H, count = F - np.eye(3), len(F)
+    lmbda, mu = (np.full(count, of) for of in lame_of(material))
+    c01, none = np.full(count, material.c01), np.zeros(count)
+    candidates = {
+        f"the stress is that of {law}": finite_stress(law, H, lmbda, mu, c01)
+        for law in Law
+        # Ogden's has constants of its own.
+        if law not in (material.law, Law.OGDEN)
+    }
+    candidates["the stress is that of linear elasticity"] = linear(H, lmbda, mu)
+    terms = material.ogden_terms
+    right = finite_stress(material.law, H, lmbda, mu, c01, terms)
+    transposed = finite_stress(material.law, H.transpose(0, 2, 1), lmbda, mu, c01, terms)
+    candidates["the stress is that of the transposed gradient"] = transposed
+    for words, found in candidates.items():
+        if _misses(P, weights * found) < _FITS:
+            return words
+    # Linear in the moduli, all of them: parts of lmbda and of mu by least squares.
+    parts = np.stack(
+        [
+            (weights * finite_stress(material.law, H, lmbda, none, none, terms)).ravel(),
+            (weights * finite_stress(material.law, H, none, mu, c01, terms)).ravel(),
+        ],
+        axis=1,
+    )
+    shares = np.linalg.lstsq(parts, P.ravel(), rcond=None)[0]
+    if _misses(P, (parts @ shares).reshape(P.shape)) < _FITS:
+        return (
+            f"the stress is that of the stated law with lmbda times {shares[0]:.6g} and mu times "
+            f"{shares[1]:.6g}"
+        )
+    right = weights * right
+    off = np.abs(P - right)
+    cell, i, j = np.unravel_index(int(off.argmax()), off.shape)
+    return (
+        f"the stress is of no law known here: P{i + 1}{j + 1} = {P[cell, i, j]:.6g} Pa where "
+        f"{right[cell, i, j]:.6g} Pa was stated"
+    )
+
+
+def _misses(P: Array, found: Array) -> float:
+    return float(np.linalg.norm(P - found) / max(float(np.linalg.norm(P)), 1e-300))
+
+
+@dataclass(frozen=True)
+class Seeded:
+    """A law with its energy, stress or tangent changed; `check` is the one that must see it."""
+
+    law: LawOf
+    name: str
+    check: str
+    of_energy: Callable[[Array, Array], Array] | None = None
+    of_stress: Callable[[Array, Array], Array] | None = None
+    of_tangent: Callable[[Array, Array, Array], Array] | None = None
+
+    def energy(self, F: Array) -> Array:
+        """See `LawOf`."""
+        found = self.law.energy(F)
+        return found if self.of_energy is None else self.of_energy(F, found)
+
+    def stress(self, F: Array) -> Array:
+        """See `LawOf`."""
+        found = self.law.stress(F)
+        return found if self.of_stress is None else self.of_stress(F, found)
+
+    def change(self, F: Array, dF: Array) -> Array:
+        """See `LawOf`."""
+        found = self.law.change(F, dF)
+        return found if self.of_tangent is None else self.of_tangent(F, dF, found)
+
+
+def seeded_mistakes(law: LawOf, material: Material) -> list[Seeded]:
+    """Mistakes that have been made in simulators, one at a time."""
+    size = 1e-3 * material.youngs_modulus
+
+    def trace_of_strain(F: Array) -> Array:
+        traces: Array = 0.5 * (np.einsum("cij,cij->c", F, F) - 3.0)
+        return traces[:, None, None]
+
+    def stiffer(F: Array, P: Array) -> Array:
+        lmbda, mu, c01, terms = moduli_of(material, len(F))
+        return P + 0.01 * finite_stress(material.law, F - np.eye(3), 0.0 * lmbda, mu, c01, terms)
+
+    return [
+        Seeded(law, "energy a thousandth too large", "P = dW/dF", of_energy=lambda _, W: 1.001 * W),
+        Seeded(
+            law,
+            "a volume term of the stress that the energy has not",
+            "P = dW/dF",
+            of_stress=lambda F, P: P + size * trace_of_strain(F) * F,
+        ),
+        Seeded(
+            law,
+            "the tangent's geometric part left out",
+            "tangent = dP/dF",
+            of_tangent=lambda F, dF, dP: dP - dF @ np.linalg.solve(F, law.stress(F)),
+        ),
+        Seeded(
+            law,
+            "a tangent without its symmetry",
+            "symmetry",
+            of_tangent=lambda _, dF, dP: dP + size * np.roll(dF, 1, axis=1),
+        ),
+        Seeded(
+            law,
+            "stress pushed forward by the transposed gradient",
+            "objectivity",
+            of_stress=lambda F, P: F.transpose(0, 2, 1) @ np.linalg.solve(F, P),
+        ),
+        Seeded(
+            law,
+            "stiffer by a tenth along x",
+            "isotropy",
+            of_stress=lambda _, P: P * np.array([1.1, 1.0, 1.0]),
+        ),
+        Seeded(law, "stress at rest", "rest", of_stress=lambda F, P: P + size * F),
+        Seeded(law, "shear modulus 1 % too large", "law as stated", of_stress=stiffer),
+    ]
+
+
+def self_test(law: LawOf, material: Material) -> dict[str, list[Finding]]:
+    """By mistake, the failed findings of the check that must see it; none where nothing does."""
+    return {
+        seeded.name: [
+            finding
+            for finding in check_law(seeded, material)
+            if finding.check == seeded.check and not finding.is_good
+        ]
+        for seeded in seeded_mistakes(law, material)
+    }

@@ -20,11 +20,11 @@ from palpate.validation.diagnosis.law_checks import (
     Finding,
     compare_stress,
     moduli_of,
+    name_of_stress,
     stated_stress,
 )
-from palpate.validation.diagnosis.law_deformations import moderate_deformations
-from palpate.validation.diagnosis.law_naming import name_of_stress
-from palpate.validation.diagnosis.law_of_simulator import (
+from palpate.validation.diagnosis.law_simulators import (
+    moderate_deformations,
     nodal_forces,
     separate_cells,
 )

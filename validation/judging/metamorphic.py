@@ -23,7 +23,7 @@ from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.candidates.candidate import Candidate
 from palpate.validation.case import Case
 from palpate.validation.diagnosis import Diagnosis
-from palpate.validation.diagnosis.asked import turned_otherwise
+from palpate.validation.diagnosis.result_hypotheses import turned_otherwise
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.states import CandidateFailedError, Progress, Verdict, gravest, in_silence

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 from palpate.meshes.problem import Problem
 from palpate.validation.diagnosis import Cause, Diagnosis
-from palpate.validation.diagnosis.answers import distance
 from palpate.validation.diagnosis.diagnose import equations_left
 from palpate.validation.diagnosis.explanation import CONVERGED, SINGLE
+from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.states import State
 
 SOLVER = "solver"

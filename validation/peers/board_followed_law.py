@@ -12,7 +12,7 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError
-from palpate.validation.diagnosis.answers import distance
+from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.metrics.body import Body, imbalance
 from palpate.validation.metrics.finite_laws import laws_instead_of_law
 from palpate.validation.metrics.laws import Law

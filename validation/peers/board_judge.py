@@ -26,7 +26,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.diagnosis.answers import distance
+from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.error_budget import farthest_probe
 from palpate.validation.judging.own_steps import are_the_cases

@@ -14,7 +14,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain, with_law
 from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.schemes import Integrator, Steps
-from palpate.validation.diagnosis.answers import distance
+from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.own_steps import are_the_cases
 from palpate.validation.peers.board_kept import Kept, key_of
 from palpate.validation.peers.board_truths import made_by

@@ -19,7 +19,7 @@ from palpate.reference.child import run_task
 from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError
 from palpate.reference.schemes import Integrator, numerical_damping_ratio
 from palpate.reference.tasks import SteppedTask
-from palpate.validation.diagnosis.law_materials import example_material
+from palpate.validation.diagnosis.law_simulators import example_material
 
 if is_available():
     from palpate.reference.dynamics import simulate_implicit

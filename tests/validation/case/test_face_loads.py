@@ -13,8 +13,7 @@ from palpate.meshes.bricks import side
 from palpate.meshes.errors import InputError
 from palpate.meshes.face_loads import Profile, hydrostatic_traction, profile_traction
 from palpate.validation.case import Case, load_case
-from palpate.validation.diagnosis.load_slips import load_explanations
-from palpate.validation.diagnosis.static_answer import StaticAnswer
+from palpate.validation.diagnosis.static_hypotheses import StaticResult, load_hypotheses
 from palpate.validation.exchange.nodal_arrays import nodal_force
 from palpate.validation.metrics.body import Body
 from palpate.validation.report.pictures import draw_case
@@ -166,6 +165,6 @@ def test_a_profile_taken_as_uniform_is_found(write_case: Write) -> None:
     problem, load = case.problem, load_of(case)
     mean = Traction(load.facets, (2.0, 0.0, 4.0))
     slipped = type(problem)(problem.mesh, problem.material, problem.supports, (mean,))
-    answer = StaticAnswer(Body(problem, case.strain), solve_static(slipped).displacement)
-    fits = [found.name for found in load_explanations(answer) if found.fits]
+    answer = StaticResult(Body(problem, case.strain), solve_static(slipped).displacement)
+    fits = [found.name for found in load_hypotheses(answer) if found.fits]
     assert fits == ["load 1 (traction) taken as uniform, at its mean"]

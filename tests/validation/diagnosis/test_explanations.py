@@ -15,10 +15,18 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis import Cause, Diagnosis, Explanation, diagnose
-from palpate.validation.diagnosis.answers import answer_explanations
-from palpate.validation.diagnosis.asked import isotropy_explanation, turned_otherwise
-from palpate.validation.diagnosis.explanation import OF_FORCE, choose
-from palpate.validation.diagnosis.factors import displacement_words, in_words, snapped
+from palpate.validation.diagnosis.explanation import (
+    OF_FORCE,
+    choose,
+    displacement_words,
+    in_words,
+    snapped,
+)
+from palpate.validation.diagnosis.result_hypotheses import (
+    isotropy_hypotheses,
+    result_hypotheses,
+    turned_otherwise,
+)
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.laws import law_of, laws_instead_of
@@ -109,7 +117,7 @@ def test_a_symmetric_answer_is_explained_by_several_axes() -> None:
     truth = np.random.default_rng(1).normal(size=(1, 20, 3))
     truth[..., 1] = truth[..., 0]
     turned = truth * [1.0, 1.0, -1.0]
-    found = choose(answer_explanations(turned, truth, rest))
+    found = choose(result_hypotheses(turned, truth, rest))
     assert [e.name for e in found] == ["z reversed", "components x and y exchanged, z reversed"]
 
 
@@ -121,7 +129,7 @@ def test_an_anisotropic_law_is_found_by_turning_the_problem(answers: Any) -> Non
 
     def tried(mistake: str) -> Explanation:
         answer = answers.of("block", mistake).displacement
-        (found,) = isotropy_explanation(problem, answer, asked_with(mistake))
+        (found,) = isotropy_hypotheses(problem, answer, asked_with(mistake))
         return found
 
     assert "not isotropic" in tried("orthotropic").name
@@ -206,7 +214,7 @@ def test_times_that_run_too_fast_are_told_from_the_trajectory_alone() -> None:
     truth = np.sin(3.0 * times)[:, None, None] * shape
     fast = np.sin(6.0 * times)[:, None, None] * shape
     rest = np.zeros((30, 3))
-    assert [e.name for e in choose(answer_explanations(fast, truth, rest))] == [
+    assert [e.name for e in choose(result_hypotheses(fast, truth, rest))] == [
         "time runs 2 times too fast"
     ]
 

@@ -11,17 +11,17 @@ from typer.testing import CliRunner
 
 from palpate.meshes.material_law import Law
 from palpate.validation.cli import app
-from palpate.validation.diagnosis.law_checks import check_law, compare_stress, moduli_of
-from palpate.validation.diagnosis.law_deformations import deformations, rotations
-from palpate.validation.diagnosis.law_materials import example_material
-from palpate.validation.diagnosis.law_of_simulator import (
+from palpate.validation.diagnosis.law_checks import check_law, compare_stress, moduli_of, self_test
+from palpate.validation.diagnosis.law_simulators import (
     FastsimLaw,
     ReferenceLaw,
+    deformations,
     displacements,
+    example_material,
     nodal_forces,
+    rotations,
     stress_of_forces,
 )
-from palpate.validation.diagnosis.law_seeded import self_test
 from palpate.validation.metrics.finite_laws import finite_stress
 
 LAWS = pytest.mark.parametrize("law", list(Law))

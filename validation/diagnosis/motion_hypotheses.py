@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.tet_mesh import signed_volumes
-from palpate.validation.diagnosis.explanation import OF_MOTION, SINGLE, Cause, Explanation
-from palpate.validation.diagnosis.factors import (
+from palpate.validation.diagnosis.explanation import (
+    OF_MOTION,
     PRESSURE_FOLLOWS,
     PRESSURE_STAYS,
+    SINGLE,
+    Cause,
+    Explanation,
     in_words,
     is_unit,
     load_name,
     snapped,
 )
-from palpate.validation.diagnosis.law_slips import lame_slips
+from palpate.validation.diagnosis.static_hypotheses import lame_hypotheses
 from palpate.validation.exchange.nodal_arrays import cell_materials, lumped_mass
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.finite_laws import laws_instead_of_law
@@ -86,7 +89,7 @@ def stepper_of(body: Body, candidate: State) -> tuple[Stepper | None, str]:
     return Stepper(body, between / per_output, per_output, outputs), ""
 
 
-def motion_explanations(stepper: Stepper, fields: Fields) -> Iterator[Explanation]:
+def motion_hypotheses(stepper: Stepper, fields: Fields) -> Iterator[Explanation]:
     """Try each slip, and numbers to fit where none of the plain ones fits.
 
     Args:
@@ -98,7 +101,7 @@ def motion_explanations(stepper: Stepper, fields: Fields) -> Iterator[Explanatio
     if stated <= SINGLE:
         return
     found = False
-    for name, cause, slip in _plain_slips(stepper.body, fields):
+    for name, cause, slip in _plain_hypotheses(stepper.body, fields):
         left = _misfit(stepper, slip, wanted, SINGLE)
         tried = Explanation(name, cause, left, stated, OF_MOTION, 1)
         found = found or tried.fits
@@ -122,7 +125,7 @@ def _misfit(stepper: Stepper, slip: Slip, wanted: Fields, give_up: float | None)
     return left if count == len(wanted) else float("inf")
 
 
-def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]]:
+def _plain_hypotheses(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]]:
     problem, span = body.problem, body.problem.time
     assert span is not None
     asked = span.mass_damping
@@ -133,14 +136,14 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
     if span.stiffness_damping:
         for name, factor in _VISCOSITIES.items():
             yield name, Cause.TIME, Slip(viscosity=factor)
-    yield from _mass_slips(body)
-    yield from _load_slips(body)
+    yield from _mass_hypotheses(body)
+    yield from _load_hypotheses(body)
     for name, law in laws_instead_of_law(body.strain, body.law).items():
         yield name, Cause.LAW, Slip(law=law)
         if name == OTHER_STRAIN[body.strain] and pressures:
             # Pressures go with the strain measure, or are as they were asked for.
             yield name, Cause.LAW, Slip(law=law, is_other_pressure=True)
-    yield from _material_slips(body)
+    yield from _material_hypotheses(body)
     for name, slip in _STEPPINGS.items():
         yield name, Cause.TIME, slip
     for pieces in (2, 4, 8, 10):
@@ -164,7 +167,7 @@ def _plain_slips(body: Body, fields: Fields) -> Iterator[tuple[str, Cause, Slip]
         yield "amplitudes left out", Cause.LOAD, Slip(with_amplitudes=False)
 
 
-def _mass_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+def _mass_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
     mass = lumped_mass(body.problem)
     for factor in _FACTORS:
         yield f"density {in_words(factor)}", Cause.MASS, Slip(mass_factor=factor)
@@ -198,7 +201,7 @@ def _loaded(body: Body, indices: tuple[int, ...], factor: float) -> Slip:
     return Slip(load_factors=tuple(factor if k in indices else 1.0 for k in numbers))
 
 
-def _load_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+def _load_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
     loads = body.problem.loads
     for name, indices in _load_groups(body):
         for factor in (0.0, 2.0, -1.0):
@@ -211,8 +214,8 @@ def _load_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
         yield name, Cause.LOAD, Slip(is_other_pressure=True)
 
 
-def _material_slips(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
-    for name, lame in lame_slips(body.lmbda, body.mu).items():
+def _material_hypotheses(body: Body) -> Iterator[tuple[str, Cause, Slip]]:
+    for name, lame in lame_hypotheses(body.lmbda, body.mu).items():
         yield name, Cause.MATERIAL, Slip(lame=lame)
     for factor in (1e3, 1e-3):
         name = f"stiffness {in_words(factor)}"

@@ -1,11 +1,13 @@
-"""Energy, stress and tangent of a simulator's law, read from the forces of single cells.
+"""Energy, stress and tangent of a simulator's law, and deformations at which it is checked.
 
-A body of n separate tetrahedra, each deformed by an F of its own: u_a = (F - I) X_a. Of one cell
-f_a = V P grad N_a, and the sum of grad N_a (x) X_a is I, so that P = 1/V sum of f_a (x) X_a.
+Of fastsim and the reference they are read from the forces of single cells: a body of n separate
+tetrahedra, each deformed by an F of its own, u_a = (F - I) X_a. Of one cell f_a = V P grad N_a, and
+the sum of grad N_a (x) X_a is I, so that P = 1/V sum of f_a (x) X_a.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 from typing import Protocol
 
@@ -13,9 +15,106 @@ import numpy as np
 
 from palpate.fastsim.body import Body
 from palpate.meshes.arrays import Points
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.metrics.laws import Array
+
+# Parts like those of Ogden's rubber, 1972: three terms, one of them of a negative exponent.
+OGDEN_TERMS = ((0.7, 1.3), (0.2, 5.0), (0.1, -2.0))
+# Of Mooney and Rivlin's law, over mu.
+C01 = 0.2
+
+
+def example_material(
+    law: Law, poissons_ratio: float = 0.4, youngs_modulus: float = 1e4
+) -> Material:
+    """Of these moduli at rest [-], [Pa]; c01 is a fifth of mu, Ogden's law has three terms."""
+    return following(Material(youngs_modulus, poissons_ratio), law)
+
+
+def following(material: Material, law: Law) -> Material:
+    """The same moduli at rest and density, by another law."""
+    mu = material.youngs_modulus / (2.0 * (1.0 + material.poissons_ratio))
+    return dataclasses.replace(
+        material,
+        law=law,
+        c01=C01 * mu if law.has_c01 else 0.0,
+        ogden_terms=OGDEN_TERMS if law is Law.OGDEN else (),
+    )
+
+
+_ONE = np.eye(3)
+# Random deformations, and how far their det F may be from 1.
+_NUM_RANDOM, _DETERMINANTS = 24, (0.3, 3.0)
+# Those that a body is asked for in equilibrium: no larger ones, which a solver may not find.
+_NUM_MODERATE, _MODERATE = 6, (0.8, 1.25)
+
+
+def deformations(law: Law) -> dict[str, Array]:
+    """Deformation gradients F [-] by kind, each (n, 3, 3); det F > 0 but for `inverted`.
+
+    Inverted ones are there only for a law that is finite at them.
+    """
+    found = {
+        "uniaxial": np.array([np.diag([a, 1.0, 1.0]) for a in (0.3, 0.5, 0.8, 1.2, 2.0, 3.0)]),
+        "biaxial": np.array([np.diag([a, a, 1.0]) for a in (0.5, 0.8, 1.2, 1.7)]),
+        "shear": np.array([_sheared(g) for g in (0.1, 0.5, 1.0, 2.0)]),
+        "volumetric": np.array([np.cbrt(J) * _ONE for J in (0.3, 0.6, 0.9, 1.1, 1.7, 3.0)]),
+        "random": _random(_NUM_RANDOM, 0.4, _DETERMINANTS),
+        "near-degenerate": np.array(
+            [np.diag([0.02, 1.0, 1.0]), np.diag([1.5, 0.05, 0.8]), _sheared(10.0)]
+        ),
+    }
+    if law in (Law.SAINT_VENANT_KIRCHHOFF, Law.NEO_HOOKEAN_STABLE, Law.NEO_HOOKEAN_STABLE_LOG):
+        found["inverted"] = np.array([np.diag([-0.5, 1.0, 1.0]), np.diag([1.2, -0.2, 0.9])])
+    return found
+
+
+def moderate_deformations() -> dict[str, Array]:
+    """Upper triangular F of moderate size: all that a cell can do but to turn."""
+    found = {
+        "uniaxial": np.array([np.diag([a, 1.0, 1.0]) for a in (0.85, 1.2, 1.5)]),
+        "biaxial": np.array([np.diag([a, a, 1.0]) for a in (0.9, 1.2)]),
+        "shear": np.array([_sheared(g) for g in (0.2, 0.5)]),
+        "volumetric": np.array([np.cbrt(J) * _ONE for J in (0.8, 1.25)]),
+        # F = Q R: the same stretch without the turn.
+        "random": np.array(
+            [
+                np.linalg.qr(F)[1] * np.sign(np.diag(np.linalg.qr(F)[1]))[:, None]
+                for F in _random(_NUM_MODERATE, 0.15, _MODERATE)
+            ]
+        ),
+    }
+    return found
+
+
+def rotations(count: int) -> Array:
+    """Random turns, (count, 3, 3); the same each time."""
+    Q, R = np.linalg.qr(np.random.default_rng(2).standard_normal((count, 3, 3)))
+    Q = Q * np.sign(np.einsum("cii->ci", R))[:, None, :]
+    turns: Array = Q * np.sign(np.linalg.det(Q))[:, None, None]
+    return turns
+
+
+def _sheared(amount: float) -> Array:
+    F = _ONE.copy()
+    F[0, 1] = amount
+    return F
+
+
+def _random(count: int, size: float, determinants: tuple[float, float]) -> Array:
+    """Of a random direction, with det F spread evenly over its logarithm."""
+    rng = np.random.default_rng(1)
+    wanted = np.geomspace(*determinants, count)
+    found: list[Array] = []
+    while len(found) < count:
+        F = _ONE + size * rng.standard_normal((3, 3))
+        J = float(np.linalg.det(F))
+        if J > 0.2:
+            found.append(F * np.cbrt(wanted[len(found)] / J))
+    return np.array(found)
+
 
 # Right-angled, with edges of 1 m.
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

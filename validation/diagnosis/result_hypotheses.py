@@ -1,25 +1,34 @@
-"""Slips in how a right answer was written down: its unit, sign, axes, order, origin, digits.
+"""Hypotheses of how a right result was written down wrongly: unit, sign, axes, order, origin, time.
 
-Each is undone and the rest held against the reference on the same mesh, at every stored time.
+Each is undone and the rest compared with the reference on the same mesh, at every stored time. And
+isotropy, by asking the candidate again: the same problem turned must have the same result turned.
+It is named only where the same problem renumbered, and an affine motion of all of the boundary,
+are solved right: what is wrong then depends on how the axes lie and on nothing else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.meshes import transforms
 from palpate.meshes.arrays import Points
+from palpate.meshes.problem import Problem
 from palpate.validation.diagnosis.explanation import (
     CONVERGED,
+    LENGTH_UNITS,
     OF_DISPLACEMENT,
+    OF_RELATION,
     SINGLE,
     Cause,
     Explanation,
+    displacement_words,
+    is_unit,
+    snapped,
 )
-from palpate.validation.diagnosis.factors import LENGTH_UNITS, displacement_words, is_unit, snapped
 
 # (num_times, num_points, 3)
 Fields = NDArray[np.float64]
@@ -39,7 +48,7 @@ def distance(fields: Fields, reference: Fields) -> float:
     return apart / scale
 
 
-def answer_explanations(
+def result_hypotheses(
     fields: Fields, reference: Fields, rest: Points, *, other: tuple[str, Fields] | None = None
 ) -> Iterator[Explanation]:
     """Try every slip of the answer.
@@ -57,7 +66,7 @@ def answer_explanations(
         return Explanation(name, cause, left, stated, OF_DISPLACEMENT, complexity)
 
     yield from _agreement(fields, stated)
-    yield tried("nothing moves: the answer is zero", Cause.ANSWER, reference + fields, 3)
+    yield tried("nothing moves: the answer is zero", Cause.RESULT, reference + fields, 3)
     for name, cause, fixed, complexity in _scaled(fields, reference, rest):
         yield tried(name, cause, fixed, complexity)
     sizes = [float(np.linalg.norm(f, axis=-1).max()) for f in (fields, reference)]
@@ -65,21 +74,21 @@ def answer_explanations(
     unit = known if known in LENGTH_UNITS else None
     for name, fixed in _turned(fields, unit or 1.0):
         words = name if unit is None else f"{name}, in {LENGTH_UNITS[unit]}"
-        yield tried(words, Cause.ANSWER, fixed, 1 if unit is None else 2)
-    orders = [tried(name, Cause.ANSWER, fixed) for name, fixed in _reordered(fields)]
+        yield tried(words, Cause.RESULT, fixed, 1 if unit is None else 2)
+    orders = [tried(name, Cause.RESULT, fixed) for name, fixed in _reordered(fields)]
     yield from orders
     if not any(each.fits for each in orders):
         for fixed in _sorted_alike(fields, reference):
-            yield tried("points in another order", Cause.ANSWER, fixed, 2)
+            yield tried("points in another order", Cause.RESULT, fixed, 2)
     shift = (fields - reference).mean(axis=1, keepdims=True)
-    yield tried("the whole answer is shifted: another origin", Cause.ANSWER, fields - shift, 2)
+    yield tried("the whole answer is shifted: another origin", Cause.RESULT, fields - shift, 2)
     if other is not None and other[1].shape == fields.shape:
         left = distance(fields, other[1])
         yield Explanation(other[0], Cause.LAW, left, stated, OF_DISPLACEMENT)
     yield from _retimed(fields, reference, stated)
 
 
-def plain_slips(displacement: Points, rest: Points) -> Iterator[tuple[str, Points]]:
+def plain_hypotheses(displacement: Points, rest: Points) -> Iterator[tuple[str, Points]]:
     """Slips that can be undone without a reference: sign, positions, axes; (num_points, 3)."""
     yield displacement_words(-1.0), -displacement
     yield POSITIONS, displacement - rest
@@ -112,11 +121,11 @@ def _scaled(
         used = factor if known is None else known
         if used not in (0.0, 1.0):
             plain = known is not None and (is_unit(known) or known == -1.0)
-            cause = Cause.UNITS if is_unit(used) else Cause.ANSWER
+            cause = Cause.UNITS if is_unit(used) else Cause.RESULT
             yield displacement_words(used), cause, fields / used, 1 if plain else 3
-    yield POSITIONS, Cause.ANSWER, fields - rest, 1
+    yield POSITIONS, Cause.RESULT, fields - rest, 1
     name = "points at rest taken off displacements, as if they were positions"
-    yield name, Cause.ANSWER, fields + rest, 1
+    yield name, Cause.RESULT, fields + rest, 1
     for factor, unit in LENGTH_UNITS.items():
         name = f"positions in {unit} sent for displacements"
         yield name, Cause.UNITS, (fields - factor * rest) / factor, 2
@@ -191,3 +200,51 @@ def _retimed(fields: Fields, reference: Fields, stated: float) -> Iterator[Expla
         name = f"time runs {factor} times too"
         yield tried(f"{name} fast", fields[:common], reference[::factor][:common], 1)
         yield tried(f"{name} slow", fields[::factor][:common], reference[:common], 1)
+
+
+Ask = Callable[[Problem], Points]
+_AXIS = (1.0, 2.0, -0.5)
+_ANGLE_DEG = 70.0
+# What solvers leave of a relation: one that is kept better says no more.
+_NOISE = 1e-9
+_SLOPE = np.array([[0.01, 0.005, 0.0], [-0.004, -0.008, 0.01], [0.0, 0.006, 0.005]])
+
+
+def isotropy_hypotheses(problem: Problem, answer: Points, ask: Ask) -> Iterator[Explanation]:
+    """Whether the answer depends on how the body lies in space.
+
+    Args:
+        problem: A static one; supports of single components cannot be turned, and are not tried.
+        answer: The candidate's displacement [m].
+        ask: Its displacement of another problem; may raise CandidateFailedError.
+    """
+    if not all(all(support.components) for support in problem.supports):
+        return
+    scale = float(np.abs(answer).max())
+    if scale == 0.0:
+        return
+    mesh = problem.mesh
+    outer = np.unique(mesh.boundary_facets)
+    affine = mesh.points @ _SLOPE
+    patch = transforms.prescribe(mesh, problem.material, outer, affine)
+    # The patch has no inclusions: nor may the body have, for it to be told apart.
+    kept = float(np.abs(ask(patch) - affine).max() / np.abs(affine).max())
+    given, back = transforms.renumber(problem)
+    kept = max(kept, float(np.abs(back(ask(given)) - answer).max()) / scale)
+    given, back = transforms.turn(problem, transforms.rotation(_AXIS, _ANGLE_DEG))
+    broken = float(np.abs(back(ask(given)) - answer).max()) / scale
+    yield turned_otherwise(kept, broken)
+
+
+def turned_otherwise(kept: float, broken: float) -> Explanation:
+    """What relations say of isotropy.
+
+    Args:
+        kept: The most that any relation is off which a law that is not isotropic keeps.
+        broken: How far the answer to the turned problem is from the answer turned.
+    """
+    name = (
+        "the law is not isotropic, or axes are mixed up: the turned problem has another answer "
+        f"than the turned one, by {broken:.2g}"
+    )
+    return Explanation(name, Cause.LAW, max(kept, _NOISE), broken, OF_RELATION, 4)
