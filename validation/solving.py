@@ -97,7 +97,7 @@ def solve(
         _require_stepped(problem, simulator, way, device)
     # Both bring pydantic and meshio along, which `import palpate` and --help do without.
     if simulator is Simulator.REFERENCE:
-        from palpate.validation.references.motion_runs import solve_reference
+        from palpate.validation.references.runs import solve_reference
 
         return solve_reference(problem, used, degree, progress, formulation=form, element=kind)
     if simulator is Simulator.CONDENSED:

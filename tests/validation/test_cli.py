@@ -347,7 +347,8 @@ def test_fastsim_agrees_with_the_reference_solved_here(name: str) -> None:
     from palpate.validation.candidates.fastsim import run_fastsim
     from palpate.validation.case import load_case
     from palpate.validation.metrics import displacement_l2, make_state
-    from palpate.validation.references.sets import SAME_MESH, solve_state
+    from palpate.validation.references.reference_set import SAME_MESH
+    from palpate.validation.references.runs import solve_state
     from palpate.validation.references.stored import load_stored
 
     problem = load_case(name).problem

@@ -1,4 +1,4 @@
-"""`palpate reference build|check|accept|renew`: stored references, and who let them in."""
+"""`palpate reference build|check|accept`: stored references, and who let them in."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element
 from palpate.validation.commands.words import progress_lines
 from palpate.validation.quoting import for_terminal
 from palpate.validation.versions import version_of
@@ -61,67 +60,43 @@ def _processor_seconds() -> float:
 
 
 @app.command()
-def build(
-    names: Cases = None,
-    element: Annotated[
-        Element | None,
-        typer.Option(help="put this one's answers on the same mesh beside what was accepted"),
-    ] = None,
-) -> None:
-    """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx.
-
-    With --element only those states are solved, and the rest stays as it was accepted.
-    """
+def build(names: Cases = None) -> None:
+    """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx."""
     from palpate.validation.case import load_case
     from palpate.validation.judging.truth_request import truth_request
-    from palpate.validation.references.additions import with_element
-    from palpate.validation.references.changes import describe_changes
-    from palpate.validation.references.geometry_part import with_geometry
-    from palpate.validation.references.sets import solve_for_storing
+    from palpate.validation.references.geometry import with_geometry
+    from palpate.validation.references.statics import solve_for_storing
     from palpate.validation.references.stored import (
         accepted_path,
-        load_checked,
+        describe_changes,
         pending_path,
         store,
     )
 
     for name in _chosen(names):
         case = load_case(name)
-        wanted = {spec.against for spec in case.checks}
-        asked = "" if element is None else f" --element {element}"
-        about = {
-            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "command": f"palpate reference build {case.name}{asked}",
-            "palpate": version_of("palpate"),
-        }
+        request = truth_request(case)
         progress = progress_lines()
         clock, processor = time.perf_counter(), _processor_seconds()
-        if element is None:
-            judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
-            request = truth_request(case)
-            found = solve_for_storing(
-                case.problem,
-                progress,
-                wanted=wanted,
-                truth_strains=sorted({s.strain or case.strain for s in case.checks}),
-                request=request,
-            )
-            found = with_geometry(
-                case, found, progress, strains=judged, request=request, is_for_storing=True
-            )
-            provenance: dict[str, Any] = {
-                **about,
-                **found.provenance,
-                "seconds": round(time.perf_counter() - clock, 1),
-                "processor_seconds": round(_processor_seconds() - processor, 1),
-            }
-        elif "same_mesh" not in wanted:
-            print(for_terminal(f"{name}: no check goes against the same mesh: nothing to build"))
-            continue
-        else:
-            old = load_checked(accepted_path(case.name, case.beside), case.name, case.problem, name)
-            found = with_element(case.problem, old, element, about, progress)
-            provenance = dict(found.provenance)
+        found = solve_for_storing(
+            case.problem,
+            progress,
+            wanted={spec.against for spec in case.checks},
+            truth_strains=sorted({s.strain or case.strain for s in case.checks}),
+            request=request,
+        )
+        judged = {s.strain or case.strain for s in case.checks if s.against == "truth"}
+        found = with_geometry(
+            case, found, progress, strains=judged, request=request, is_for_storing=True
+        )
+        provenance: dict[str, Any] = {
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "command": f"palpate reference build {case.name}",
+            "palpate": version_of("palpate"),
+            **found.provenance,
+            "seconds": round(time.perf_counter() - clock, 1),
+            "processor_seconds": round(_processor_seconds() - processor, 1),
+        }
         path = pending_path(case.name, case.beside)
         store(case.name, case.problem, found, provenance, path=path)
         print(path)
@@ -154,28 +129,6 @@ def check(names: Cases = None) -> None:
 
 
 @app.command()
-def renew(
-    names: Cases = None,
-    is_all: Annotated[bool, typer.Option("--all", help="every built-in case")] = False,
-) -> None:
-    """Check accepted references and bring them up to date; nothing is solved.
-
-    Those of version 0.1 get a hash; error bars of adaptive meshes are made anew from their record.
-    Who accepted them and why is kept.
-    """
-    from palpate.validation.references.renewal import renew_reference
-
-    if bool(names) == is_all:
-        raise InputError("name the cases whose references to renew, or --all for all built-in ones")
-
-    def lines(case: Case, name: str, path: Path) -> list[str]:
-        done = renew_reference(path, case.name, case.problem, name)
-        return [str(path), *(f"  {line}" for line in done)]
-
-    _tell_each(_chosen(names), lines)
-
-
-@app.command()
 def accept(
     names: Annotated[list[str], typer.Argument(help="built-in names, or .toml files")],
     reason: Annotated[str, typer.Option(help="why the new one is right; kept with it")],
@@ -183,8 +136,12 @@ def accept(
 ) -> None:
     """Make what was built the reference, and keep who said so, why, and what changed."""
     from palpate.validation.case import load_case
-    from palpate.validation.references.changes import describe_changes
-    from palpate.validation.references.stored import accept_pending, accepted_path, pending_path
+    from palpate.validation.references.stored import (
+        accept_pending,
+        accepted_path,
+        describe_changes,
+        pending_path,
+    )
 
     if not reason.strip():
         raise InputError("--reason is empty; say why the new reference is right")

@@ -15,10 +15,9 @@ from palpate.validation.judging.record import case_name
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import Number, is_still
-from palpate.validation.references.bar_parts import BarParts
-from palpate.validation.references.geometry_notes import shape_of
-from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.references.stress_bars import bar_of_number, bar_of_part, was_asked
+from palpate.validation.references.bars import BarParts
+from palpate.validation.references.geometry import shape_of
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import State, Verdict
 
 
@@ -114,7 +113,7 @@ class CaseJudge:
         truth = self.references.stress_truth(strain)
         is_told = truth and (spec.about.read is None or self._number(spec, truth))
         name = name_of_bar(spec, self.problem, self.case.spec.units)
-        return truth if is_told and was_asked(self.references, strain, name) else None
+        return truth if is_told and self.references.was_asked(strain, name) else None
 
     def _number(self, spec: CheckSpec, state: State) -> Number | None:
         return number_of(spec, self.problem, state, self.case.spec.units)
@@ -127,11 +126,11 @@ class CaseJudge:
             problem, units, strain = self.problem, self.case.spec.units, self.strain_of(spec)
             if spec.about.read is not None:
                 read, name = partial(self._number, spec), name_of_bar(spec, problem, units)
-                bar = bar_of_number(problem, self.references, strain, spec.metric, name, read)
+                bar = self.references.bar_of_number(problem, strain, spec.metric, name, read)
             else:
                 part = part_of_check(spec, problem, units, f"check {spec.metric}")
                 assert part is not None
-                bar = bar_of_part(problem, self.references, strain, spec.metric, part)
+                bar = self.references.bar_of_part(problem, strain, spec.metric, part)
             self._bars_of_parts[spec] = bar
         return self._bars_of_parts[spec]
 
@@ -158,7 +157,7 @@ class CaseJudge:
         called = case_name(self.case)
         return (
             f"no reference of {references.element} tetrahedra is stored for this case: make it "
-            f"with `palpate reference build {called} --element {references.element}` where "
+            f"with `palpate reference build {called}` where "
             f"FEniCSx is installed, then `palpate reference accept {called} --reason TEXT`"
         )
 

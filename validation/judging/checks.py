@@ -12,7 +12,7 @@ from palpate.validation.case.units import Units
 from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import OWN_MESH_REMEDY, measure
-from palpate.validation.references.bar_parts import BarParts
+from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Precision, State, Verdict
 
 

@@ -33,7 +33,7 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.diagnosis import Diagnosis
 from palpate.validation.judging.remainder import SOLVER, name_of_rest
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, TRUTH
+from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, TRUTH
 from palpate.validation.states import Progress, State, in_silence
 
 MODEL, DISCRETISATION, TIME = "model", "discretisation", "time"
@@ -198,7 +198,7 @@ def motion_budgets(
         candidate: Its state at the end; fastsim's own where None. Where it states `steps`, those
             are what its time term is about.
         same_mesh: The reference's state with the same mesh, law, strain, scheme and step, for the
-            solver's term; see `references.motion_runs.solve_by_steps`.
+            solver's term; see `references.runs.solve_by_steps`.
         own_law: Of a candidate that follows, as it states, another law than the case's.
         diagnoses: Of the case, where it was red.
         progress: Called with one line for each run.

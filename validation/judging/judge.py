@@ -30,12 +30,15 @@ from palpate.validation.judging.together import together
 from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
-from palpate.validation.references.errors import MissingReferenceError, StaleReferenceError
-from palpate.validation.references.geometry_notes import geometry_notes
-from palpate.validation.references.geometry_part import LIVE_SECONDS, with_geometry
-from palpate.validation.references.live import solve_live
-from palpate.validation.references.sets import ReferenceSet
-from palpate.validation.references.stored import load_stored, references_folder
+from palpate.validation.references.geometry import LIVE_SECONDS, geometry_notes, with_geometry
+from palpate.validation.references.reference_set import ReferenceSet
+from palpate.validation.references.statics import solve_live
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    StaleReferenceError,
+    load_stored,
+    references_folder,
+)
 from palpate.validation.states import (
     CandidateFailedError,
     ExitCode,

@@ -9,7 +9,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.metrics.numerical_damping import measure_numerical_damping
-from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Progress, State
 
 
@@ -37,7 +37,7 @@ def with_own_steps(
     Returns:
         As it was, where the answers state no steps of their own.
     """
-    from palpate.validation.references.motion_runs import solve_by_steps
+    from palpate.validation.references.runs import solve_by_steps
 
     for strain, answer in answers.items():
         if are_the_cases(problem, answer.steps):

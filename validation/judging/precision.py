@@ -13,7 +13,7 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.published import metric_of_bar, number_of
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics.rounding import LARGEST, SinglePrecision
-from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.states import Precision, State, Verdict
 
 

@@ -17,7 +17,7 @@ from palpate.validation.metrics import Number, Part
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import may_be_alias, too_coarse
 from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
-from palpate.validation.references.adaptive_truth import name_of_part
+from palpate.validation.references.bars import name_of_part
 from palpate.validation.states import State
 
 _LENGTHS = ("amplitude", "mean")

@@ -15,7 +15,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.case import Case
 from palpate.validation.metrics import CATALOGUE, measure
-from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.references.stored import problem_key
 from palpate.validation.states import State
 from palpate.validation.versions import version_of

@@ -12,7 +12,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.explanation import Diagnosis
 from palpate.validation.metrics import CATALOGUE
-from palpate.validation.references.bar_parts import BarParts
+from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Precision, State, Verdict, gravest
 
 # Relative: sums in another order.
@@ -62,7 +62,7 @@ class CheckResult:
         unit: "-" or a unit.
         reference_error: The reference's own error bar, in the units of `value`.
         bar_parts: What that bar is made of, by name, in its units; `geometry` stands beside the
-            whole but where the truth is held against a published number: see `bar_parts`.
+            whole but where the truth is held against a published number: see `BarParts`.
         is_vacuous: Whether an answer in which nothing moves passes it too.
         precision: What the limit allows for: single where the case or the caller granted it.
         element: What the tetrahedra of the judged answer are; linear where it is the truth that

@@ -40,11 +40,12 @@ from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.references.adaptive_truth import ADAPTIVE
-from palpate.validation.references.geometry_part import with_geometry
-from palpate.validation.references.live import estimate_bars, solve_live
-from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, ReferenceSet, solve_state
-from palpate.validation.references.sets import SAME_MESH as LINEAR
-from palpate.validation.references.sets import TRUTH as GRADED
+from palpate.validation.references.geometry import with_geometry
+from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH as LINEAR
+from palpate.validation.references.reference_set import TRUTH as GRADED
+from palpate.validation.references.runs import solve_state
+from palpate.validation.references.statics import estimate_bars, solve_live
 from palpate.validation.states import CandidateFailedError, Progress, State, gravest
 
 SAME_MESH, TRUTH = "same mesh", "truth"
@@ -191,7 +192,7 @@ def true_references(
 def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
     """Bars of a truth on two meshes that tell no rate: its difference from P1 on the case's mesh.
 
-    As of P2 on that mesh alone (`references.live`), which the truth is no worse than. Of three
+    As of P2 on that mesh alone (`references.statics`), which the truth is no worse than. Of three
     meshes, or where a limit was lost, infinite stays infinite.
     """
     record = found.provenance.get(ADAPTIVE, {}).get(Strain.GREEN.value)

@@ -36,7 +36,7 @@ from palpate.validation.peers.board_own_steps import OwnSteps
 from palpate.validation.peers.board_runs import Run, Status
 from palpate.validation.peers.board_truths import Truth
 from palpate.validation.peers.entries import Entry
-from palpate.validation.references.sets import QUADRATIC
+from palpate.validation.references.reference_set import QUADRATIC
 from palpate.validation.states import State, Verdict
 
 LAW, MESH, STEP, SOLVER = CAUSES = ("law", "mesh", "step", "solver")

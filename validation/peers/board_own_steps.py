@@ -18,11 +18,15 @@ from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.own_steps import are_the_cases
 from palpate.validation.peers.board_kept import Kept, key_of
 from palpate.validation.peers.board_truths import made_by
-from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
-from palpate.validation.references.motion_runs import solve_by_steps
-from palpate.validation.references.reference_files import read_reference, write_reference
-from palpate.validation.references.sets import OF_ELEMENT, ReferenceSet
-from palpate.validation.references.stored import problem_key
+from palpate.validation.references.reference_set import OF_ELEMENT, ReferenceSet
+from palpate.validation.references.runs import solve_by_steps
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    UntrustedReferenceError,
+    problem_key,
+    read_reference,
+    write_reference,
+)
 from palpate.validation.states import Progress, State
 
 # Cells times steps of one run, which takes some minutes then; and of each of several laws.
@@ -108,7 +112,7 @@ class OwnSteps:
         path = self.kept.path(name, key, ".npz")
         place = OF_ELEMENT[element], strain
         try:
-            found, made_for, _ = read_reference(path)
+            found, made_for = read_reference(path)
             if made_for == key:
                 return found.states[place]
         except (MissingReferenceError, UntrustedReferenceError, KeyError):

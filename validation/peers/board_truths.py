@@ -20,12 +20,16 @@ from palpate.validation.case import Case
 from palpate.validation.judging.judge import find_references
 from palpate.validation.peers.board_kept import Kept, key_of
 from palpate.validation.references.adaptive_truth import TruthRequest
-from palpate.validation.references.errors import MissingReferenceError, UntrustedReferenceError
-from palpate.validation.references.live import solve_live
 from palpate.validation.references.motions import solve_motion_set
-from palpate.validation.references.reference_files import read_reference, write_reference
-from palpate.validation.references.sets import BOTH, ReferenceSet
-from palpate.validation.references.stored import problem_key
+from palpate.validation.references.reference_set import BOTH, ReferenceSet
+from palpate.validation.references.statics import solve_live
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    UntrustedReferenceError,
+    problem_key,
+    read_reference,
+    write_reference,
+)
 from palpate.validation.states import Progress
 
 # After which no finer mesh of a truth is begun, and that the runs of a motion take together: a
@@ -81,7 +85,7 @@ def find_truth(case: Case, kept: Kept, progress: Progress) -> Truth:
     if (none := kept.read(name, key)) is not None:
         return Truth(case, why=str(none[0].get(_WHY)))
     try:
-        references, made_for, _ = read_reference(path)
+        references, made_for = read_reference(path)
         if made_for == key:
             why = str(references.provenance.get(_WHY, ""))
             return Truth(case, references, why, _seconds_of(references))

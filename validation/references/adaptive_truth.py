@@ -1,6 +1,6 @@
 """The truth of a static case on meshes refined where its error comes from, and its record.
 
-Its stresses are kept where a part of the body is asked for: where no goal asks for finer cells
+Its stresses are stored where a part of the body is asked for: where no goal asks for finer cells
 their difference from mesh to mesh says nothing of their error.
 """
 
@@ -16,10 +16,10 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
 from palpate.reference.result import AdaptiveResult, formulation_for
-from palpate.validation.exchange.case_folder import array_hash
 from palpate.validation.metrics import COMPARISONS, Part, stress_integrals
-from palpate.validation.references.sequences import NOISE
-from palpate.validation.references.static_states import state_of, stresses_of
+from palpate.validation.references.bars import NOISE, name_of_part
+from palpate.validation.references.reference_set import TRUTH
+from palpate.validation.references.runs import state_of, stresses_of
 from palpate.validation.states import Progress, State
 
 DEGREE = 2
@@ -30,7 +30,7 @@ ENERGY = "strain_energy"
 
 
 def whole_metrics(problem: Problem) -> tuple[str, ...]:
-    """What is told of every body as a whole, and of the tools on it."""
+    """What has a bar of every body as a whole, and of the tools on it."""
     return (*COMPARISONS, *(["tool_force"] if problem.tools else []))
 
 
@@ -59,7 +59,7 @@ class TruthRequest:
     start: Points | None = None
 
     def tolerance(self, metric: str, strain: Strain) -> float:
-        """The bar that is asked of a metric; where nothing is checked, twice it of displacement."""
+        """The bar asked of a metric; where nothing is checked, twice that of displacement."""
         wanted = self.metrics.get(strain, ())
         if not wanted:
             return 2.0 * self.bar if metric == "displacement_l2" else math.inf
@@ -74,23 +74,8 @@ class TruthRequest:
         return {name_of_part(metric, part): part for metric, part in self.parts.get(strain, ())}
 
 
-def name_of_part(metric: str, part: Part) -> str:
-    """What a metric of a part is called among error bars: the same cells, the same name."""
-    told = {
-        "cells": np.sort(part.cells).astype(np.int64),
-        "weights": part.weights,
-        "support": np.array(-1 if part.support is None else part.support),
-    }
-    return f"{metric}@{array_hash('palpate part', told)[:12]}"
-
-
 def solve_truth(
-    problem: Problem,
-    strain: Strain,
-    request: TruthRequest,
-    progress: Progress,
-    *,
-    label: str,
+    problem: Problem, strain: Strain, request: TruthRequest, progress: Progress
 ) -> tuple[State, dict[str, float], dict[str, Any]]:
     """Solve adaptively in a child process.
 
@@ -100,12 +85,11 @@ def solve_truth(
     Raises:
         ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
     """
-    found = refine_truth(problem, strain, request, progress, label=label)
-    return truth_of(problem, strain, request, found, label=label)
+    return truth_of(problem, strain, request, refine_truth(problem, strain, request, progress))
 
 
 def truth_of(
-    problem: Problem, strain: Strain, request: TruthRequest, found: AdaptiveResult, *, label: str
+    problem: Problem, strain: Strain, request: TruthRequest, found: AdaptiveResult
 ) -> tuple[State, dict[str, float], dict[str, Any]]:
     """What `refine_truth` has found, as `solve_truth` returns it."""
     seconds = float(found.seconds.sum())
@@ -113,13 +97,13 @@ def truth_of(
     if request.named_parts(strain) or request.asks_energy(strain):
         integrals = stress_integrals(problem.mesh, stresses_of(found), found.strain_energy)
     state = state_of(
-        found, strain, label=label, degree=found.degree, seconds=seconds, integrals=integrals
+        found, strain, label=TRUTH, degree=found.degree, seconds=seconds, integrals=integrals
     )
     return state, {name: found.bar(name) for name in found.quantities}, record_of(found)
 
 
 def refine_truth(
-    problem: Problem, strain: Strain, request: TruthRequest, progress: Progress, *, label: str
+    problem: Problem, strain: Strain, request: TruthRequest, progress: Progress
 ) -> AdaptiveResult:
     """`solve_adaptively` in a child process, as it was asked for.
 
@@ -129,7 +113,7 @@ def refine_truth(
     from palpate.reference.child import run_task
     from palpate.reference.tasks import AdaptiveTask
 
-    progress(f"{label}, {strain} strain, adaptive, from {problem.mesh.num_cells} cells")
+    progress(f"{TRUTH}, {strain} strain, adaptive, from {problem.mesh.num_cells} cells")
     mesh, parts = problem.mesh, request.named_parts(strain)
     task = AdaptiveTask(
         (
@@ -158,7 +142,7 @@ def refine_truth(
     # The budget is kept by not beginning; what was begun is not cut off.
     found = run_task(task, problem, time_limit=4.0 * request.seconds, progress=progress)
     assert isinstance(found, AdaptiveResult)
-    progress(f"{label}, {strain} strain: {found.ended}")
+    progress(f"{TRUTH}, {strain} strain: {found.ended}")
     return found
 
 
@@ -187,7 +171,7 @@ def record_of(found: AdaptiveResult) -> dict[str, Any]:
 
 
 def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:
-    """The bars that kept sequences make, by metric; see `error_bars`.
+    """The bars that recorded sequences make, by metric; see `error_bars`.
 
     Infinite where a table, which anybody may have written, is none.
     """
@@ -195,7 +179,7 @@ def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:
     from palpate.reference.adaptivity.goals import Quantity
 
     known = {str(quantity) for quantity in Quantity}
-    kept: dict[str, tuple[list[float], list[float]]] = {}
+    sequences: dict[str, tuple[list[float], list[float]]] = {}
     for metric, table in tables.items():
         if metric.partition("@")[0] not in known:
             continue
@@ -207,12 +191,12 @@ def recorded_bars(tables: Mapping[str, Any]) -> dict[str, float]:
         except (KeyError, TypeError, ValueError):
             continue
         if len(estimates) == len(differences) + 1:
-            kept[metric] = differences, estimates
-    return dict.fromkeys(tables, math.inf) | error_bars(kept)
+            sequences[metric] = differences, estimates
+    return dict.fromkeys(tables, math.inf) | error_bars(sequences)
 
 
 def most_apart(table: Mapping[str, Any]) -> float:
-    """How far the first mesh of a kept sequence can be from the last, by the triangle inequality.
+    """How far the first mesh of a record can be from the last, by the triangle inequality.
 
     Each difference is in units of its finer mesh's size, which is at most the last one's times
     1 + d for each step after it.

@@ -2,49 +2,93 @@
 
 The explicit run takes the case's own steps by central differences, so that a candidate with the
 same ones must equal it to rounding. The truth is implicit (generalised-alpha) on quadratic
-tetrahedra; its error bars come from three time steps, each half the last, and from finer meshes.
+tetrahedra; its error bars come from sequences of time steps and of meshes, which are refined where
+the body bends: where it is clamped, or where tools touch it, the strain changes from cell to cell.
 It asks nothing of the candidate's step, mesh or method.
+
+For storing there are three meshes, each refined from the last where its motion says, and three time
+steps on the second (on the first, nodes that come to a tool and leave it would drown what the steps
+do). The truth is the finest mesh's with the shortest step.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+import math
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.arrays import Floats, Points
 from palpate.meshes.errors import InputError
+from palpate.meshes.field_norms import l2_norms
+from palpate.meshes.local_refinement import refine_cells
 from palpate.meshes.problem import Element, Problem, Strain
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.errors import (
     ReferenceFailedError,
     ReferenceTooLongError,
     ReferenceUnavailableError,
 )
-from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
-from palpate.validation.references.bar_parts import GEOMETRY, PARTS, BarParts, as_record, with_bar
-from palpate.validation.references.limits import without_limits
-from palpate.validation.references.live import saturated
-from palpate.validation.references.motion_runs import TIME_LIMIT, solve_explicit, solve_implicit
-from palpate.validation.references.motion_sequences import (
-    difference,
-    truth_metrics,
+from palpate.validation.metrics import CATALOGUE, MOVING_TRUTH_METRICS, measure
+from palpate.validation.metrics.grid_convergence import (
+    Convergence,
+    GridConvergence,
+    assess_grid_convergence,
 )
-from palpate.validation.references.sequences import SAFETY_FACTOR
-from palpate.validation.references.sets import (
+from palpate.validation.metrics.motion import OSCILLATION, oscillation_offsets
+from palpate.validation.references.bars import (
+    GEOMETRY,
+    PARTS,
+    SAFETY_FACTOR,
+    BarParts,
+    Bars,
+    as_record,
+    saturated,
+    with_bar,
+    without_limits,
+)
+from palpate.validation.references.reference_set import (
     BOTH,
     OF_ELEMENT,
     QUADRATIC,
     TRUTH,
+    Place,
     ReferenceSet,
 )
-from palpate.validation.references.stored_motions import refine_where_rough, solve_motion_truth
+from palpate.validation.references.runs import (
+    TIME_LIMIT,
+    at_points_of,
+    solve_explicit,
+    solve_implicit,
+)
 from palpate.validation.states import REFERENCE, Progress, State
 
-Bars = dict[tuple[str, Strain], float]
 # Steps from one output to the next; the last is the truth's.
 LIVE_STEPS = (1, 2)
+# Steps from output to output: all of them on the second mesh.
+STEPS = (2, 4, 8)
+_MESHES = 3
+# Of the roughness of the strain over a motion, in the cells that are cut for the next mesh: the
+# first that makes it at most so many times as large.
+BULKS = (0.7, 0.5, 0.3)
+GROWTH = 4
+# Of generalised-alpha in the time step; in the mesh less at clamped edges, more inside.
+_ORDER = 2.0
+# Relative: seven digits kept, and solves to 1e-9 of the forces, step upon step.
+_NOISE = 1e-6
+# Those of `MOVING_TRUTH_METRICS` that are norms of a difference.
+_NORMS = ("displacement_l2", "displacement_max", "max_displacement", "trajectory_l2")
+# Of the last difference of a norm over the one before: more, and nothing settles.
+LARGEST_GROWTH = 1.5
+# Of a motion's outputs, the last ones, over which its end is compared: see `difference`.
+LAST_PART = 0.25
+LEAST_OUTPUTS = 4
 
 
 def solve_motion_set(
@@ -82,10 +126,10 @@ def solve_motion_set(
         ReferenceUnavailableError: No FEniCSx here.
         ReferenceFailedError: A run failed, and the set is for storing: nothing incomplete is.
     """
-    states: dict[tuple[str, Strain], State] = {}
+    states: dict[Place, State] = {}
     bars: Bars = {}
-    parts: dict[tuple[str, Strain], BarParts] = {}
-    failures: dict[tuple[str, Strain], str] = {}
+    parts: dict[Place, BarParts] = {}
+    failures: dict[Place, str] = {}
     origin: list[str] = []
     convergence: dict[str, Any] = {}
     if "same_mesh" in wanted:
@@ -134,9 +178,7 @@ def solve_motion_set(
 
 
 @contextmanager
-def _failure_kept(
-    failures: dict[tuple[str, Strain], str], place: tuple[str, Strain], is_for_storing: bool
-) -> Iterator[None]:
+def _failure_kept(failures: dict[Place, str], place: Place, is_for_storing: bool) -> Iterator[None]:
     """A run that fails is reported, unless its answer is for storing, or none can succeed here."""
     try:
         yield
@@ -146,7 +188,7 @@ def _failure_kept(
         failures[place] = f"{place[0]} in motion: {error}"
 
 
-def _truths(stored: ReferenceSet) -> dict[tuple[str, Strain], State]:
+def _truths(stored: ReferenceSet) -> dict[Place, State]:
     on_mesh = OF_ELEMENT.values()
     return {place: state for place, state in stored.states.items() if place[0] not in on_mesh}
 
@@ -162,7 +204,7 @@ def _truth_here(
     In time of second order, which generalised-alpha has: 3 d / (2^2 - 1) = d. In space of first,
     because clamped edges are singular, and from a mesh on which only the cells with a part b of the
     roughness are cut, so that d is that part of what halving all would find: 3 d / b. Where two
-    runs are more than half apart neither tells anything, as in statics (`live`): no bar.
+    runs are more than half apart neither tells anything, as in statics (`bars.saturated`): no bar.
     """
     begin, (few, more) = time.monotonic(), LIVE_STEPS
 
@@ -191,5 +233,208 @@ def _truth_here(
         return fine, bars, {}
     for metric in OSCILLATION:
         fitted = float(getattr(uncertainty, metric.removeprefix("oscillation_")))
-        bars[metric] = replace(bars[metric], time=bars[metric].time + fitted)
+        bars[metric] = dataclasses.replace(bars[metric], time=bars[metric].time + fitted)
     return fine, bars, {}
+
+
+def solve_motion_truth(
+    problem: Problem, strain: Strain, progress: Progress
+) -> tuple[State, dict[str, BarParts], dict[str, Any]]:
+    """The truth at the case's points, its error bars by part, and the sequences they come from.
+
+    Args:
+        problem: A motion.
+        strain: Strain measure.
+        progress: Called with one line for each run.
+
+    Raises:
+        ReferenceFailedError: A run failed.
+    """
+    long, middling, short = STEPS
+    runs: list[State] = []
+    meshes = [problem]
+    for number in range(_MESHES):
+        runs.append(solve_implicit(meshes[-1], strain, long, progress))
+        if number + 1 < _MESHES:
+            meshes.append(refine_where_rough(meshes[-1], runs[-1])[0])
+    first, second, finest = (at_points_of(problem.mesh, run) for run in runs)
+    half, quarter = (
+        at_points_of(problem.mesh, solve_implicit(meshes[1], strain, steps, progress))
+        for steps in (middling, short)
+    )
+    in_time = assess_sequence(problem, (quarter, half, second))
+    in_space = assess_sequence(problem, (finest, second, first))
+    truth = at_points_of(problem.mesh, solve_implicit(meshes[-1], strain, short, progress))
+    bars = {
+        metric: BarParts(discretisation=_bar_of(in_space[metric]), time=_bar_of(in_time[metric]))
+        for metric in truth_metrics(problem)
+    }
+    details = {
+        "time": _as_data(in_time),
+        "mesh": _as_data(in_space),
+        "cells": [p.mesh.num_cells for p in meshes],
+        "steps_per_output": list(STEPS),
+    }
+    return dataclasses.replace(truth, label=TRUTH), bars, details
+
+
+def refine_where_rough(problem: Problem, run: State) -> tuple[Problem, float]:
+    """The next mesh, and the part of the roughness that is in the cells cut for it [-].
+
+    Args:
+        problem: Whose mesh is refined.
+        run: Its motion.
+    """
+    for bulk in BULKS:
+        finer = refine_cells(problem, rough_cells(problem.mesh, run, bulk)).problem
+        if finer.mesh.num_cells <= GROWTH * problem.mesh.num_cells:
+            break
+    return finer, bulk
+
+
+def rough_cells(mesh: TetMesh, run: State, part: float) -> NDArray[np.bool_]:
+    """The fewest cells that hold a part of how rough the displacement's gradient is over a motion.
+
+    By the squared difference of each cell's gradient from the mean about its corners, by volume
+    (after O. C. Zienkiewicz, J. Z. Zhu, Int. J. Numer. Meth. Engng 24, 1987).
+
+    Args:
+        mesh: Of the run.
+        run: With its trajectory at the mesh's points.
+        part: Of the whole, summed over the outputs [-], 0 to 1.
+
+    Returns:
+        Which cells, shape (num_cells,).
+    """
+    assert run.trajectory is not None
+    corners = mesh.points[mesh.cells]
+    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    weights = np.bincount(mesh.cells.ravel(), np.repeat(volumes, 4), mesh.num_points)
+    rough = np.zeros(mesh.num_cells)
+    for placed in run.trajectory.displacements:
+        moved = placed[mesh.cells]
+        gradients = (inverse @ (moved[:, 1:] - moved[:, :1])).reshape(-1, 9)
+        means = np.zeros((mesh.num_points, 9))
+        np.add.at(means, mesh.cells, (volumes[:, None] * gradients)[:, None, :])
+        means /= weights[:, None]
+        apart = gradients[:, None, :] - means[mesh.cells]
+        rough += volumes * np.sum(apart**2, axis=(1, 2))
+    order = np.argsort(-rough, kind="stable")
+    kept = np.searchsorted(np.cumsum(rough[order]), part * rough.sum()) + 1
+    marked = np.zeros(mesh.num_cells, dtype=np.bool_)
+    marked[order[:kept]] = True
+    return marked
+
+
+def truth_metrics(problem: Problem) -> tuple[str, ...]:
+    """What the truth of a motion has error bars for."""
+    return tuple(
+        name for name in MOVING_TRUTH_METRICS if problem.tools or not CATALOGUE[name].needs_tools
+    )
+
+
+def assess_sequence(problem: Problem, runs: Sequence[State]) -> dict[str, GridConvergence]:
+    """How each metric settles with the time step, or with the mesh: second order inside both.
+
+    No faster than of that order is believed: a sequence that shows more has bars as of that.
+
+    Of an oscillation, what other modes leak into a fit is hardly another from run to run, so that
+    a sequence may show an order far below what one fit can tell of the swing. Where it shows none
+    there, the bar is three times its range (L. Eca, M. Hoekstra, J. Comput. Phys. 262 (2014)
+    104-130, of sequences without order).
+
+    Norms of what lies between two runs are never small by chance. Where they shrink more slowly
+    than any order that is believed, or grow by less than LARGEST_GROWTH, as where a mesh was cut in
+    some places only, their bar is three times their range likewise: no less than two runs alone
+    would make it.
+
+    Args:
+        problem: Whose points the runs are read at.
+        runs: Three, the shortest step or the finest mesh first, each half the next.
+    """
+    try:
+        offsets, uncertainty = oscillation_offsets(runs)
+    except InputError:  # nothing swings: nothing to be said of it
+        offsets, uncertainty = (), None
+    found = {}
+    for metric in truth_metrics(problem):
+        untold = 0.0
+        if metric in OSCILLATION:
+            if uncertainty is None:
+                found[metric] = GridConvergence(0.0, Convergence.DIVERGING)
+                continue
+            word = metric.removeprefix("oscillation_")
+            values = [float(getattr(offset, word)) for offset in offsets]
+            untold = float(getattr(uncertainty, word))
+        else:
+            last = difference(metric, problem, runs[1], runs[0])
+            values = [0.0, last, last + difference(metric, problem, runs[2], runs[1])]
+        if not np.isfinite(values).all():
+            found[metric] = GridConvergence(0.0, Convergence.DIVERGING)
+            continue
+        shown = assess_grid_convergence(
+            values, (1.0, 2.0, 4.0), expected_order=_ORDER, noise=_NOISE
+        )
+        if shown.error_bar is not None and shown.order is not None and shown.order > _ORDER:
+            slower = (2.0**shown.order - 1.0) / (2.0**_ORDER - 1.0)
+            shown = dataclasses.replace(shown, error_bar=slower * shown.error_bar)
+        reach = float(np.ptp(values))
+        if shown.error_bar is None and reach <= untold:
+            shown = dataclasses.replace(
+                shown, behaviour=Convergence.BELOW_NOISE, error_bar=SAFETY_FACTOR * reach + _NOISE
+            )
+        elif shown.error_bar is None and metric in _NORMS and _grows_little(values):
+            shown = dataclasses.replace(shown, error_bar=SAFETY_FACTOR * reach + _NOISE)
+        found[metric] = shown
+    return found
+
+
+def _grows_little(values: Sequence[float]) -> bool:
+    return values[1] - values[0] <= LARGEST_GROWTH * (values[2] - values[1])
+
+
+def difference(metric: str, problem: Problem, one: State, other: State) -> float:
+    """How far two runs are apart in a metric, over its scale [-].
+
+    At the end of a swing two runs that are at odds may meet by chance, each on its way elsewhere: a
+    bar from that would be nothing, with the truth a whole swing off. So metrics of the last state
+    have the largest difference over the last part of the motion, LAST_PART of its outputs and no
+    fewer than LEAST_OUTPUTS, and the largest displacement, a number that agrees by chance sooner
+    still, has that of the worst point.
+
+    Infinite where the metric has nothing to measure: no swing, no displacement.
+    """
+    name = "displacement_max" if metric == "max_displacement" else metric
+    try:
+        found = measure(name, problem, one, other)
+    except InputError:
+        return math.inf
+    norm = _AT_THE_END.get(name)
+    if norm is None or one.trajectory is None or other.trajectory is None:
+        return found.value
+    last = max(LEAST_OUTPUTS, math.ceil(LAST_PART * len(other.trajectory.times)))
+    apart = one.trajectory.displacements[-last:] - other.trajectory.displacements[-last:]
+    largest = float(norm(problem.mesh, apart).max())
+    return max(found.value, largest / found.scale if found.scale > 0.0 else found.value)
+
+
+def _largest_norms(_mesh: TetMesh, moved: Points) -> Floats:
+    norms: Floats = np.linalg.norm(moved, axis=2).max(axis=1)
+    return norms
+
+
+_AT_THE_END: dict[str, Callable[[TetMesh, Points], Floats]] = {
+    "displacement_l2": l2_norms,
+    "displacement_max": _largest_norms,
+}
+
+
+def _bar_of(convergence: GridConvergence) -> float:
+    """The error bar, infinite where nothing can be concluded."""
+    return math.inf if convergence.error_bar is None else convergence.error_bar
+
+
+def _as_data(found: Mapping[str, GridConvergence]) -> dict[str, dict[str, Any]]:
+    """For the file and the report."""
+    return {metric: dataclasses.asdict(convergence) for metric, convergence in found.items()}

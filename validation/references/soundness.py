@@ -1,6 +1,6 @@
-"""What a file of references claims, held against its own arrays and against the case.
+"""What a file of references claims, compared with its own arrays and with the case.
 
-A hash tells whether a file is what was written; this tells whether what was written can be right.
+A hash says whether a file is what was written; this says whether what was written can be right.
 Everything here follows from the case and the arrays by the judge's own NumPy: nothing is solved.
 """
 
@@ -13,28 +13,27 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Points
+from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.exchange.nodal_arrays import held_components, held_slopes, touchable_points
-from palpate.validation.metrics import COMPARISONS, make_state
-from palpate.validation.metrics.body import body_of
+from palpate.validation.metrics import make_state, measure
+from palpate.validation.metrics.body import body_of, dead_force
 from palpate.validation.metrics.finite import largest
-from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR as THREE_MESHES
+from palpate.validation.metrics.grid_convergence import SAFETY_FACTOR
 from palpate.validation.metrics.stepping import Slip, Stepper, steps_per_output
 from palpate.validation.references.adaptive_truth import ADAPTIVE, most_apart, recorded_bars
-from palpate.validation.references.bar_parts import wrong_record
-from palpate.validation.references.sequences import NOISE, SAFETY_FACTOR
-from palpate.validation.references.sets import (
+from palpate.validation.references.bars import NOISE, PARTS, read_row
+from palpate.validation.references.reference_set import (
     OF_ELEMENT,
     QUADRATIC,
     SAME_MESH,
+    SCALARS,
     SMOOTHED,
     TRUTH,
     ReferenceSet,
 )
-from palpate.validation.references.stress_soundness import wrong_stresses
 from palpate.validation.states import State
 
-SCALARS = ("volume", "surface_area", "smallest_det_f", "max_displacement")
 _DEGREES = {SAME_MESH: 1, SMOOTHED: 1, QUADRATIC: 2, TRUTH: 2}
 _ELEMENTS = {label: element for element, label in OF_ELEMENT.items()}
 # Relative. Sums over some thousand cells in another order leave 1e-13; a volume that is 1e-9 off
@@ -46,6 +45,8 @@ _SINGLE = 1e-6
 # be the square root of their number above that, and another order of summing takes the rest.
 _SOLVED_TO = 1e-10
 _SLACK = 10.0
+# Of the largest nodal force: solved to 1e-10, summed over the points of a cell cut in eight twice.
+_BALANCED_TO = 1e-7
 # Of a trajectory's largest displacement: rounding grows at most with the square of the number of
 # steps, (1e4)^2 eps = 2e-8, and the least mistake worth finding is 1 %.
 _REPLAY = 1e-6
@@ -73,90 +74,34 @@ def find_contradictions(
                 *_wrong_numbers(problem, state),
                 *_wrong_motion(problem, state, thoroughly),
                 *_wrong_balance(problem, state),
-                *wrong_stresses(problem, state),
+                *_wrong_stresses(problem, state),
             ]
         found += [f"{label}, {strain} strain: {line}" for line in wrong]
     # Bars compare states with one another, which needs states that can be.
-    return found or [*_wrong_bars(problem, references), *_far_truths(problem, references)]
+    return found or list(_wrong_bars(problem, references))
 
 
 def _wrong_bars(problem: Problem, references: ReferenceSet) -> Iterator[str]:
-    yield from wrong_record(references.provenance, references.bars, _ROUNDING)
-    records = _recorded_bars(references.provenance)
+    """Bars below what the file's own record makes them, and truths too far from P2.
+
+    Truth and P2 on the case's mesh obey the triangle inequality over the meshes between them.
+    """
+    yield from _wrong_parts(references)
+    records = _Records(references.provenance)
+    least = records.least_bars()
     for (metric, strain), bar in references.bars.items():
         name = f"error bar of {metric}, {strain} strain"
         if math.isnan(bar) or bar < 0.0:
             yield f"{name}: {bar:g}; a bar is 0 or more"
-            continue
-        kept = records.get((metric, strain), 0.0)
-        least = max(kept, _of_two_grids(problem, metric, strain, references))
-        if bar < least * (1.0 - _ROUNDING):
-            yield (
-                f"{name}: {bar:.4g}, but the file's own record of meshes makes it {least:.4g} "
-                "(`palpate reference renew` makes bars of adaptive meshes anew from it)"
-            )
-
-
-def _recorded_bars(provenance: Mapping[str, Any]) -> dict[tuple[str, Strain], float]:
-    """The least bar that the kept sequences allow: their own, those of time and mesh together."""
-    least: dict[tuple[str, Strain], float] = {}
-    statics = _table(provenance, "grid_convergence") if is_of_three(provenance) else {}
-    motions = _table(provenance, "convergence")
-    for strain in Strain:
-        for table in (_table(statics, strain), *_table(motions, strain).values()):
-            for metric in _table({"": table}, ""):
-                bar = _number(_table(table, metric), "error_bar")
-                own = math.inf if bar is None else bar
-                least[metric, strain] = least.get((metric, strain), 0.0) + own
-        bars = recorded_bars(_adaptive(provenance, strain))
-        least |= {(metric, strain): bar for metric, bar in bars.items()}
-    return least
-
-
-def _adaptive(provenance: Mapping[str, Any], strain: Strain) -> Mapping[str, Any]:
-    """By metric what is kept of the meshes of an adaptive truth."""
-    return _table(_table(_table(provenance, ADAPTIVE), strain), "metrics")
-
-
-def is_of_three(provenance: Mapping[str, Any]) -> bool:
-    """Whether the sequence kept is that of the truth itself."""
-    return "degree 2" in str(provenance.get("sequence", ""))
-
-
-def _table(holder: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """A table of a record that anybody may have written; empty where it is none."""
-    found = holder.get(key)
-    return found if isinstance(found, Mapping) else {}
-
-
-def _number(holder: Mapping[str, Any], key: str) -> float | None:
-    found = holder.get(key)
-    return float(found) if isinstance(found, int | float) else None
-
-
-def _of_two_grids(problem: Problem, metric: str, strain: Strain, references: ReferenceSet) -> float:
-    """Roache's bar from the two quadratic states, where that is the rule a file was made by."""
-    coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
-    is_of_two = "degree 1" in str(references.provenance.get("sequence", ""))
-    if not is_of_two or coarse is None or truth is None or metric not in COMPARISONS:
-        return 0.0
-    return SAFETY_FACTOR * COMPARISONS[metric](problem.mesh, coarse, truth).value
-
-
-def _far_truths(problem: Problem, references: ReferenceSet) -> Iterator[str]:
-    """The truth and P2 on the case's mesh against the kept differences between meshes.
-
-    Of three meshes, each cut in eight, norms obey |coarse - fine| <= |coarse - middle| +
-    |middle - fine|, and both are on record: the second is the bar times (2^p - 1) over its safety
-    factor, the first 2^p times that. Of adaptive ones: see `most_apart`.
-    """
+        elif bar < (lowest := least.get((metric, strain), 0.0)) * (1.0 - _ROUNDING):
+            yield f"{name}: {bar:.4g}, but the file's own record of meshes makes it {lowest:.4g}"
     for strain in Strain:
         coarse, truth = (references.states.get((label, strain)) for label in (QUADRATIC, TRUTH))
         for metric in ("displacement_l2", "displacement_max"):
-            most = _most_apart(references.provenance, strain, metric)
+            most = records.most_apart(strain, metric)
             if coarse is None or truth is None or most is None:
                 continue
-            apart = COMPARISONS[metric](problem.mesh, coarse, truth).value
+            apart = measure(metric, problem, coarse, truth).value
             if not apart <= most * (1.0 + _SINGLE) + NOISE:
                 yield (
                     f"{truth.label}, {strain} strain: {apart:.3g} from {coarse.label} in "
@@ -164,19 +109,71 @@ def _far_truths(problem: Problem, references: ReferenceSet) -> Iterator[str]:
                 )
 
 
-def _most_apart(provenance: Mapping[str, Any], strain: Strain, metric: str) -> float | None:
-    """How far the record lets the first and the last mesh be apart; None where it says nothing."""
-    kept = _adaptive(provenance, strain).get(metric)
-    if isinstance(kept, Mapping):
-        return most_apart(kept)
-    if not is_of_three(provenance):
-        return None
-    record = _table(_table(_table(provenance, "grid_convergence"), strain), metric)
-    order, bar = _number(record, "order"), _number(record, "error_bar")
-    if order is None or bar is None:
-        return None
-    fine = bar * (2.0**order - 1.0) / THREE_MESHES
-    return float(fine * (1.0 + 2.0**order))
+def _wrong_parts(references: ReferenceSet) -> Iterator[str]:
+    """What cannot be in a record of parts: rows without a bar, no numbers, other sums."""
+    table = references.provenance.get(PARTS, {})
+    if not isinstance(table, Mapping):
+        yield f"{PARTS}: not a table"
+        return
+    known = {f"{metric}|{strain}": bar for (metric, strain), bar in references.bars.items()}
+    for name, row in table.items():
+        parts = read_row(row)
+        if parts is None or name not in known:
+            yield f"{PARTS} of {name}: not the parts of an error bar of this file"
+            continue
+        bar, whole = known[name], parts.whole
+        if whole != bar and not abs(whole - bar) <= _ROUNDING * bar:
+            yield f"{PARTS} of {name} add up to {whole:.4g}, but the bar is {bar:.4g}"
+
+
+class _Records:
+    """The sequences of meshes and steps in a provenance that anybody may have written."""
+
+    def __init__(self, provenance: Mapping[str, Any]) -> None:
+        self._adaptive = _table(provenance, ADAPTIVE)
+        self._steps = _table(provenance, "convergence")
+        # Of three meshes, each cut in eight.
+        self._eighths = _table(provenance, "grid_convergence")
+
+    def least_bars(self) -> dict[tuple[str, Strain], float]:
+        """The least bar that they allow: their own, those of time and mesh together."""
+        least: dict[tuple[str, Strain], float] = {}
+        for strain in Strain:
+            for table in (_table(self._eighths, strain), *_table(self._steps, strain).values()):
+                for metric in _table({"": table}, ""):
+                    bar = _number(_table(table, metric), "error_bar")
+                    own = math.inf if bar is None else bar
+                    least[metric, strain] = least.get((metric, strain), 0.0) + own
+            adaptive = recorded_bars(_table(_table(self._adaptive, strain), "metrics"))
+            least |= {(metric, strain): bar for metric, bar in adaptive.items()}
+        return least
+
+    def most_apart(self, strain: Strain, metric: str) -> float | None:
+        """How far they let the first and the last mesh be apart; None where they say nothing.
+
+        Of three meshes, each cut in eight, norms obey |coarse - fine| <= |coarse - middle| +
+        |middle - fine|: the second is the bar times (2^p - 1) over its safety factor, the first 2^p
+        times that.
+        """
+        record = _table(_table(self._adaptive, strain), "metrics").get(metric)
+        if isinstance(record, Mapping):
+            return most_apart(record)
+        record = _table(_table(self._eighths, strain), metric)
+        order, bar = _number(record, "order"), _number(record, "error_bar")
+        if order is None or bar is None:
+            return None
+        return float(bar * (2.0**order - 1.0) / SAFETY_FACTOR * (1.0 + 2.0**order))
+
+
+def _table(holder: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A table of a record; empty where it is none."""
+    found = holder.get(key)
+    return found if isinstance(found, Mapping) else {}
+
+
+def _number(holder: Mapping[str, Any], key: str) -> float | None:
+    found = holder.get(key)
+    return float(found) if isinstance(found, int | float) else None
 
 
 def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:
@@ -327,4 +324,43 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
         yield (
             f"the forces on the tools are {gap.max():.3g} N other than what the body "
             "pushes back with"
+        )
+
+
+def _wrong_stresses(problem: Problem, state: State) -> Iterator[str]:
+    """Shapes of the stresses of a truth, and their balance with the loads.
+
+    The case's linear shape functions lie among those that the truth was solved with, so that it is
+    in balance with the loads at the case's points too.
+    """
+    stress, mesh = state.integrals, problem.mesh
+    if stress is None:
+        return
+    wanted = ((mesh.num_cells, 3, 3), (mesh.num_points, 3))
+    shapes = (stress.cauchy.shape, stress.internal_force.shape)
+    if shapes != wanted or not all(
+        np.isfinite(field).all() for field in (stress.cauchy, stress.internal_force)
+    ):
+        yield f"stresses do not fit the mesh: shapes {shapes}, not {wanted}, all finite"
+        return
+    if stress.strain_energy is not None and not 0.0 <= stress.strain_energy < math.inf:
+        yield f"a strain energy of {stress.strain_energy:g} J"
+    free = (held_components(problem)[0] == 0) & ~touchable_points(problem)[:, None]
+    for load in problem.loads:
+        if isinstance(load, Pressure):
+            # It follows the truth's own surface, which is not stored.
+            free[load.facets] = False
+    for spring in problem.springs:
+        # It pulls at the edges of a quadratic truth too.
+        free[spring.facets] = False
+    slopes = held_slopes(problem)
+    if slopes is not None:
+        free[slopes.points] = False
+    dead = dead_force(problem)
+    scale = float(np.abs(np.concatenate([stress.internal_force, dead])).max())
+    left = float(np.abs(stress.internal_force - dead)[free].max(initial=0.0))
+    if not left <= _BALANCED_TO * scale:
+        yield (
+            f"its stresses leave {left:.3g} N at a free point, where the largest nodal force is "
+            f"{scale:.3g} N"
         )

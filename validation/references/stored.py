@@ -1,36 +1,61 @@
-"""References that travel with palpate, so that gates work without FEniCSx.
+"""References that travel with palpate or lie beside a case, so that gates work without FEniCSx.
 
-The key is what the answer depends on: mesh, material, supports, loads and schema. Versions of
-dolfinx and PETSc are provenance, not key. Whoever reads a reference has its hash checked
-(`reference_files`) and its contents held against the case (`soundness`). Files of version 0.1 have
-no hash: they are refused until `palpate reference renew` has checked them (`renewal`).
+A file is one .npz of fields and a header, with a SHA-256 over all of it. Its key is what the
+solution depends on: mesh, material, supports, loads and schema. Versions of dolfinx and PETSc are
+provenance, not key. Whoever reads a reference has its hash checked and its contents compared with
+the case (`soundness`).
 """
 
 from __future__ import annotations
 
+import json
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from palpate.meshes.problem import Problem
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.meshes.atomic_write import atomic_path
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
+from palpate.meshes.untrusted_arrays import read_npz
+from palpate.meshes.untrusted_text import parse_json
 from palpate.validation.exchange.case_folder import array_hash
-from palpate.validation.references.additions import (
-    accept_additions,
-    additions,
-    altered_beside,
-    waiting,
-)
-from palpate.validation.references.errors import (
-    MissingReferenceError,
-    StaleReferenceError,
-    UnsoundReferenceError,
-    UntrustedReferenceError,
-)
-from palpate.validation.references.reference_files import SCHEMA, read_reference, write_reference
-from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.reference_set import SCALARS, Place, ReferenceSet
 from palpate.validation.references.soundness import find_contradictions
+from palpate.validation.states import REFERENCE, State, StressIntegrals, Trajectory
+
+SCHEMA = 1
+# Of a symmetric tensor: xx, yy, zz, yz, xz, xy.
+_UPPER = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])
+_HASH = "sha256"
+
+
+class MissingReferenceError(InputError):
+    """No reference is stored for a case."""
+
+
+class StaleReferenceError(InputError):
+    """The stored reference belongs to another mesh, material, support, load or schema."""
+
+
+class UntrustedReferenceError(StaleReferenceError):
+    """The stored reference is not what was once written, or nobody can tell."""
+
+
+class UnsoundReferenceError(UntrustedReferenceError):
+    """The stored reference contradicts itself or its case; `.contradictions` says how."""
+
+    def __init__(self, what: str, contradictions: Sequence[str], remedy: str) -> None:
+        self.contradictions = tuple(contradictions)
+        shown = "; ".join(self.contradictions[:3])
+        more = len(self.contradictions) - 3
+        rest = f" and {more} more" if more > 0 else ""
+        super().__init__(f"{what} cannot be right: {shown}{rest}; {remedy}")
 
 
 def references_folder(beside: Path | None = None) -> Path:
@@ -46,7 +71,7 @@ def references_folder(beside: Path | None = None) -> Path:
 
 
 def problem_key(problem: Problem) -> str:
-    """SHA-256 over everything the answer depends on."""
+    """SHA-256 over everything the solution depends on."""
     return array_hash(f"palpate reference schema {SCHEMA}", problem_arrays(problem))
 
 
@@ -103,20 +128,9 @@ def load_stored(
 
 
 def load_checked(
-    path: Path,
-    name: str,
-    problem: Problem,
-    called: str = "",
-    *,
-    thoroughly: bool = False,
-    needs_hash: bool = True,
-    before_check: Callable[[ReferenceSet], ReferenceSet] | None = None,
+    path: Path, name: str, problem: Problem, called: str = "", *, thoroughly: bool = False
 ) -> ReferenceSet:
-    """`load_stored` of one file; `thoroughly` as in `find_contradictions`.
-
-    Without `needs_hash` a file that has none is taken for its contents. What is checked and
-    returned is what `before_check` makes of it.
-    """
+    """`load_stored` of one file; `thoroughly` as in `find_contradictions`."""
     remedy = (
         f"make it with `palpate reference build {called or name}` where FEniCSx is installed, then "
         f"`palpate reference accept {called or name} --reason TEXT`"
@@ -124,7 +138,7 @@ def load_checked(
     if not path.is_file():
         raise MissingReferenceError(f"no stored reference for {name!r}; {remedy}")
     try:
-        references, key, is_hashed = read_reference(path)
+        references, key = read_reference(path)
     except MissingReferenceError as error:
         raise MissingReferenceError(
             f"the stored reference of {name!r} is {error}; {remedy}"
@@ -138,40 +152,10 @@ def load_checked(
             f"the stored reference of {name!r} is stale: mesh, material, supports or loads have "
             f"changed since it was made; {remedy}"
         )
-    if needs_hash and not is_hashed:
-        raise UntrustedReferenceError(
-            f"the stored reference of {name!r} has no hash, as files of version 0.1: what it "
-            f"holds may have been altered; `palpate reference renew {called or name}` checks "
-            "what can be checked and adds one"
-        )
-    if before_check is not None:
-        references = before_check(references)
     wrong = find_contradictions(problem, references, thoroughly=thoroughly)
     if wrong:
         raise UnsoundReferenceError(f"the stored reference of {name!r}", wrong, remedy)
     return references
-
-
-def describe_acceptance(references: ReferenceSet) -> str:
-    """Who accepted a reference, when and why, in one line; empty where nobody did."""
-    accepted = {"": references.provenance.get("accepted")}
-    for what, about in additions(references).items():
-        accepted[f"{what} tetrahedra "] = about.get("accepted")
-    lines = []
-    for what, told in accepted.items():
-        if isinstance(told, dict):
-            date, by, reason = (told.get(key, "?") for key in ("date", "by", "reason"))
-            lines.append(f"{what}accepted {date} by {by}: {reason}")
-    return "; ".join(lines)
-
-
-def describe_time(references: ReferenceSet) -> str:
-    """How long a reference took to build, after its date; empty where the file does not tell it."""
-    told = [references.provenance.get(key) for key in ("seconds", "processor_seconds")]
-    clock, processor = (x if isinstance(x, int | float) else None for x in told)
-    if clock is None or processor is None:
-        return ""
-    return f" in {clock:.0f} s, {processor:.0f} s of the processor"
 
 
 def accept_pending(
@@ -182,7 +166,7 @@ def accept_pending(
     Args:
         name: Of the case.
         problem: Of the case now.
-        acceptance: Who, why, when and what changed; kept in the provenance.
+        acceptance: Who, why, when and what changed; stored in the provenance.
         beside: See `references_folder`.
 
     Raises:
@@ -195,25 +179,262 @@ def accept_pending(
         raise MissingReferenceError(
             f"nothing was built for {name!r}; run `palpate reference build {name}` first"
         )
-    _, key, _ = read_reference(pending)
+    _, key = read_reference(pending)
     if key != problem_key(problem):
         raise StaleReferenceError(
             f"{name!r} has changed since its reference was built; "
             f"run `palpate reference build {name}` again"
         )
     references = load_checked(pending, name, problem, thoroughly=True)
-    accepted = accepted_path(name, beside)
-    if waiting(references):
-        # Who accepted the rest did not see this; what they saw must still be what is there.
-        altered = altered_beside(load_checked(accepted, name, problem), references)
-        if altered:
-            raise StaleReferenceError(
-                f"the reference of {name!r} has changed since something was built beside it "
-                f"({', '.join(altered)}); build it again"
-            )
-        provenance = accept_additions(references, acceptance)
-    else:
-        provenance = {**references.provenance, "accepted": acceptance}
-    path = store(name, problem, references, provenance, path=accepted)
+    provenance = {**references.provenance, "accepted": acceptance}
+    path = store(name, problem, references, provenance, path=accepted_path(name, beside))
     pending.unlink()
     return path
+
+
+def describe_acceptance(references: ReferenceSet) -> str:
+    """Who accepted a reference, when and why, in one line; empty where nobody did."""
+    accepted = references.provenance.get("accepted")
+    if not isinstance(accepted, dict):
+        return ""
+    date, by, reason = (accepted.get(key, "?") for key in ("date", "by", "reason"))
+    return f"accepted {date} by {by}: {reason}"
+
+
+def describe_time(references: ReferenceSet) -> str:
+    """How long a reference took to build, after its date; empty where the file does not say."""
+    spent = [references.provenance.get(key) for key in ("seconds", "processor_seconds")]
+    clock, processor = (x if isinstance(x, int | float) else None for x in spent)
+    if clock is None or processor is None:
+        return ""
+    return f" in {clock:.0f} s, {processor:.0f} s of the processor"
+
+
+def describe_changes(before: Path, after: Path) -> list[str]:
+    """Compare two files of references, whatever they were made for.
+
+    Args:
+        before: The accepted one; may be missing or damaged.
+        after: The new one.
+
+    Returns:
+        One line for a state that is as it was; of another one for each number that every state
+        carries, with its relative change, and for the largest change of displacement; and one for
+        each error bar that changed.
+
+    Raises:
+        MissingReferenceError, UntrustedReferenceError: `after` is missing, damaged or altered.
+    """
+    new, new_key = read_reference(after)
+    try:
+        old, old_key = read_reference(before)
+    except (MissingReferenceError, UntrustedReferenceError) as error:
+        return [f"nothing to compare with: {error}"]
+    lines = [] if old_key == new_key else ["mesh, material, supports or loads have changed"]
+    for place in sorted({*old.states, *new.states}):
+        name = f"{place[0]}, {place[1]} strain"
+        if place in old.states and place in new.states:
+            lines += _changes_of_state(name, old.states[place], new.states[place])
+        else:
+            lines.append(f"{name}: {'gone' if place in old.states else 'new'}")
+    for metric, strain in sorted({*old.bars, *new.bars}):
+        bars = [of.bars.get((metric, strain)) for of in (old, new)]
+        if bars[0] != bars[1]:
+            was, now = ("none" if bar is None else f"{bar:.3g}" for bar in bars)
+            lines.append(f"error bar of {metric}, {strain} strain: {was}, now {now}")
+    return lines
+
+
+def _changes_of_state(name: str, a: State, b: State) -> list[str]:
+    lines = []
+    if not _are_same(_stress_fields(a), _stress_fields(b)):
+        lines.append(f"{name}: stresses {'new' if a.integrals is None else 'changed'}")
+    if _are_same(_fields(a), _fields(b)):
+        return lines or [f"{name}: unchanged"]
+    for metric in SCALARS:
+        before, after = float(getattr(a, metric)), float(getattr(b, metric))
+        relative = abs(after - before) / abs(before) if before else float(after != before)
+        lines.append(
+            f"{name}, {metric}: {before:.9g}, now {after:.9g} (relative change {relative:.2g})"
+        )
+    if a.displacement.shape != b.displacement.shape:
+        counts = f"{len(a.displacement)} points, now {len(b.displacement)}"
+        return [*lines, f"{name}, displacement: another mesh ({counts})"]
+    largest = float(abs(b.displacement - a.displacement).max())
+    scale = float(abs(a.displacement).max())
+    relative = largest / scale if scale else float(largest > 0.0)
+    return [
+        *lines,
+        f"{name}, displacement: at most {largest:.3g} m apart, {relative:.2g} of the largest",
+    ]
+
+
+def _fields(state: State) -> list[Any]:
+    """All numbers of a stored state but its stresses."""
+    motion = None if state.trajectory is None else state.trajectory.displacements
+    scalars = [getattr(state, name) for name in SCALARS]
+    return [scalars, state.displacement, state.tool_forces, motion]
+
+
+def _stress_fields(state: State) -> list[Any]:
+    stress = state.integrals
+    if stress is None:
+        return [None]
+    return [stress.cauchy, stress.internal_force, stress.strain_energy]
+
+
+def _are_same(one: list[Any], other: list[Any]) -> bool:
+    """To the last bit."""
+    return len(one) == len(other) and all(
+        a is b or (a is not None and b is not None and np.array_equal(a, b))
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+def content_hash(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 over name, type, shape and bytes of every array of a file, its header among them."""
+    return array_hash("palpate reference file", arrays)
+
+
+def write_reference(
+    path: Path, name: str, key: str, references: ReferenceSet, provenance: dict[str, Any]
+) -> None:
+    """Write references with their hash, whole or not at all.
+
+    Args:
+        path: Where.
+        name: Of the case.
+        key: Of the problem they belong to.
+        references: What is written.
+        provenance: Who made and accepted them, and with what.
+    """
+    header: dict[str, Any] = {
+        "schema": SCHEMA,
+        "key": key,
+        "case": name,
+        "origin": references.origin,
+        "provenance": provenance,
+        # JSON knows no infinity, which is a bar that allows no verdict.
+        "bars": {
+            f"{m}|{s}": bar if math.isfinite(bar) else None
+            for (m, s), bar in references.bars.items()
+        },
+        "states": [_entry(state) for state in references.states.values()],
+    }
+    arrays: dict[str, NDArray[Any]] = {}
+    for index, state in enumerate(references.states.values()):
+        arrays[f"displacement_{index}"] = state.displacement
+        if state.integrals is not None:
+            # Seven digits: its error bar allows for what is dropped.
+            stress = state.integrals.cauchy[:, *_UPPER].astype(np.float32)
+            arrays[f"cauchy_stress_{index}"] = stress
+            arrays[f"internal_force_{index}"] = state.integrals.internal_force
+        if state.trajectory is not None:
+            arrays[f"times_{index}"] = state.trajectory.times
+            arrays[f"displacements_{index}"] = state.trajectory.displacements
+    arrays["header"] = np.array(json.dumps(header, sort_keys=True, allow_nan=False))
+    arrays[_HASH] = np.array(content_hash(arrays))
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(stream, **dict(arrays))
+
+
+def _entry(state: State) -> dict[str, Any]:
+    """What the header says of a state."""
+    forces = None if state.tool_forces is None else state.tool_forces.tolist()
+    more = {"tool_forces": forces, "versions": dict(state.versions)}
+    entry = {
+        "label": state.label,
+        "strain": state.strain.value,
+        "degree": state.degree,
+        "details": {**state.details, **{name: value for name, value in more.items() if value}},
+        **{scalar: getattr(state, scalar) for scalar in SCALARS},
+    }
+    if state.element is not Element.LINEAR:
+        entry["element"] = state.element.value
+    if state.integrals is not None and state.integrals.strain_energy is not None:
+        entry["strain_energy"] = state.integrals.strain_energy
+    return entry
+
+
+def read_reference(path: Path) -> tuple[ReferenceSet, str]:
+    """Read a file of references, whatever it was made for.
+
+    Returns:
+        The references, not yet compared with any case; their key.
+
+    Raises:
+        MissingReferenceError: Missing, damaged, or of another schema.
+        UntrustedReferenceError: It has no hash, or its contents have another one.
+    """
+    try:
+        arrays = read_npz(path)
+        stored_hash = arrays.pop(_HASH, None)
+        if stored_hash is None:
+            raise UntrustedReferenceError("has no hash: what it holds may have been altered")
+        if str(stored_hash) != content_hash(arrays):
+            raise UntrustedReferenceError(
+                f"was altered: its contents have the SHA-256 {content_hash(arrays)[:12]}..., "
+                f"not {str(stored_hash)[:12]}... as when it was written"
+            )
+        header = parse_json(str(arrays["header"]))
+        if header["schema"] != SCHEMA:
+            raise ValueError(f"schema {header['schema']}")
+        return _unpacked(header, arrays), str(header["key"])
+    except UntrustedReferenceError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        if not Path(path).is_file():
+            raise MissingReferenceError("missing") from None
+        raise MissingReferenceError(f"damaged ({type(error).__name__})") from error
+
+
+def _unpacked(header: dict[str, Any], arrays: Mapping[str, NDArray[Any]]) -> ReferenceSet:
+    states: dict[Place, State] = {}
+    for index, entry in enumerate(header["states"]):
+        strain, details = Strain(entry["strain"]), dict(entry["details"])
+        forces, versions = details.pop("tool_forces", None), dict(details.pop("versions", {}))
+        scalars: Any = {scalar: float(entry[scalar]) for scalar in SCALARS}
+        motion = None
+        if f"times_{index}" in arrays:
+            motion = Trajectory(
+                _numbers(arrays[f"times_{index}"]), _numbers(arrays[f"displacements_{index}"])
+            )
+        states[str(entry["label"]), strain] = State(
+            label=str(entry["label"]),
+            simulator=REFERENCE,
+            strain=strain,
+            degree=int(entry["degree"]),
+            element=Element(entry.get("element", Element.LINEAR)),
+            displacement=_numbers(arrays[f"displacement_{index}"]),
+            details=details,
+            tool_forces=None if forces is None else _numbers(forces),
+            versions=versions,
+            trajectory=motion,
+            integrals=_integrals(entry, arrays, index),
+            **scalars,
+        )
+    bars = {}
+    for place, bar in dict(header["bars"]).items():
+        metric, strain_name = place.split("|")
+        bars[metric, Strain(strain_name)] = math.inf if bar is None else float(bar)
+    provenance = dict(header["provenance"])
+    if "versions" in provenance:
+        provenance["versions"] = dict(provenance["versions"])
+    return ReferenceSet(states, bars, str(header["origin"]), provenance=provenance)
+
+
+def _integrals(
+    entry: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], index: int
+) -> StressIntegrals | None:
+    if f"cauchy_stress_{index}" not in arrays:
+        return None
+    six = _numbers(arrays[f"cauchy_stress_{index}"])
+    stress = np.zeros((len(six), 3, 3))
+    stress[:, *_UPPER] = stress[:, *_UPPER[::-1]] = six
+    force = _numbers(arrays[f"internal_force_{index}"])
+    energy = entry.get("strain_energy")
+    return StressIntegrals(stress, force, None if energy is None else float(energy))
+
+
+def _numbers(values: Any) -> NDArray[np.float64]:
+    return np.asarray(values, dtype=np.float64)

@@ -31,7 +31,7 @@ from palpate.validation.judging.error_budget import (
 from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, tone_of
 from palpate.validation.quoting import for_html
-from palpate.validation.references.sets import OF_ELEMENT
+from palpate.validation.references.reference_set import OF_ELEMENT
 from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of

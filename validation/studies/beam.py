@@ -20,7 +20,7 @@ from palpate.reference.availability import is_available
 from palpate.validation.candidates.fastsim import run_fastsim
 from palpate.validation.case import load_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.sets import solve_state
+from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import OCHRE, RED, Line, Panel, line_figure
 from palpate.validation.report.study_page import Page, Table
 from palpate.validation.states import Progress, in_silence

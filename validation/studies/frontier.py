@@ -33,7 +33,7 @@ from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.exchange.placement import place
 from palpate.validation.exchange.point_location import locate
 from palpate.validation.peers import adapters
-from palpate.validation.references.sets import solve_state
+from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import CandidateFailedError, Progress

@@ -28,8 +28,7 @@ from palpate.validation.metrics.numerical_damping import (
     NumericalDamping,
     measure_numerical_damping,
 )
-from palpate.validation.references.motion_runs import solve_by_steps
-from palpate.validation.references.sets import solve_state
+from palpate.validation.references.runs import solve_by_steps, solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, leave
 from palpate.validation.states import CandidateFailedError, Progress, State, Verdict

@@ -106,7 +106,7 @@ def test_loads_that_cannot_be_told_apart_are_refused(quadratic: ModuleType) -> N
 @pytest.mark.dolfinx
 @pytest.mark.parametrize("name", [a.name for a in ADAPTERS if a.is_quadratic])
 def test_a_quadratic_adapter_gives_the_references_quadratic_answer(name: str) -> None:
-    from palpate.validation.references.sets import solve_state
+    from palpate.validation.references.runs import solve_state
 
     module = next(adapter.module for adapter in ADAPTERS if adapter.name == name)
     interpreter = interpreter_with(module)

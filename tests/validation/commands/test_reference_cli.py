@@ -12,21 +12,18 @@ import pytest
 from palpate.meshes.problem import Material, Strain
 from palpate.validation.case import QUICK, builtin_cases, builtin_folder, load_case
 from palpate.validation.cli import main
-from palpate.validation.references import sets
-from palpate.validation.references.changes import describe_changes
-from palpate.validation.references.errors import (
+from palpate.validation.references import statics
+from palpate.validation.references.reference_set import TRUTH
+from palpate.validation.references.stored import (
     MissingReferenceError,
     StaleReferenceError,
-    UntrustedReferenceError,
-)
-from palpate.validation.references.reference_files import read_reference
-from palpate.validation.references.sets import TRUTH
-from palpate.validation.references.stored import (
     accept_pending,
     accepted_path,
+    describe_changes,
     load_stored,
     pending_path,
     problem_key,
+    read_reference,
     references_folder,
     store,
 )
@@ -51,7 +48,7 @@ def palpate(monkeypatch, *arguments):
 def build_anew(name="block"):
     """What `build` would leave behind, of a truth with 1e-9 of noise and a wider bar."""
     case = load_case(name)
-    found, *_ = read_reference(accepted_path(name))
+    found, _ = read_reference(accepted_path(name))
     states = {
         place: dataclasses.replace(
             s,
@@ -80,7 +77,7 @@ def test_references_of_ones_own_case_are_kept_beside_it(tmp_path, monkeypatch, c
         shutil.copy(builtin_folder() / f"block{suffix}", tmp_path)
     path = str((tmp_path / "block.toml").rename(tmp_path / "mine.toml"))
     solved = read_reference(accepted_path("block"))[0]
-    monkeypatch.setattr(sets, "solve_for_storing", lambda *_given, **_options: solved)
+    monkeypatch.setattr(statics, "solve_for_storing", lambda *_given, **_options: solved)
     monkeypatch.chdir(tmp_path)
     assert palpate(monkeypatch, "gate", path) == 2
     assert "no reference is stored" in capsys.readouterr().err
@@ -138,9 +135,9 @@ def test_accepting_needs_something_built_for_the_case_as_it_is(monkeypatch):
         accept_pending("block", case.problem, {})
 
 
-def halve_displacements(path, *, keeps_hash=True):
+def halve_displacements(path):
     with np.load(path) as stored:
-        arrays = {name: stored[name] for name in stored.files if keeps_hash or name != "sha256"}
+        arrays = {name: stored[name] for name in stored.files}
     np.savez(path, **{n: 0.5 * a if n.startswith("displ") else a for n, a in arrays.items()})
 
 
@@ -174,36 +171,6 @@ def test_changes_of_the_case_and_of_bars_are_told(folder):
     (folder / "none.npz").write_bytes(b"")
     assert describe_changes(folder / "none.npz", pending_path("block"))[0].startswith("nothing")
     assert problem_key(case.problem) == read_reference(pending_path("block"))[1]
-
-
-def test_references_of_0_1_are_renewed_by_one_command(folder, monkeypatch, capsys):
-    with np.load(folder / "block.npz") as stored:
-        arrays = {name: stored[name] for name in stored.files if name != "sha256"}
-    np.savez(folder / "block.npz", **arrays)
-    assert palpate(monkeypatch, "gate", "block") == 2
-    assert "palpate reference renew block" in capsys.readouterr().err
-    with pytest.raises(UntrustedReferenceError):
-        load_stored("block", load_case("block").problem)
-    assert palpate(monkeypatch, "reference", "renew", "block", "beam") == 0
-    told = capsys.readouterr().out
-    assert "added: its hash" in told
-    assert "kept: accepted 2026-11-23" in told
-    assert "nothing to renew" in told
-    assert palpate(monkeypatch, "gate", "block") == 0
-    # One that cannot be right stays as it is, and the others are renewed all the same.
-    halve_displacements(folder / "beam.npz", keeps_hash=False)
-    np.savez(folder / "block.npz", **arrays)
-    capsys.readouterr()
-    assert palpate(monkeypatch, "reference", "renew", "beam", "block") == 2
-    told = capsys.readouterr()
-    assert "cannot be right" in told.err
-    assert "added: its hash" in told.out
-    assert palpate(monkeypatch, "reference", "check", "block") == 0
-
-
-def test_renewing_wants_its_cases_said_once(monkeypatch):
-    assert palpate(monkeypatch, "reference", "renew") == 2
-    assert palpate(monkeypatch, "reference", "renew", "block", "--all") == 2
 
 
 @pytest.mark.usefixtures("folder")

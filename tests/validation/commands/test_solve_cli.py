@@ -17,8 +17,7 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.files import read_answer
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import load_case
-from palpate.validation.references.motion_runs import solve_reference
-from palpate.validation.references.sets import solve_state
+from palpate.validation.references.runs import solve_reference, solve_state
 
 
 def palpate(*arguments: object) -> subprocess.CompletedProcess[str]:

@@ -12,7 +12,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.diagnosis import Cause, Diagnosis, diagnose
 from palpate.validation.diagnosis.explanation import DOUBLE, FAR_BETTER
-from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.references.reference_set import SAME_MESH
 from palpate.validation.solving import simulate
 from palpate.validation.states import State
 

@@ -20,7 +20,7 @@ from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.spring import AnchorPath, Spring
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.exchange.case_folder import describe_conventions, write_case_folder
-from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.references.reference_set import SAME_MESH
 from palpate.validation.references.stored import load_stored
 
 PROGRAM = Path(__file__).parent / "simulator_from_words.py"

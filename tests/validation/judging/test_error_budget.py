@@ -38,7 +38,7 @@ from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.judging.remainder import SOLVER, UNEXPLAINED
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
-from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.report.case_plots import budget_svg
 from palpate.validation.states import State
 

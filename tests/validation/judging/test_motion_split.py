@@ -31,7 +31,7 @@ from palpate.validation.judging.error_budget import (
 from palpate.validation.judging.remainder import SOLVER, UNEXPLAINED
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.numerical_damping import measure_numerical_damping
-from palpate.validation.references.motion_runs import solve_by_steps
+from palpate.validation.references.runs import solve_by_steps
 from palpate.validation.states import State, Trajectory, in_silence
 
 pytestmark = pytest.mark.dolfinx

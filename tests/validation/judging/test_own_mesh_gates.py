@@ -13,7 +13,7 @@ from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.exchange.point_location import locate_points
 from palpate.validation.judging.judge import find_references, judge_case
-from palpate.validation.references.sets import SAME_MESH, SMOOTHED
+from palpate.validation.references.reference_set import SAME_MESH, SMOOTHED
 from palpate.validation.states import Verdict, gravest
 
 CASES = sorted(path.stem for path in Path(__file__).parents[3].glob("validation/cases/*.toml"))

@@ -22,7 +22,7 @@ from palpate.validation.cli import app
 from palpate.validation.exchange.result_files import ResultFileError
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
 from palpate.validation.states import CandidateFailedError, Verdict, in_silence
 
 ADAPTERS = Path(palpate.validation.__file__).parent / "peers/adapters"

@@ -31,7 +31,7 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.body import body_of, shape_gradients
 from palpate.validation.metrics.stepping import steps_per_output
-from palpate.validation.references.sets import SAME_MESH, SMOOTHED, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH, SMOOTHED, ReferenceSet
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Precision, Trajectory, Verdict
 

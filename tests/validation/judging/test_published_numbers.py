@@ -26,8 +26,8 @@ from palpate.validation.judging.precision import PrecisionGrant
 from palpate.validation.judging.published import name_of_bar, number_of
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import stress_integrals
-from palpate.validation.references.reference_files import read_reference, write_reference
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH, ReferenceSet
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH, ReferenceSet
+from palpate.validation.references.stored import read_reference, write_reference
 from palpate.validation.states import (
     CellStresses,
     Precision,

@@ -19,7 +19,7 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.smoothing import Smoothing
-from palpate.validation.references.sets import SMOOTHED, ReferenceSet
+from palpate.validation.references.reference_set import SMOOTHED, ReferenceSet
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Verdict
 

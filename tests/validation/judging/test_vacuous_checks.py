@@ -22,7 +22,7 @@ from palpate.validation.judging.judge import exit_code, find_references, judge_c
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.references.sets import SAME_MESH, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
 from palpate.validation.states import Verdict
 
 WriteCase = Callable[..., Path]

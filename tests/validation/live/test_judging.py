@@ -18,7 +18,7 @@ from palpate.validation.live import verdict
 from palpate.validation.live.between_vertices import BetweenVertices
 from palpate.validation.live.judging import LIMITS, Judging
 from palpate.validation.live.live_case import Touch, live_case
-from palpate.validation.references.sets import SAME_MESH, TRUTH, ReferenceSet
+from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 
 # Answers on the same mesh, then does what stands in LATER.
 STUB = """

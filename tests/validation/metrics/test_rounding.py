@@ -14,7 +14,7 @@ from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.rounding import LARGEST, SAFETY, SinglePrecision, rounding_of_motion
-from palpate.validation.references.sets import SAME_MESH
+from palpate.validation.references.reference_set import SAME_MESH
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Trajectory
 

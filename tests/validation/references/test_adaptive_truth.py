@@ -13,8 +13,10 @@ from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.case import load_case
 from palpate.validation.judging.truth_request import truth_request
 from palpate.validation.references.adaptive_truth import TruthRequest, most_apart, recorded_bars
-from palpate.validation.references.sets import QUADRATIC, TRUTH, solve_for_storing, solve_state
+from palpate.validation.references.reference_set import QUADRATIC, TRUTH
+from palpate.validation.references.runs import solve_state
 from palpate.validation.references.soundness import find_contradictions
+from palpate.validation.references.statics import solve_for_storing
 
 HALVING = {
     "estimates": [0.04, 0.02, 0.01, 0.005],

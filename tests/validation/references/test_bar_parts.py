@@ -12,7 +12,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
 from palpate.validation.judging.outputs import results_json
-from palpate.validation.references.bar_parts import (
+from palpate.validation.references.bars import (
     PARTS,
     BarParts,
     as_record,
@@ -20,9 +20,8 @@ from palpate.validation.references.bar_parts import (
     read_row,
     with_bar,
 )
-from palpate.validation.references.reference_files import read_reference
 from palpate.validation.references.soundness import find_contradictions
-from palpate.validation.references.stored import load_stored, store
+from palpate.validation.references.stored import load_stored, read_reference, store
 from palpate.validation.states import Verdict
 
 PLACE = ("displacement_l2", Strain.GREEN)
@@ -106,7 +105,7 @@ def test_parts_are_kept_in_the_file_and_told_in_the_verdict(block, tmp_path, mon
     told = with_record(references, as_record({PLACE: parts}))
     path = tmp_path / "block-fine.npz"
     store(case.name, case.problem, told, dict(told.provenance), path=path)
-    again, _, _ = read_reference(path)
+    again, _ = read_reference(path)
     assert again.bar_parts(*PLACE) == parts
     monkeypatch.setenv("PALPATE_REFERENCES", str(tmp_path))
     result = judge_case(case, diagnoses=False)

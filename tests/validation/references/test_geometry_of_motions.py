@@ -15,12 +15,11 @@ from palpate.reference.errors import ReferenceStepError
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.metrics import make_state
-from palpate.validation.references import geometry_part
-from palpate.validation.references.bar_parts import GEOMETRY, PARTS
-from palpate.validation.references.geometry_notes import geometry_notes, shape_of
-from palpate.validation.references.geometry_part import with_geometry
+from palpate.validation.references import geometry
+from palpate.validation.references.bars import GEOMETRY, PARTS
+from palpate.validation.references.geometry import geometry_notes, shape_of, with_geometry
 from palpate.validation.references.motions import solve_motion_set
-from palpate.validation.references.sets import QUADRATIC, ReferenceSet
+from palpate.validation.references.reference_set import QUADRATIC, ReferenceSet
 from palpate.validation.states import Trajectory
 
 CASE = """
@@ -138,7 +137,7 @@ def test_a_coarse_cylinder_swings_tens_of_per_cent_too_far_and_too_slowly(swingi
     (Dunkerley's rule, some 1 % here; f_shear = sqrt(k G / rho) / (4 L), k as Cowper's.) The
     polyhedron swings at 0.1249 Hz (quadratic, cells cut in eight).
     """
-    monkeypatch.setattr(geometry_part, "_LARGEST_QUADRATIC_MOVING", 0)
+    monkeypatch.setattr(geometry, "_LARGEST_QUADRATIC_MOVING", 0)
     metrics = ("trajectory_l2", "oscillation_amplitude", "oscillation_frequency")
     truth = swing_as_one(swinging.problem)
     found, parts = geometry_of(swinging, metrics, truth)
@@ -182,7 +181,7 @@ def without_parts(case, monkeypatch, error):
     def fail(*_args, **_words):
         raise error
 
-    monkeypatch.setattr(geometry_part, "solve_implicit", fail)
+    monkeypatch.setattr(geometry, "solve_implicit", fail)
     found, parts = geometry_of(case, ("trajectory_l2", "oscillation_phase"))
     assert set(parts.values()) == {math.inf}
     assert found.bar_parts("trajectory_l2", Strain.LINEAR).whole == pytest.approx(0.01)
@@ -211,8 +210,8 @@ def test_what_a_motion_is_solved_with_is_kept_and_told(swinging, monkeypatch):
         asked.append((problem.mesh.num_cells, steps, degree, time_limit))
         return swing_as_one(swinging.problem)
 
-    monkeypatch.setattr(geometry_part, "solve_implicit", still)
-    monkeypatch.setattr(geometry_part, "_LARGEST_QUADRATIC_MOVING", 10)
+    monkeypatch.setattr(geometry, "solve_implicit", still)
+    monkeypatch.setattr(geometry, "_LARGEST_QUADRATIC_MOVING", 10)
     found, parts = geometry_of(swinging, ("trajectory_l2",), seconds=50.0)
     cells = 8 * swinging.problem.mesh.num_cells
     assert [row[:3] for row in asked] == 2 * [(cells, 2, 1)]
@@ -233,7 +232,7 @@ def test_a_distance_is_for_motions_and_under_tools_too(case_of, tmp_path):
     case = case_of(
         'mesh = "octant.vtu"', f"[truth]\ngeometry_distance = 0.005\n{SLIDING}{PLANE}", "tool_force"
     )
-    body = geometry_part.true_body(case)
+    body = geometry.true_body(case)
     assert len(body.others) == 2
     assert body.factor == 1.0
 

@@ -11,9 +11,10 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.truth_request import truth_request
-from palpate.validation.references.geometry_part import with_geometry
-from palpate.validation.references.live import estimate_bars
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, ReferenceSet, solve_state
+from palpate.validation.references.geometry import with_geometry
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, ReferenceSet
+from palpate.validation.references.runs import solve_state
+from palpate.validation.references.statics import estimate_bars
 
 OUTER, INNER, E, NU, P = 2.0, 1.0, 1000.0, 0.3, 10.0
 # Lame's thick sphere: u = p a^3 / (E (b^3 - a^3)) ((1 - 2 nu) r + (1 + nu) b^3 / (2 r^2)).

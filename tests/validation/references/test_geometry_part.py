@@ -20,11 +20,10 @@ from palpate.validation.exchange.nodal_arrays import facet_areas
 from palpate.validation.judging import judge
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import COMPARISONS, make_state
-from palpate.validation.references import geometry_part, true_bodies
-from palpate.validation.references.bar_parts import BarParts
-from palpate.validation.references.geometry_notes import geometry_notes, shape_of
-from palpate.validation.references.geometry_part import with_geometry
-from palpate.validation.references.sets import QUADRATIC, ReferenceSet
+from palpate.validation.references import geometry, true_bodies
+from palpate.validation.references.bars import BarParts
+from palpate.validation.references.geometry import geometry_notes, shape_of, with_geometry
+from palpate.validation.references.reference_set import QUADRATIC, ReferenceSet
 from palpate.validation.references.true_bodies import on_moved, true_body
 from palpate.validation.states import Verdict
 
@@ -104,7 +103,7 @@ def squeezed(monkeypatch):
             degree=1,
         )
 
-    monkeypatch.setattr(geometry_part, "solve_state", solve)
+    monkeypatch.setattr(geometry, "solve_state", solve)
 
 
 def geometry_of(case, **words):
@@ -264,7 +263,7 @@ def test_a_true_body_without_an_answer_is_told(cylinder, monkeypatch):
     def crash(*_args, **_words):
         raise ReferenceCrashedError(-9, "")
 
-    monkeypatch.setattr(geometry_part, "solve_state", crash)
+    monkeypatch.setattr(geometry, "solve_state", crash)
     found, parts = geometry_of(cylinder)
     assert set(parts.values()) == {math.inf}
     assert found.bar_parts("volume", Strain.LINEAR).whole == pytest.approx(0.01)
@@ -380,17 +379,17 @@ reason = "closed form"
 def test_a_truth_solved_here_gets_its_part_within_a_time(case_of, monkeypatch):
     limits = []
     squeezed(monkeypatch)
-    solve = geometry_part.solve_state
+    solve = geometry.solve_state
 
     def timed(*args, time_limit, **words):
         limits.append(time_limit)
         return solve(*args, **words)
 
     case = case_of(SPHERE)
-    monkeypatch.setattr(geometry_part, "solve_state", timed)
+    monkeypatch.setattr(geometry, "solve_state", timed)
     monkeypatch.setattr(judge.availability, "is_available", lambda: True)
     monkeypatch.setattr(judge, "solve_live", lambda *_args, **_words: references_of(case.problem))
     found = judge.find_references(case, live=True, progress=lambda _line: None)
     assert found.bar_parts("volume", Strain.LINEAR).geometry > 0.05
     assert shape_of(found) == "a sphere"
-    assert 0.0 < min(limits) <= max(limits) <= geometry_part.LIVE_SECONDS
+    assert 0.0 < min(limits) <= max(limits) <= geometry.LIVE_SECONDS

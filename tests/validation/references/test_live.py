@@ -18,11 +18,11 @@ from palpate.reference.result import LOST, AdaptiveResult
 from palpate.validation.case import load_case
 from palpate.validation.metrics import COMPARISONS, make_state, measure
 from palpate.validation.metrics.body import dead_force
-from palpate.validation.references import live
+from palpate.validation.references import statics
 from palpate.validation.references.adaptive_truth import TruthRequest
-from palpate.validation.references.limits import has_point_forces, without_limits
-from palpate.validation.references.live import estimate_bars, graded_bars, solve_live
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
+from palpate.validation.references.bars import has_point_forces, without_limits
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH
+from palpate.validation.references.statics import estimate_bars, graded_bars, solve_live
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import State, StressIntegrals
 
@@ -193,7 +193,7 @@ def test_without_room_for_a_second_mesh_p1_says_how_far_p2_is(
     held = facets[(mesh.points[facets][:, :, 0] < 1e-9).all(axis=1)]
     support = Support(np.unique(held).astype(np.int32), held)
     problem = pulled_at_a_point(Problem(mesh, Material(1e3, 0.3), (support,), ()))
-    monkeypatch.setattr(live, "UNKNOWNS", 900.0)
+    monkeypatch.setattr(statics, "UNKNOWNS", 900.0)
     found = solve_live(problem, quiet)
     assert (TRUTH, Strain.LINEAR) not in found.states
     truth = found.truth(Strain.LINEAR)

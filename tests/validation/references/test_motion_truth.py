@@ -20,11 +20,15 @@ from palpate.validation.judging.checks import judge_check
 from palpate.validation.judging.judge import find_references, judge_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.grid_convergence import Convergence
-from palpate.validation.references import motions, stored_motions
-from palpate.validation.references.motion_sequences import assess_sequence, difference
-from palpate.validation.references.motions import solve_motion_set
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH
-from palpate.validation.references.stored_motions import STEPS, refine_where_rough
+from palpate.validation.references import motions
+from palpate.validation.references.motions import (
+    STEPS,
+    assess_sequence,
+    difference,
+    refine_where_rough,
+    solve_motion_set,
+)
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH
 from palpate.validation.states import State, Trajectory, Verdict
 
 SPEED = math.sqrt(0.3 / (1.3 * 0.4) + 1.0 / 1.3)  # of confined waves, E = 1, nu = 0.3, rho = 1
@@ -280,8 +284,7 @@ def test_a_motion_without_an_answer_is_told_and_never_stored(
     def say(_line: str) -> None:
         pass
 
-    for builder in (motions, stored_motions):
-        monkeypatch.setattr(builder, "solve_implicit", lost)
+    monkeypatch.setattr(motions, "solve_implicit", lost)
     found = solve_motion_set(case.problem, say, wanted={"truth"})
     assert found.truth(Strain.GREEN) is None
     assert "a cell would invert" in found.failure("truth", Strain.GREEN)

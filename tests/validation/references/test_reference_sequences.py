@@ -9,7 +9,7 @@ import numpy as np
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
-from palpate.validation.references.sequences import at_points_of
+from palpate.validation.references.runs import at_points_of
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import State
 
@@ -19,7 +19,7 @@ def test_refined_states_are_read_at_the_first_points():
     field = np.zeros((mesh.num_points, 3))
     field[:, 0] = 0.3 * mesh.points[:, 0]
     many = State("made up", "reference", Strain.GREEN, 2, field, 1.1e-3, 0.05, 1.0, 0.06)
-    found = at_points_of(few, many, "truth")
+    found = at_points_of(few, many)
     assert found.displacement.shape == (few.num_points, 3)
     assert found.max_displacement == np.linalg.norm(found.displacement, axis=1).max()
     assert found.volume == many.volume

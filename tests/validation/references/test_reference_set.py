@@ -18,9 +18,9 @@ from palpate.reference.errors import (
 )
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.references import live
-from palpate.validation.references.live import solve_live
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH
+from palpate.validation.references import statics
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH
+from palpate.validation.references.statics import solve_live
 from palpate.validation.states import State, Verdict
 
 WriteCase = Callable[..., Path]
@@ -56,8 +56,8 @@ def fake_solves(
             details={"versions": {}},
         )
 
-    monkeypatch.setattr(live, "solve_state", solve)
-    monkeypatch.setattr(live, "refine_truth", lambda *_args, **_words: crash())
+    monkeypatch.setattr(statics, "solve_state", solve)
+    monkeypatch.setattr(statics, "refine_truth", lambda *_args, **_words: crash())
     return calls
 
 

@@ -8,14 +8,26 @@ import math
 import numpy as np
 import pytest
 
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.metrics import make_state
-from palpate.validation.references.errors import UnsoundReferenceError
-from palpate.validation.references.reference_files import read_reference, write_reference
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
-from palpate.validation.references.soundness import SCALARS, find_contradictions
-from palpate.validation.references.stored import accepted_path, load_stored, problem_key, store
+from palpate.validation.references.reference_set import (
+    QUADRATIC,
+    SAME_MESH,
+    SCALARS,
+    SMOOTHED,
+    TRUTH,
+)
+from palpate.validation.references.soundness import find_contradictions
+from palpate.validation.references.stored import (
+    UnsoundReferenceError,
+    accepted_path,
+    load_stored,
+    problem_key,
+    read_reference,
+    store,
+    write_reference,
+)
 from palpate.validation.states import Trajectory
 
 
@@ -204,3 +216,23 @@ def test_records_of_a_wrong_type_are_no_records():
         provenance = {"sequence": "degree 2", "grid_convergence": kept, "convergence": kept}
         told = dataclasses.replace(references, provenance=provenance)
         assert all("error bar of" in line for line in find_contradictions(problem, told))
+
+
+@pytest.mark.parametrize("strain", Strain)
+@pytest.mark.parametrize("name", ["block", "block-motion", "press"])
+def test_another_elements_state_under_its_name_is_refused(name, strain):
+    problem, stored = references_of(name)
+    for label, other in ((SMOOTHED, SAME_MESH), (SAME_MESH, SMOOTHED)):
+        element = stored.states[label, strain].element
+        swapped = dataclasses.replace(stored.states[other, strain], label=label, element=element)
+        states = {**stored.states, (label, strain): swapped}
+        found = contradictions(problem, dataclasses.replace(stored, states=states))
+        words = "not in equilibrium" if problem.time is None else "from the case's own steps"
+        assert f"{label}, {strain} strain" in found
+        assert words in found
+
+
+def test_a_state_whose_name_stands_for_another_element_is_refused():
+    problem, references = references_of("block")
+    wrong = changed(references, SMOOTHED, element=Element.LINEAR)
+    assert "its name stands for smoothed ones" in contradictions(problem, wrong)

@@ -10,10 +10,10 @@ import pytest
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.metrics import make_state, measure
-from palpate.validation.references import motion_runs, stored_motions
-from palpate.validation.references.live import estimate_bars
-from palpate.validation.references.sets import QUADRATIC, SAME_MESH, TRUTH
-from palpate.validation.references.stored_motions import rough_cells, solve_motion_truth
+from palpate.validation.references import motions, runs
+from palpate.validation.references.motions import rough_cells, solve_motion_truth
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH
+from palpate.validation.references.statics import estimate_bars
 from palpate.validation.states import State, Trajectory
 
 SLIDE = load_case("slide")
@@ -64,7 +64,7 @@ def test_a_bar_has_the_parts_of_mesh_and_time(monkeypatch: pytest.MonkeyPatch) -
         state = motion(problem, (1.0 + error) * 1e-2 * kinked, 1.0 + error)
         return dataclasses.replace(state, strain=strain)
 
-    monkeypatch.setattr(stored_motions, "solve_implicit", solve_implicit)
+    monkeypatch.setattr(motions, "solve_implicit", solve_implicit)
     truth, bars, details = solve_motion_truth(PROBLEM, Strain.GREEN, lambda _line: None)
     first, middle, finest = details["cells"]
     long, shorter = [(n, 2) for n in (first, middle, finest)], [(middle, 4), (middle, 8)]
@@ -106,7 +106,7 @@ def test_bars_that_shrink_with_no_mesh_allow_no_verdict(monkeypatch: pytest.Monk
         way = problem.mesh.points * np.linspace(0.0, 1.0, 41)[:, None, None]
         return motion(problem, way * np.abs(problem.mesh.points[:, :1]), next(forces))
 
-    monkeypatch.setattr(stored_motions, "solve_implicit", solve_implicit)
+    monkeypatch.setattr(motions, "solve_implicit", solve_implicit)
     _, bars, _ = solve_motion_truth(PROBLEM, Strain.GREEN, lambda _line: None)
     assert bars["tool_force"].whole == np.inf
 
@@ -125,7 +125,7 @@ def test_a_body_without_tools_has_its_truth_the_same_way(
         swung = motion(finer, size * way * points[:, :1], 1.0)
         return dataclasses.replace(swung, tool_forces=None)
 
-    monkeypatch.setattr(stored_motions, "solve_implicit", solve_implicit)
+    monkeypatch.setattr(motions, "solve_implicit", solve_implicit)
     truth, bars, details = solve_motion_truth(problem, Strain.GREEN, lambda _line: None)
     # The finest mesh takes the shortest step itself.
     assert told[-1] == (details["cells"][-1], 8)
@@ -141,4 +141,4 @@ def test_tools_press_where_everything_else_is_balanced() -> None:
     """Elsewhere a tool that slides would push the body by a part of its way in a step."""
     from palpate.reference.generalised_alpha import AlphaMethod
 
-    assert AlphaMethod(motion_runs._WITH_TOOLS).alpha_f == 0.0
+    assert AlphaMethod(runs._WITH_TOOLS).alpha_f == 0.0

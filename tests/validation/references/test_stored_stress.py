@@ -14,12 +14,12 @@ from palpate.validation.case.schema import CheckSpec
 from palpate.validation.cli import main
 from palpate.validation.judging.case_judge import CaseJudge
 from palpate.validation.judging.published import name_of_bar
-from palpate.validation.references.errors import UnsoundReferenceError
-from palpate.validation.references.reference_files import read_reference
-from palpate.validation.references.sets import TRUTH
+from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.references.stored import (
+    UnsoundReferenceError,
     load_stored,
+    read_reference,
     references_folder,
     store,
 )

@@ -25,20 +25,11 @@ from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.meshes.refinement import mean_over_parents, refine_uniformly
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.metrics import Part, make_state, measure
-from palpate.validation.references.adaptive_truth import (
-    TruthRequest,
-    name_of_part,
-    solve_truth,
-)
-from palpate.validation.references.live import solve_live
-from palpate.validation.references.sets import (
-    QUADRATIC,
-    SAME_MESH,
-    TRUTH,
-    ReferenceSet,
-    solve_state,
-)
-from palpate.validation.references.stress_bars import bar_of_part, was_asked
+from palpate.validation.references.adaptive_truth import TruthRequest, solve_truth
+from palpate.validation.references.bars import name_of_part
+from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, TRUTH, ReferenceSet
+from palpate.validation.references.runs import solve_state
+from palpate.validation.references.statics import solve_live
 from palpate.validation.states import State, StressIntegrals
 
 pytestmark = pytest.mark.dolfinx
@@ -111,7 +102,7 @@ def references() -> ReferenceSet:
     """As they are stored: P2 on meshes refined for the parts."""
     asked = [("stress_l2" if len(p.cells) else "traction_resultant", p) for p in parts().values()]
     request = TruthRequest(BAR, 300.0, 4.0, parts={Strain.LINEAR: asked})
-    truth, bars, _ = solve_truth(quarter(), Strain.LINEAR, request, lambda _line: None, label=TRUTH)
+    truth, bars, _ = solve_truth(quarter(), Strain.LINEAR, request, lambda _line: None)
     named = {(name, Strain.LINEAR): bar for name, bar in bars.items()}
     return ReferenceSet({(TRUTH, Strain.LINEAR): truth}, named, "here")
 
@@ -161,7 +152,7 @@ def test_the_bar_covers_the_error_of_the_truth_and_is_not_idle(metric: str, name
     truth = known.truth(Strain.LINEAR)
     assert truth is not None
     error = measure(metric, quarter(), truth, exact(), part).value
-    bar = bar_of_part(quarter(), known, Strain.LINEAR, metric, part)
+    bar = known.bar_of_part(quarter(), Strain.LINEAR, metric, part)
     assert 0.0 < error <= bar <= BAR
     # No hundred times too wide; forces settle far faster than any rate that is believed.
     assert bar < (100.0 * error if metric == "stress_l2" else 1e-3)
@@ -173,11 +164,11 @@ def test_the_bar_covers_the_error_of_the_truth_and_is_not_idle(metric: str, name
 def test_a_part_that_was_not_asked_for_has_no_bar() -> None:
     known, inside = references(), parts()["inside"]
     other = dataclasses.replace(inside, cells=inside.cells[1:])
-    assert bar_of_part(quarter(), known, Strain.LINEAR, "stress_l2", other) == float("inf")
-    assert not was_asked(known, Strain.LINEAR, name_of_part("stress_l2", other))
+    assert known.bar_of_part(quarter(), Strain.LINEAR, "stress_l2", other) == float("inf")
+    assert not known.was_asked(Strain.LINEAR, name_of_part("stress_l2", other))
     # In another order they are the same cells.
     turned = dataclasses.replace(inside, cells=inside.cells[::-1])
-    assert was_asked(known, Strain.LINEAR, name_of_part("stress_l2", turned))
+    assert known.was_asked(Strain.LINEAR, name_of_part("stress_l2", turned))
 
 
 @PARTS
@@ -191,16 +182,16 @@ def test_a_truth_solved_on_the_spot_has_a_bar_that_covers_it_too(metric: str, na
     assert live.truth(Strain.LINEAR) is live.states[TRUTH, Strain.LINEAR]
     assert truth is not None
     error = measure(metric, quarter(), truth, exact(), part).value
-    bar = bar_of_part(quarter(), live, Strain.LINEAR, metric, part)
+    bar = live.bar_of_part(quarter(), Strain.LINEAR, metric, part)
     assert error <= bar < 1.0
     # Whoever is judged: linear tetrahedra tell it, though smoothed ones are not held against them.
     of_smoothed = live.of_element(Element.SMOOTHED)
     assert (SAME_MESH, Strain.LINEAR) not in of_smoothed.states
-    assert bar_of_part(quarter(), of_smoothed, Strain.LINEAR, metric, part) == bar
+    assert of_smoothed.bar_of_part(quarter(), Strain.LINEAR, metric, part) == bar
     # Without linear tetrahedra beside it there is nothing to tell it from.
     alone = {place: state for place, state in live.states.items() if place[0] != SAME_MESH}
     lonely = dataclasses.replace(live, states=alone)
-    assert bar_of_part(quarter(), lonely, Strain.LINEAR, metric, part) == float("inf")
+    assert lonely.bar_of_part(quarter(), Strain.LINEAR, metric, part) == float("inf")
 
 
 def test_a_truth_without_stresses_has_no_bar() -> None:
@@ -208,4 +199,4 @@ def test_a_truth_without_stresses_has_no_bar() -> None:
     place = TRUTH, Strain.LINEAR
     mute = dataclasses.replace(known.states[place], integrals=None)
     without = dataclasses.replace(known, states={place: mute})
-    assert bar_of_part(quarter(), without, Strain.LINEAR, "stress_l2", part) == float("inf")
+    assert without.bar_of_part(quarter(), Strain.LINEAR, "stress_l2", part) == float("inf")

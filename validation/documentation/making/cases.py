@@ -11,7 +11,7 @@ from palpate.meshes.problem import Strain
 from palpate.validation.case import Case, builtin_cases, load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.judging.expectation import Expectation, read_expected
-from palpate.validation.references.sets import ReferenceSet
+from palpate.validation.references.reference_set import ReferenceSet
 from palpate.validation.references.stored import load_stored
 from palpate.validation.report.pictures import draw_case
 

@@ -15,10 +15,9 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.reference.errors import ReferenceFailedError
 from palpate.validation.metrics import COMPARISONS, measure
 from palpate.validation.references.adaptive_truth import TruthRequest, solve_truth
-from palpate.validation.references.live import solve_live
-from palpate.validation.references.motion_sequences import truth_metrics
-from palpate.validation.references.motions import solve_motion_set
-from palpate.validation.references.sets import TRUTH, ReferenceSet
+from palpate.validation.references.motions import solve_motion_set, truth_metrics
+from palpate.validation.references.reference_set import ReferenceSet
+from palpate.validation.references.statics import solve_live
 from palpate.validation.states import Progress, State
 from palpate.validation.studies.calibration.answers import Answer
 from palpate.validation.studies.calibration.drawn import Drawn
@@ -173,15 +172,13 @@ def file_of(folder: Path, drawn: Drawn, way: str) -> Path:
 
 
 def _error(metric: str, problem: Problem, truth: State, answer: Answer) -> float:
-    if problem.time is None:
-        return COMPARISONS[metric](problem.mesh, truth, answer.state).value
     return measure(metric, problem, truth, answer.state).value
 
 
 def _stored(problem: Problem, strain: Strain, progress: Progress) -> tuple[State, dict[str, float]]:
     if problem.time is None:
         request = _request(strain)
-        state, bars, _ = solve_truth(problem, strain, request, progress, label=TRUTH)
+        state, bars, _ = solve_truth(problem, strain, request, progress)
         return state, {metric: bars[metric] for metric in COMPARISONS}
     found = solve_motion_set(
         problem, progress, wanted=("truth",), is_for_storing=True, truth_strains=(strain,)

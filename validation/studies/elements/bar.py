@@ -16,7 +16,7 @@ from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
-from palpate.validation.references.sets import solve_state
+from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import (
     BLUE,
     BROWN,

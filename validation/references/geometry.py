@@ -11,6 +11,9 @@ Tools keep their paths in space, as somebody who places a probe by coordinates w
 true surface is nearer it is pressed deeper, and that is geometry too. A motion is solved implicitly
 with few steps, and but for small bodies with linear tetrahedra, the same in both: two more runs of
 about the cost of one of the truth's, which fall short by up to 15 per cent of the part.
+
+Stress is compared by means over the case's cells, those of the true body over the cells that were
+cut from them and moved; the force of a support, or through a cut, of each body by its own loads.
 """
 
 from __future__ import annotations
@@ -22,20 +25,28 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.meshes.refinement import at_refined_points
-from palpate.meshes.tet_mesh import TetMesh
+from palpate.meshes.refinement import at_refined_points, mean_over_parents
+from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case import Case
-from palpate.validation.metrics import Part, measure
+from palpate.validation.metrics import Part, measure, stress_integrals
+from palpate.validation.metrics.numbers import reaction, strain_energy
+from palpate.validation.metrics.stress import resultant, scale_of_force
 from palpate.validation.references.adaptive_truth import ENERGY, TruthRequest, whole_metrics
-from palpate.validation.references.bar_parts import GEOMETRY, PARTS, BarParts, as_record
-from palpate.validation.references.geometry_of_stress import compare_stresses
-from palpate.validation.references.motion_runs import TIME_LIMIT, solve_implicit
-from palpate.validation.references.motion_sequences import difference, truth_metrics
-from palpate.validation.references.sequences import at_points_of
-from palpate.validation.references.sets import ReferenceSet, solve_state
+from palpate.validation.references.bars import GEOMETRY, PARTS, BarParts, as_record
+from palpate.validation.references.motions import difference, truth_metrics
+from palpate.validation.references.reference_set import Place, ReferenceSet
+from palpate.validation.references.runs import (
+    TIME_LIMIT,
+    at_points_of,
+    solve_implicit,
+    solve_state,
+)
 from palpate.validation.references.true_bodies import (
     TrueBody,
     name_of_body,
@@ -43,7 +54,7 @@ from palpate.validation.references.true_bodies import (
     surface_key,
     true_body,
 )
-from palpate.validation.states import Progress, State
+from palpate.validation.states import Progress, State, StressIntegrals
 
 # Cells of the pair that are still quadratic; of linear ones the relative difference is as good as
 # they are stiff, some ten per cent of the part.
@@ -55,6 +66,7 @@ _STEPS = 2
 LIVE_SECONDS = 300.0
 
 Found = dict[str, float]
+_Solved = tuple[Problem, State]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +151,8 @@ def with_geometry(
             end = time.monotonic() + seconds
             pair = _Pair(case, body, told["degree"], strain, truth, progress, end)
             try:
-                found[strain] = _differences(pair, named)
+                is_moving = case.problem.time is not None
+                found[strain] = _of_motion(pair) if is_moving else _of_statics(pair, named)
                 continue
             except ReferenceUnavailableError:
                 raise
@@ -148,7 +161,7 @@ def with_geometry(
         found[strain] = dict.fromkeys((*_metrics(case.problem), *named), math.inf)
     if failures:
         told["failures"] = failures
-    rows: dict[tuple[str, Strain], BarParts] = {
+    rows: dict[Place, BarParts] = {
         (name, strain): dataclasses.replace(references.bar_parts(name, strain), geometry=apart)
         for strain, numbers in found.items()
         for name, apart in numbers.items()
@@ -175,17 +188,11 @@ def _how(case: Case, body: TrueBody) -> dict[str, Any]:
     return {"cells": cells, "degree": 2 if is_small else 1, "steps_per_output": _STEPS}
 
 
-def _differences(pair: _Pair, named: Mapping[str, Part]) -> Found:
+def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
     """By metric, or part of the body, how far the true body is from the polyhedron.
 
     In units of the metric's scale.
     """
-    if pair.case.problem.time is not None:
-        return _of_motion(pair)
-    return _of_statics(pair, named)
-
-
-def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
     problem, base = pair.case.problem, pair.body.base
     near = pair.near.displacement
     start = near if base is problem else at_refined_points(problem.mesh, near)
@@ -202,22 +209,20 @@ def _of_statics(pair: _Pair, named: Mapping[str, Part]) -> Found:
             time_limit=pair.left,
         )
 
-    def at_points(state: State) -> State:
-        return at_points_of(problem.mesh, state, state.label)
-
     first = solve(base)
     found = dict.fromkeys(_metrics(problem), 0.0) | dict.fromkeys(named, 0.0)
     for mesh, moved in pair.problems():
         second = solve(moved)
-        apart = compare_stresses(problem, (base, first), (moved, second), named)
-        ours = as_changes(at_points(second), mesh, base.mesh)
+        apart = _compare_stresses(problem, (base, first), (moved, second), named)
+        ours = _as_changes(at_points_of(problem.mesh, second), mesh, base.mesh)
         for metric in whole_metrics(problem):
-            apart[metric] = measure(metric, problem, ours, at_points(first)).value
+            apart[metric] = measure(metric, problem, ours, at_points_of(problem.mesh, first)).value
         found = {name: max(most, pair.body.factor * apart[name]) for name, most in found.items()}
     return found
 
 
 def _of_motion(pair: _Pair) -> Found:
+    """The same of a motion."""
     problem = pair.case.problem
 
     def solve(of: Problem) -> State:
@@ -243,10 +248,144 @@ def _of_motion(pair: _Pair) -> Found:
     return found
 
 
-def as_changes(state: State, own: TetMesh, base: TetMesh) -> State:
+def _as_changes(state: State, own: TetMesh, base: TetMesh) -> State:
     """A state whose changes of volume and area are from its own rest, on another body's rest."""
     return dataclasses.replace(
         state,
         volume=base.volume + (state.volume - own.volume),
         surface_area=base.surface_area + (state.surface_area - own.surface_area),
     )
+
+
+def _compare_stresses(
+    problem: Problem, base: _Solved, other: _Solved, named: Mapping[str, Part]
+) -> dict[str, float]:
+    """By name of a part, and for the energy, the difference over the metric's scale [-].
+
+    Args:
+        problem: The case's.
+        base: The polyhedron, on the case's cells or on those cut in eight, and its state there.
+        other: The true body on the same cells.
+        named: Parts of the case's mesh by the name of their bar.
+    """
+    pair = [_with_integrals(*solved) for solved in (base, other)]
+    energies = [_energy(*solved) for solved in pair]
+    found = {ENERGY: _ratio(abs(energies[1] - energies[0]), energies[0])}
+    for name, part in named.items():
+        if len(part.cells):
+            states = [_over_cells(problem, *solved) for solved in pair]
+            found[name] = measure("stress_l2", problem, states[1], states[0], part).value
+        else:
+            forces = [_force(problem, *solved, part) for solved in pair]
+            scale, _ = scale_of_force(*pair[0])
+            found[name] = _ratio(float(np.linalg.norm(forces[1] - forces[0])), scale)
+    return found
+
+
+def _with_integrals(problem: Problem, state: State) -> _Solved:
+    """With integrals where the state has stresses only."""
+    if state.integrals is not None or state.stresses is None:
+        return problem, state
+    return problem, dataclasses.replace(
+        state, integrals=stress_integrals(problem.mesh, state.stresses)
+    )
+
+
+def _energy(problem: Problem, state: State) -> float:
+    of_cells = dataclasses.replace(state, integrals=None) if state.degree == 1 else state
+    found = strain_energy(problem, of_cells, Part(np.zeros(0, np.int32), np.zeros((0, 3))), "")
+    return 0.0 if found is None else found.value
+
+
+def _over_cells(problem: Problem, own: Problem, state: State) -> State:
+    """The state at the case's points, its stress by means over the case's cells."""
+    assert state.integrals is not None
+    sigma: Floats = state.integrals.cauchy
+    if len(sigma) != problem.mesh.num_cells:
+        volumes = signed_volumes(own.mesh.points, own.mesh.cells)[:, None, None]
+        sigma = mean_over_parents(volumes * sigma) / mean_over_parents(volumes)
+    kept = StressIntegrals(sigma, np.zeros_like(problem.mesh.points))
+    return dataclasses.replace(at_points_of(problem.mesh, state), integrals=kept)
+
+
+def _force(problem: Problem, own: Problem, state: State, part: Part) -> Floats:
+    """Of a support what it exerts on the body, pressures on its points left out; of a cut [N]."""
+    assert state.integrals is not None
+    if part.support is not None:
+        return np.array([reaction(own, state, part, axis).value for axis in "xyz"])
+    is_cut = len(part.weights) != own.mesh.num_points
+    weights = at_refined_points(problem.mesh, part.weights) if is_cut else part.weights
+    force: Floats = resultant(own, state.integrals, dataclasses.replace(part, weights=weights))
+    return force
+
+
+def _ratio(apart: float, scale: float) -> float:
+    return apart / scale if scale > 0.0 else (0.0 if apart == 0.0 else float("inf"))
+
+
+def shape_of(references: ReferenceSet) -> str:
+    """What the case's mesh is a polyhedron of, in words; empty where nothing is kept of it."""
+    return str(_told(references).get("of", ""))
+
+
+def _told(references: ReferenceSet) -> Mapping[str, Any]:
+    told = references.provenance.get(GEOMETRY)
+    return told if isinstance(told, dict) else {}
+
+
+def geometry_notes(case: Case, references: ReferenceSet) -> list[str]:
+    """What a reader must know of the geometry part: where it is missing, and why.
+
+    Args:
+        case: The case.
+        references: Of the case, stored or solved here.
+    """
+    if not any(spec.against == "truth" for spec in case.checks):
+        return []
+    of, told, problem = name_of_body(case), _told(references), case.problem
+    anew = f"`palpate reference build {case.name if case.is_builtin else case.path.name}`"
+    notes = []
+    if not of and case.spec.geometry.shape is None:
+        notes.append(
+            "The truth is that of this polyhedron: what its facets leave out of a curved body is "
+            "in no bar; [truth] surface or geometry_distance in the case tells it."
+        )
+    elif of and "of" not in told and any(references.truth(strain) for strain in Strain):
+        notes.append(
+            f"This truth has no geometry part: what flat facets leave out of {of} is in no bar; "
+            f"{anew} works it out."
+        )
+    elif of and "of" in told:
+        if (told["of"], told.get("surface", "")) != (of, surface_key(case)):
+            notes.append(
+                f"The geometry part of this truth is of {told['of']} as it was when it was built, "
+                f"and the case has {of} now: {anew} makes it anew."
+            )
+        notes += _notes_of_part(case, of, told)
+    if problem.inclusions:
+        notes.append(
+            "Inclusions are the cells that the mesh gives them: how far those are from their true "
+            "shape is in no bar."
+        )
+    return notes
+
+
+def _notes_of_part(case: Case, of: str, told: Mapping[str, Any]) -> list[str]:
+    failures, in_case_units = told.get("failures", {}), case.spec.units.in_case_units
+    notes = [
+        f"What {of} adds ({strain} strain) is not known: there {in_case_units(str(why))}"
+        for strain, why in (failures.items() if isinstance(failures, dict) else ())
+    ]
+    notes = [note if note.endswith(".") else f"{note}." for note in notes]
+    if case.problem.tools:
+        notes.append(
+            "Tools keep their paths in space: where the true surface is nearer, or farther, they "
+            "press deeper or less, and that is in the geometry part."
+        )
+    if case.problem.time is not None and told.get("degree") == 1:
+        notes.append(
+            "The geometry part of this motion is from two runs of linear tetrahedra with "
+            f"{told.get('steps_per_output')} steps from output to output: up to 15 % short, which "
+            "its factor of safety makes good."
+        )
+    return notes

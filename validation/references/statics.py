@@ -1,25 +1,21 @@
-"""The reference of a static case solved on the spot, with error bars that theory stands behind.
+"""The references of a static case: solved here with bars that theory stands behind, or for storing.
 
-The truth is P2 on a few graded meshes (`adaptive_truth`), within a budget that is the same on every
-machine unless it is slow; its bars are those of stored truths. Where no second mesh can be had it
-is P2 on the case's mesh, and the bar is its difference from P1:
-
-    |u2 - u| <= beta |u1 - u|   gives   |u2 - u| <= beta / (1 - beta) |u2 - u1|
-
-(R. E. Bank, R. K. Smith, SIAM J. Numer. Anal. 30, 1993), which is |u2 - u1| for beta = 1/2: half of
-the error must go when the degree is raised. Where the two are more than half apart that cannot be
-relied on, linear tetrahedra tell nothing there, and the bar is infinite.
+The truth is P2 on graded meshes (`adaptive_truth`); solved here on a few of them, within a budget
+that is the same on every machine unless it is slow. Where no second mesh can be had it is P2 on the
+case's mesh, and its bars are its differences from P1 there: see `bars.saturated`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.refinement import EDGES
 from palpate.reference.errors import (
@@ -27,39 +23,132 @@ from palpate.reference.errors import (
     ReferenceNotConvergedError,
     ReferenceUnavailableError,
 )
-from palpate.reference.result import LOST, AdaptiveResult
-from palpate.validation.metrics import COMPARISONS, measure, stress_integrals
+from palpate.reference.result import LOST, AdaptiveResult, Formulation, formulation_for
+from palpate.validation.metrics import measure, stress_integrals
 from palpate.validation.references.adaptive_truth import (
     ADAPTIVE,
+    DEGREE,
     TruthRequest,
     record_of,
     refine_truth,
+    truth_of,
     whole_metrics,
 )
-from palpate.validation.references.bar_parts import GEOMETRY, PARTS
-from palpate.validation.references.limits import has_limit, without_limits
-from palpate.validation.references.sets import (
+from palpate.validation.references.bars import (
+    FAR,
+    GEOMETRY,
+    PARTS,
+    Bars,
+    as_record,
+    has_limit,
+    of_statics,
+    saturated,
+    without_limits,
+)
+from palpate.validation.references.reference_set import (
     BOTH,
     OF_ELEMENT,
     QUADRATIC,
     SAME_MESH,
+    SMOOTHED,
     TRUTH,
-    Bars,
+    Place,
     ReferenceSet,
-    parts_of_statics,
-    solve_state,
 )
-from palpate.validation.references.static_states import first_state, state_of, stresses_of
+from palpate.validation.references.runs import first_state, solve_state, state_of, stresses_of
 from palpate.validation.states import Progress, State
 
 # Of the largest graded mesh, and time for all of one strain measure [s]: with it a case of 5 000
 # cells has three meshes within about half a minute of one core.
 UNKNOWNS = 80_000.0
 SECONDS = 120.0
-# P1 and P2 farther apart than this tell nothing of how far P2 is from the limit.
-FAR = 0.5
 
-Place = tuple[str, Strain]
+
+def solve_for_storing(
+    problem: Problem,
+    progress: Progress,
+    *,
+    wanted: Collection[str] = BOTH,
+    truth_strains: Collection[Strain] = (),
+    request: TruthRequest | None = None,
+) -> ReferenceSet:
+    """Both elements and P2 on the case's mesh, and P2 on adaptive ones for the truth.
+
+    Args:
+        problem: The case's.
+        progress: Called with one line for each run.
+        wanted: What checks go against; of a motion nothing else is solved.
+        truth_strains: Of the truth, which takes the most time; all where empty.
+        request: What is asked of a static truth: small bars of everything that is of the whole
+            body where None.
+
+    Raises:
+        ReferenceFailedError: Any of the solves fails: nothing incomplete is ever stored.
+    """
+    strains = truth_strains or tuple(Strain)
+    if problem.time is not None:
+        from palpate.validation.references.motions import solve_motion_set
+
+        return solve_motion_set(
+            problem,
+            progress,
+            wanted=wanted,
+            is_for_storing=True,
+            elements=tuple(Element),
+            truth_strains=strains,
+        )
+    request = request or _whole(problem)
+    states: dict[Place, State] = {}
+    bars: Bars = {}
+    records: dict[str, Any] = {}
+    # First: on several ranks smoothed tetrahedra are solved beside all that these hold.
+    for strain, element in itertools.product(Strain, Element):
+        state = solve_state(problem, strain, 1, progress, element=element)
+        states[state.label, strain] = dataclasses.replace(state, stresses=None)
+    for strain in Strain:
+        if strain not in strains:
+            states[QUADRATIC, strain] = dataclasses.replace(
+                solve_state(problem, strain, DEGREE, progress), stresses=None, integrals=None
+            )
+            continue
+        near = _start_of_newton(problem, strain, states[SMOOTHED, strain])
+        asked = request if near is None else dataclasses.replace(request, start=near)
+        found = refine_truth(problem, strain, asked, progress)
+        states[QUADRATIC, strain] = first_state(found)
+        truth, of_truth, records[strain.value] = truth_of(problem, strain, request, found)
+        states[TRUTH, strain] = truth
+        bars |= {(metric, strain): bar for metric, bar in of_truth.items()}
+    return ReferenceSet(
+        states,
+        bars,
+        "stored: P1, smoothed tetrahedra and P2 on the case's mesh, and P2 on meshes refined where "
+        "its error comes from as the truth",
+        provenance={
+            "versions": dict(truth.versions),
+            ADAPTIVE: records,
+            PARTS: _parts_of(bars),
+        },
+    )
+
+
+def _start_of_newton(problem: Problem, strain: Strain, state: State) -> Points | None:
+    """Where Newton's method for quadratic tetrahedra begins; None: at rest.
+
+    At the solution of smoothed tetrahedra, some per cent away. Not with what touches the body,
+    whose path counts, nor with pressures among the unknowns.
+    """
+    is_free = not (problem.tools or problem.springs)
+    is_plain = formulation_for(problem, DEGREE) is Formulation.DISPLACEMENT
+    return state.displacement if is_free and is_plain and strain is Strain.GREEN else None
+
+
+def _whole(problem: Problem) -> TruthRequest:
+    """Small bars of everything that is of the whole body."""
+    return TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
+
+
+def _parts_of(bars: Bars) -> dict[str, Any]:
+    return as_record({place: of_statics(bar) for place, bar in bars.items()})
 
 
 def solve_live(
@@ -90,7 +179,7 @@ def solve_live(
         request: Bars asked of the truth, and of which metrics; of all where None. Its time is at
             most SECONDS.
         has_stress: Whether P2 on the case's mesh is solved for its stresses, which graded meshes
-            do not tell; without them P2 is not tried there either where those have none.
+            do not give; without them P2 is not tried there either where those have none.
         strains: Of which.
         unknowns: Of the largest mesh of a static truth.
         known: States of a static problem that are not solved again.
@@ -101,11 +190,11 @@ def solve_live(
         return solve_motion_set(
             problem, progress, wanted=wanted, stored=stored, elements=elements, strains=strains
         )
-    asked = request or TruthRequest(metrics=dict.fromkeys(Strain, whole_metrics(problem)))
+    asked = request or _whole(problem)
     asked = dataclasses.replace(
         asked, seconds=min(asked.seconds, SECONDS), unknowns=unknowns, parts={}
     )
-    run = _Run(problem, progress, asked, known or {})
+    run = _LiveRun(problem, progress, asked, known or {})
     is_graded = stored is None and 2.0 * unknowns_of(problem) <= unknowns
     for strain in strains:
         if not run.has_equilibrium(strain):
@@ -120,32 +209,27 @@ def solve_live(
     if Element.SMOOTHED in elements:
         for strain in strains:
             run.solve(strain, 1, Element.SMOOTHED)
+    states = run.states
     versions = next((dict(s.versions) for s in run.states.values()), {})
-    names = ["P1", *(["smoothed tetrahedra"] if Element.SMOOTHED in elements else [])]
+    provenance: dict[str, Any] = {"versions": versions}
     if stored is not None:
-        kept = {TRUTH, *(OF_ELEMENT[e] for e in Element if e not in elements)}
-        held = {p: s for p, s in stored.states.items() if p[0] in kept and p not in run.states}
-        return ReferenceSet(
-            run.states | held,
-            stored.bars,
-            f"{', '.join(names)} and P2 solved here; the truth and its error bar stored (P2, finer "
-            "meshes)",
-            run.failures,
-            {
-                "versions": versions,
-                "stored": dict(stored.provenance),
-                **{k: stored.provenance.get(k, {}) for k in (PARTS, GEOMETRY)},
-            },
-        )
-    told = {ADAPTIVE: run.records} if run.records else {}
-    bars = run.every_bar()
+        labels = {TRUTH, *(OF_ELEMENT[e] for e in Element if e not in elements)}
+        states = {p: s for p, s in stored.states.items() if p[0] in labels} | run.states
+        bars = dict(stored.bars)
+        says = "the truth and its error bar stored (P2, finer meshes)"
+        provenance["stored"] = dict(stored.provenance)
+        provenance |= {k: stored.provenance.get(k, {}) for k in (PARTS, GEOMETRY)}
+    else:
+        bars, says = run.bars(), run.says_of_bars()
+        provenance |= {PARTS: _parts_of(bars), **({ADAPTIVE: run.records} if run.records else {})}
+    names = ["P1", *(["smoothed tetrahedra"] if Element.SMOOTHED in elements else [])]
     return ReferenceSet(
-        run.states,
+        states,
         bars,
-        f"{', '.join(names)} and P2 solved here; {run.says_of_bars()}",
+        f"{', '.join(names)} and P2 solved here; {says}",
         run.failures,
-        {"versions": versions, **told, PARTS: parts_of_statics(bars)},
-        remarks=tuple(run.remarks()),
+        provenance,
+        remarks=() if stored is not None else tuple(run.remarks()),
     )
 
 
@@ -157,7 +241,7 @@ def unknowns_of(problem: Problem) -> int:
     return 3 * (mesh.num_points + num_edges)
 
 
-class _Run:
+class _LiveRun:
     """States as they come, and why one did not."""
 
     def __init__(
@@ -172,7 +256,7 @@ class _Run:
         self.failures: dict[Place, str] = {}
         self.records: dict[str, Any] = {}
         self._graded: Bars = {}
-        self._said: list[str] = []
+        self._remarks: list[str] = []
 
     def has_equilibrium(self, strain: Strain) -> bool:
         """Solve P1; False where it lost equilibrium, and P2 need not be tried."""
@@ -188,18 +272,14 @@ class _Run:
     def solve(
         self, strain: Strain, degree: int, element: Element = Element.LINEAR
     ) -> ReferenceFailedError | None:
-        """One state on the case's mesh, or why there is none, which is kept."""
+        """One state on the case's mesh, or why there is none, which is recorded."""
         label = OF_ELEMENT[element] if degree == 1 else QUADRATIC
         if (label, strain) in self.states:
             return None
+        start = self.asked.start
         try:
             state = solve_state(
-                self.problem,
-                strain,
-                degree,
-                self.progress,
-                element=element,
-                start=self.asked.start,
+                self.problem, strain, degree, self.progress, element=element, start=start
             )
         except ReferenceUnavailableError:
             raise
@@ -212,11 +292,11 @@ class _Run:
     def grade(self, strain: Strain, *, has_stress: bool) -> None:
         """The truth on graded meshes; on the case's alone, it is P2 there.
 
-        P2 on the case's mesh is kept besides where its stresses are asked for.
+        P2 on the case's mesh is added where its stresses are asked for.
         """
         problem = self.problem
         try:
-            found = refine_truth(problem, strain, self.asked, self.progress, label=TRUTH)
+            found = refine_truth(problem, strain, self.asked, self.progress)
         except ReferenceUnavailableError:
             raise
         except ReferenceFailedError as error:
@@ -224,60 +304,60 @@ class _Run:
             return
         bars = graded_bars(problem, strain, found)
         label = TRUTH if bars else QUADRATIC
-        seconds = float(found.seconds.sum())
-        stresses = stresses_of(found)
+        on_case = found.first if bars else found
+        stress: dict[str, Any] = {}
+        if on_case is not None:
+            stresses = stresses_of(on_case)
+            integrals = stress_integrals(problem.mesh, stresses, on_case.strain_energy)
+            stress = {"stresses": stresses, "integrals": integrals}
         # Means over the case's cells, of which nothing is known on graded meshes.
-        told: dict[str, Any] = {} if bars else {"stresses": stresses}
-        if not bars:
-            told["integrals"] = stress_integrals(problem.mesh, stresses, found.strain_energy)
+        seconds = float(found.seconds.sum())
         self.states[label, strain] = state_of(
-            found, strain, label=label, degree=found.degree, seconds=seconds, **told
+            found,
+            strain,
+            label=label,
+            degree=found.degree,
+            seconds=seconds,
+            **({} if bars else stress),
         )
         if bars and has_stress and found.first is not None:
-            stresses = stresses_of(found.first)
-            self.states[QUADRATIC, strain] = first_state(
-                found,
-                QUADRATIC,
-                stresses=stresses,
-                integrals=stress_integrals(problem.mesh, stresses, found.first.strain_energy),
-            )
+            self.states[QUADRATIC, strain] = first_state(found, **stress)
         self.records[strain.value] = record_of(found)
         self._graded |= {(metric, strain): bar for metric, bar in bars.items()}
-        self._said.append(
+        self._remarks.append(
             f"Truth, {strain} strain: {len(found.num_cells)} mesh(es), the last of "
             f"{int(found.num_cells[-1])} cells: {found.ended}."
         )
 
-    def every_bar(self) -> Bars:
+    def bars(self) -> Bars:
         """Of graded meshes where there are any, of P1 and P2 otherwise."""
         return estimate_bars(self.problem, self.states) | self._graded
 
     def says_of_bars(self) -> str:
         """Where the bars come from."""
-        graded, both = (
-            f"error bars of {TRUTH}: from graded meshes",
-            f"error bars of {QUADRATIC}: its differences from P1, where they are below {FAR:.0%}",
-        )
-        parts = [graded] if self._graded else []
+        parts = [f"error bars of {TRUTH}: from graded meshes"] if self._graded else []
         if any((TRUTH, s) not in self.states and (QUADRATIC, s) in self.states for s in Strain):
-            parts.append(both)
+            parts.append(
+                f"error bars of {QUADRATIC}: its differences from P1, where they are below "
+                f"{FAR:.0%}"
+            )
         return "; ".join(parts) or "no error bars"
 
     def remarks(self) -> list[str]:
-        """How the graded meshes ended, and where linear tetrahedra tell nothing."""
-        said = list(self._said)
+        """How the graded meshes ended, and where linear tetrahedra are of no use."""
+        remarks = list(self._remarks)
         for strain in Strain:
             linear = self.states.get((SAME_MESH, strain))
             truth = self.states.get((TRUTH, strain)) or self.states.get((QUADRATIC, strain))
             if linear is None or truth is None:
                 continue
-            apart = COMPARISONS["displacement_l2"](self.problem.mesh, linear, truth).value
+            apart = measure("displacement_l2", self.problem, linear, truth).value
             if apart > FAR:
-                said.append(
+                remarks.append(
                     f"P1 and P2 are {apart:.0%} apart in displacement_l2 ({strain} strain): this "
                     "mesh is too coarse for linear tetrahedra; refine it."
                 )
-        return said
+        return remarks
 
 
 def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict[str, float]:
@@ -289,9 +369,10 @@ def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict
     from palpate.reference.adaptivity.error_bars import error_bar_of_two
     from palpate.reference.adaptivity.goals import has_point_forces
 
-    if len(found.num_cells) < 2 and not found.ended.startswith(LOST):
+    is_lost = found.ended.startswith(LOST)
+    if len(found.num_cells) < 2 and not is_lost:
         return {}
-    if len(found.num_cells) != 2 or found.ended.startswith(LOST):
+    if len(found.num_cells) != 2 or is_lost:
         return {metric: found.bar(metric) for metric in whole_metrics(problem)}
     bars = {
         name: error_bar_of_two(float(found.differences[-1, k]), found.estimates[:, k].tolist())
@@ -303,7 +384,7 @@ def graded_bars(problem: Problem, strain: Strain, found: AdaptiveResult) -> dict
 
 
 def estimate_bars(problem: Problem, states: Mapping[Place, State]) -> Bars:
-    """P1 against P2 on the same mesh, for every metric and strain; the formula stands above.
+    """P1 against P2 on the same mesh, for every metric and strain; see `saturated`.
 
     Single numbers of the two may agree by chance. So the largest displacement has the bar of the
     worst point, and where the displacements are too far apart no number has one.
@@ -318,11 +399,6 @@ def estimate_bars(problem: Problem, states: Mapping[Place, State]) -> Bars:
         apart["max_displacement"] = apart["displacement_max"]
         if math.isinf(apart["displacement_l2"]):
             apart = dict.fromkeys(apart, math.inf)
-        told = without_limits(problem, strain, apart, fine)
-        bars |= {(metric, strain): bar for metric, bar in told.items()}
+        apart = without_limits(problem, strain, apart, fine)
+        bars |= {(metric, strain): bar for metric, bar in apart.items()}
     return bars
-
-
-def saturated(apart: float) -> float:
-    """Bar of P2 by its relative difference from P1 [-]; infinite where they are too far apart."""
-    return apart if apart <= FAR else math.inf

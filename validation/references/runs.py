@@ -1,25 +1,34 @@
-"""One run of the reference, as a state: through a motion, or whatever the case asks for."""
+"""One run of the reference in a process of its own, as a state: equilibrium or a motion."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.linalg import norm
 
+from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.reference.result import Formulation
+from palpate.reference.result import (
+    AdaptiveResult,
+    Formulation,
+    ReferenceResult,
+    formulation_for,
+)
 from palpate.reference.schemes import Integrator, Steps
-from palpate.validation.metrics.pairs import make_state
-from palpate.validation.references.sets import OF_ELEMENT, QUADRATIC, SAME_MESH, solve_state
-from palpate.validation.states import REFERENCE, Progress, State, Trajectory
+from palpate.validation.metrics import make_state, stress_integrals
+from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, SAME_MESH
+from palpate.validation.states import REFERENCE, CellStresses, Progress, State, Trajectory
 
 if TYPE_CHECKING:
-    from palpate.reference.result import ExplicitResult, SteppedResult
+    from palpate.reference.tasks import Task
 
+_Result = TypeVar("_Result")
 # Little is taken from what the mesh resolves, all of what it does not within some hundred steps.
 _SPECTRAL_RADIUS = 0.9
 # The force of a tool is that of where it is at a step's end, along the normals there. So all forces
@@ -30,6 +39,50 @@ _BALANCED_WITH_TOOLS = 1e-6
 # Of an implicit motion that is to be the truth, the shortest of those that bound its error.
 STEPS_PER_OUTPUT = 4
 TIME_LIMIT = 4 * 3600.0
+
+
+def solve_state(
+    problem: Problem,
+    strain: Strain,
+    degree: int,
+    progress: Progress,
+    *,
+    formulation: Formulation | None = None,
+    element: Element = Element.LINEAR,
+    start: Points | None = None,
+    time_limit: float = 3600.0,
+) -> State:
+    """Equilibrium on the problem's mesh.
+
+    Mixed by itself for nearly incompressible material: see `formulation_for`; `start`: see
+    `solve_static`; `time_limit` [s]: see `run_task`.
+
+    Raises:
+        InputError: The problem has a time span: see `solve_reference`.
+        ReferenceFailedError: No FEniCSx, no convergence, a crash, or out of time.
+    """
+    from palpate.reference.tasks import StaticTask
+
+    if problem.time is not None:
+        raise InputError("a problem in time has no static solution; solve its motion")
+    label = OF_ELEMENT[element] if degree == 1 else f"{REFERENCE} P{degree}"
+    progress(f"{label}, {strain} strain, {problem.mesh.num_cells} cells")
+    form = formulation or formulation_for(problem, degree)
+    task = StaticTask(strain, degree, formulation=form, element=element, start=start)
+    result, seconds = _timed(task, problem, time_limit, progress)
+    stresses = stresses_of(result)
+    return state_of(
+        result,
+        strain,
+        label=label,
+        degree=degree,
+        seconds=seconds,
+        element=element,
+        stresses=stresses,
+        integrals=None
+        if degree == 1
+        else stress_integrals(problem.mesh, stresses, result.strain_energy),
+    )
 
 
 def solve_explicit(
@@ -53,42 +106,22 @@ def solve_explicit(
         InputError: The case states no time step: then there is nothing to be equal to.
         ReferenceFailedError: No FEniCSx, or the run failed.
     """
-    from palpate.reference.child import run_task
     from palpate.reference.tasks import ExplicitTask
 
     if problem.time is None or problem.time.time_step is None:
         raise InputError("a dynamic case needs time_step in [time] for its reference")
     progress(f"{OF_ELEMENT[element]} in motion, {strain} strain, {problem.mesh.num_cells} cells")
-    start = time.perf_counter()
-    found = run_task(ExplicitTask(strain, element), problem, time_limit=time_limit)
-    return _on_the_mesh(
+    found, seconds = _timed(ExplicitTask(strain, element), problem, time_limit)
+    return _motion_state(
         problem,
         strain,
-        element,
-        found,
-        seconds=time.perf_counter() - start,
-        details={"time_step": found.time_step, "num_steps": found.num_steps},
-        tool_forces=found.tool_forces if problem.tools else None,
-    )
-
-
-def _on_the_mesh(
-    problem: Problem,
-    strain: Strain,
-    element: Element,
-    found: ExplicitResult | SteppedResult,
-    **more: Any,
-) -> State:
-    """A run of the case's tetrahedra as a state."""
-    return make_state(
-        problem.mesh,
-        found.displacements[-1],
+        found.times,
+        found.displacements,
         label=OF_ELEMENT[element],
         element=element,
-        simulator=REFERENCE,
-        strain=strain,
-        trajectory=Trajectory(found.times, found.displacements),
-        **more,
+        seconds=seconds,
+        details={"time_step": found.time_step, "num_steps": found.num_steps},
+        tool_forces=found.tool_forces if problem.tools else None,
     )
 
 
@@ -115,9 +148,8 @@ def solve_by_steps(
     Raises:
         InputError: Outputs that are not whole steps apart, a tool, or an element or load that
             cannot be used.
-        ReferenceFailedError: No FEniCSx, or a step without an answer.
+        ReferenceFailedError: No FEniCSx, or a step without a solution.
     """
-    from palpate.reference.child import run_task
     from palpate.reference.tasks import SteppedTask
 
     stepped = steps.of(problem)
@@ -128,16 +160,16 @@ def solve_by_steps(
         f"{OF_ELEMENT[element]} in motion by {steps}, {strain} strain, "
         f"{problem.mesh.num_cells} cells"
     )
-    start = time.perf_counter()
-    result = run_task(
-        SteppedTask(steps.integrator, strain, element), stepped, time_limit=TIME_LIMIT
-    )
-    return _on_the_mesh(
+    task = SteppedTask(steps.integrator, strain, element)
+    result, seconds = _timed(task, stepped, TIME_LIMIT)
+    return _motion_state(
         problem,
         strain,
-        element,
-        result,
-        seconds=time.perf_counter() - start,
+        result.times,
+        result.displacements,
+        label=OF_ELEMENT[element],
+        element=element,
+        seconds=seconds,
         details={
             "integrator": str(steps.integrator),
             "time_step": result.time_step,
@@ -173,9 +205,8 @@ def solve_implicit(
 
     Raises:
         InputError: A load or tool that cannot be used.
-        ReferenceFailedError: No FEniCSx, or a step without an answer.
+        ReferenceFailedError: No FEniCSx, or a step without a solution.
     """
-    from palpate.reference.child import run_task
     from palpate.reference.tasks import ImplicitTask
 
     span = problem.time
@@ -186,24 +217,23 @@ def solve_implicit(
         f"{strain} strain, {problem.mesh.num_cells} cells"
     )
     stepped = dataclasses.replace(problem, time=dataclasses.replace(span, time_step=step))
-    start = time.perf_counter()
     task = ImplicitTask(strain, degree, _SPECTRAL_RADIUS)
     if problem.tools:
         task = dataclasses.replace(
             task, spectral_radius=_WITH_TOOLS, relative_tolerance=_BALANCED_WITH_TOOLS
         )
-    found = run_task(task, stepped, time_limit=time_limit)
-    mesh = at or problem.mesh
+    found, seconds = _timed(task, stepped, time_limit)
+    at_mesh = problem if at is None else dataclasses.replace(problem, mesh=at)
     # A truth in seven digits: its error bar is far above, and the file half as large.
-    kept = found.displacements[:, : mesh.num_points].astype(np.float32).astype(np.float64)
-    return make_state(
-        mesh,
-        kept[-1],
+    seven = found.displacements[:, : at_mesh.mesh.num_points].astype(np.float32)
+    return _motion_state(
+        at_mesh,
+        strain,
+        found.times,
+        seven.astype(np.float64),
         label=QUADRATIC,
-        simulator=REFERENCE,
-        strain=strain,
         degree=degree,
-        seconds=time.perf_counter() - start,
+        seconds=seconds,
         details={
             "time_step": found.time_step,
             "newton_iterations": found.newton_iterations,
@@ -211,7 +241,6 @@ def solve_implicit(
         },
         versions=dict(found.versions),
         tool_forces=found.tool_forces if problem.tools else None,
-        trajectory=Trajectory(found.times, kept),
     )
 
 
@@ -224,7 +253,7 @@ def solve_reference(
     formulation: Formulation | None = None,
     element: Element = Element.LINEAR,
 ) -> State:
-    """The reference's answer to a problem.
+    """The reference's solution of a problem.
 
     A motion of degree 1 takes the problem's own steps, explicitly, where it states one; every
     other is implicit, with four steps from output to output.
@@ -261,3 +290,100 @@ def solve_reference(
             "give time_step in [time]"
         )
     return solve_implicit(problem, strain, STEPS_PER_OUTPUT, progress, degree=degree)
+
+
+def state_of(
+    found: ReferenceResult, strain: Strain, *, label: str, degree: int, seconds: float, **rest: Any
+) -> State:
+    """A static solution of the reference, named and timed; `rest` are further fields of `State`."""
+    return State(
+        label=label,
+        simulator=REFERENCE,
+        strain=strain,
+        degree=degree,
+        displacement=found.displacement,
+        volume=found.volume,
+        surface_area=found.surface_area,
+        smallest_det_f=found.smallest_det_f,
+        max_displacement=float(norm(found.displacement, axis=1).max()),
+        seconds=seconds,
+        tool_forces=np.array([tool.forces[-1] for tool in found.tools]) if found.tools else None,
+        details={
+            "relative_residual": found.relative_residual,
+            "newton_iterations": found.newton_iterations,
+            "formulation": found.formulation.value,
+        },
+        versions=dict(found.versions),
+        **rest,
+    )
+
+
+def first_state(found: AdaptiveResult, **rest: Any) -> State:
+    """What an adaptive truth, begun from nothing, found on the case's mesh; as `state_of`."""
+    first, seconds = found.first, float(found.seconds[0])
+    assert first is not None
+    return state_of(
+        first, first.strain, label=QUADRATIC, degree=found.degree, seconds=seconds, **rest
+    )
+
+
+def stresses_of(found: ReferenceResult) -> CellStresses:
+    """Its stresses of cells."""
+    return CellStresses(
+        found.second_piola_kirchhoff_stress,
+        found.cauchy_stress,
+        found.first_piola_kirchhoff_stress,
+    )
+
+
+def at_points_of(mesh: TetMesh, state: State) -> State:
+    """A state of a refined mesh at the points of the mesh it came from, which come first.
+
+    Of a static one volume and area stay those of its own mesh; its stresses, which are of other
+    cells, are left out.
+    """
+    motion = state.trajectory
+    if motion is not None:
+        moved = motion.displacements[:, : mesh.num_points]
+        measured = make_state(mesh, moved[-1], label="", simulator="", strain=state.strain)
+        numbers = ("displacement", "volume", "surface_area", "smallest_det_f", "max_displacement")
+        return dataclasses.replace(
+            state,
+            trajectory=Trajectory(motion.times, moved),
+            **{name: getattr(measured, name) for name in numbers},
+        )
+    at_points = state.displacement[: mesh.num_points]
+    return dataclasses.replace(
+        state,
+        displacement=at_points,
+        max_displacement=float(norm(at_points, axis=1).max()),
+        stresses=None,
+        integrals=None,
+    )
+
+
+def _motion_state(
+    problem: Problem, strain: Strain, times: Points, displacements: Points, **more: Any
+) -> State:
+    return make_state(
+        problem.mesh,
+        displacements[-1],
+        simulator=REFERENCE,
+        strain=strain,
+        trajectory=Trajectory(times, displacements),
+        **more,
+    )
+
+
+def _timed(
+    task: Task[_Result],
+    problem: Problem,
+    time_limit: float,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[_Result, float]:
+    """What a task finds in a process of its own, and the seconds that took."""
+    from palpate.reference.child import run_task
+
+    start = time.perf_counter()
+    found = run_task(task, problem, time_limit=time_limit, progress=progress)
+    return found, time.perf_counter() - start
