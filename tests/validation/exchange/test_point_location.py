@@ -1,11 +1,15 @@
-"""Places in a mesh: against brute force, on facets, outside."""
+"""Points in a mesh and nearest on a surface: against brute force, on facets, outside."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from palpate.meshes.bricks import brick_box
-from palpate.validation.exchange.point_location import locate
+from palpate.meshes.shapes import shape_sphere
+from palpate.validation.exchange.point_location import locate, nearest_on_surface
 
 MESH = brick_box((4, 3, 5), (2.0, 0.9, 1.1), ragged=0.25)
 ROUNDING = 100 * np.finfo(float).eps
@@ -41,3 +45,53 @@ def test_a_place_outside_takes_the_nearest_point_and_says_how_far() -> None:
     read = location.read(MESH.cells, MESH.points)
     expected = [[2.0, 0.5, 0.5], [0.0, 0.0, 0.5], [1.0, 0.45, 1.1]]
     np.testing.assert_allclose(read, expected, rtol=0.0, atol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(0, 20))
+def test_cells_of_all_sizes_are_found_by_what_lies_in_them(
+    seed: int, num_cells: int, num_places: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    sizes = 10.0 ** rng.uniform(-4.0, 0.5, (num_cells, 1, 1))
+    corners = rng.uniform(-1.0, 1.0, (num_cells, 1, 3)) + sizes * (
+        np.vstack([np.zeros(3), np.eye(3)]) + rng.uniform(-0.2, 0.2, (num_cells, 4, 3))
+    )
+    places = np.concatenate([rng.uniform(-1.0, 1.0, (num_places, 3)), corners.mean(axis=1)])
+    found = locate(corners.reshape(-1, 3), np.arange(4 * num_cells).reshape(-1, 4), places)
+    edges = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    inner = np.linalg.solve(edges[None], (places[:, None] - corners[:, 0])[..., None])[..., 0]
+    depth = np.minimum(inner.min(axis=2), 1.0 - inner.sum(axis=2))
+    np.testing.assert_array_equal(found.distances > 0.0, depth.max(axis=1) < -1e-9)
+    inside = found.distances == 0.0
+    deepest = depth.argmax(axis=1)
+    np.testing.assert_array_equal(found.cells[inside], deepest[inside])
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.floats(0.01, 100.0))
+def test_the_nearest_facet_is_that_of_brute_force(seed: int, count: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(3 * count, 3))
+    points[2::3] = points[::3] + size * rng.normal(size=(count, 3))
+    facets = np.arange(3 * count).reshape(-1, 3)
+    # Middles lie in their facets: distance 0, with a box that rounding may leave them outside of.
+    places = np.concatenate([points[facets].mean(axis=1), 10.0 * rng.normal(size=(20, 3))])
+    found = nearest_on_surface(places, points, facets)
+    alone = np.array([nearest_on_surface(places, points, f[None]).distances for f in facets])
+    largest = np.abs(points).max() + np.abs(places).max()
+    np.testing.assert_allclose(found.distances, alone.min(axis=0), rtol=1e-9, atol=1e-14 * largest)
+    at = np.einsum("pa,pai->pi", found.weights, points[facets[found.facets]])
+    apart = np.linalg.norm(at - places, axis=1)
+    np.testing.assert_allclose(apart, found.distances, rtol=1e-9, atol=1e-13 * largest)
+    assert found.weights.min() >= 0.0
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-9])
+def test_middles_of_flat_facets_are_on_them(thickness: float) -> None:
+    # A plane at a height that no number holds exactly: the mean of three of it may differ.
+    sphere = shape_sphere(1.0, edge_length=0.3)
+    points = sphere.points * [1.0, 1.0, thickness] + [0.1, 0.7, 1.0 / 3.0]
+    middles = points[sphere.facets].mean(axis=1)
+    found = nearest_on_surface(middles, points, sphere.facets)
+    assert found.distances.max() <= 1e-15
