@@ -19,7 +19,7 @@ from palpate.meshes.boundary_conditions import (
 from palpate.meshes.bricks import brick_box
 from palpate.meshes.errors import IndexRangeError
 from palpate.meshes.problem import Material, Problem
-from palpate.validation.exchange.nodal_arrays import held_components
+from palpate.validation.exchange.nodal_arrays import fixed_components
 from palpate.validation.metrics.audit import audit_on_own_mesh
 
 
@@ -41,7 +41,8 @@ def test_whoever_reads_a_problem_sees_points_that_only_facets_name() -> None:
     problem = Problem(mesh, Material(1e4, 0.3), (Support((), held),), loads)  # type: ignore[arg-type]
     found = solve_static(problem)
     assert (
-        np.flatnonzero(held_components(problem)[0].all(axis=1)).tolist() == np.unique(held).tolist()
+        np.flatnonzero(fixed_components(problem)[0].all(axis=1)).tolist()
+        == np.unique(held).tolist()
     )
     audit = audit_on_own_mesh(problem, found.displacement, found.strain)
     assert audit.relative_residual_norm < 1e-8

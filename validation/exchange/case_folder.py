@@ -28,7 +28,7 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.problem_files import problem_arrays
 from palpate.meshes.rigid_tool import RigidTool, SurfaceShape
-from palpate.validation.exchange.nodal_arrays import held_slopes, nodal_force, rest_arrays
+from palpate.validation.exchange.nodal_arrays import nodal_force, rest_arrays, sliding_points
 
 
 def array_hash(what: str, arrays: Mapping[str, NDArray[Any]]) -> str:
@@ -213,7 +213,7 @@ def _holding_supports(problem: Problem) -> NDArray[np.int32]:
 
 def _sliding_points(problem: Problem) -> dict[str, NDArray[Any]]:
     """Directions along which points slide on slanted planes; nothing where none does."""
-    slopes = held_slopes(problem)
+    slopes = sliding_points(problem)
     if slopes is None:
         return {}
     directions, values = slopes.directions()

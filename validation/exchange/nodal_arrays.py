@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -50,12 +51,12 @@ def are_among(facets: Indices, others: Indices) -> NDArray[np.bool_]:
 _ONE_PLANE = 1e-8
 
 
-def held_components(
+def fixed_components(
     problem: Problem, time: float | None = None
 ) -> tuple[NDArray[np.uint8], Points]:
-    """Which components of which points are held along x, y, z, and where.
+    """Which components of which points are fixed along x, y, z, and at which displacement.
 
-    Points that slide along slanted planes are in `held_slopes`, but for those that the planes
+    Points that slide along slanted planes are in `sliding_points`, but for those that the planes
     leave no freedom.
 
     Args:
@@ -63,7 +64,7 @@ def held_components(
         time: Of their amplitudes [s]; at full size where None.
 
     Returns:
-        `fixed`, 1 where held, shape (num_points, 3); `prescribed_displacement` [m], the same
+        `fixed`, 1 where it is, shape (num_points, 3); `prescribed_displacement` [m], the same
         shape, 0 where free.
     """
     fixed = np.zeros(problem.mesh.points.shape, dtype=np.uint8)
@@ -83,13 +84,13 @@ def held_components(
 
 
 @dataclass(frozen=True, eq=False)
-class HeldSlopes:
-    """Points that are held along directions that are not x, y or z, or along several.
+class SlidingPoints:
+    """Points that are fixed along directions that are not x, y or z, or along several.
 
     Attributes:
         points: Their numbers, shape (n,).
-        projectors: Onto the held directions, shape (n, 3, 3).
-        places: Where they are held, along these [m], shape (n, 3).
+        projectors: Onto the fixed directions, shape (n, 3, 3).
+        places: Their displacement along these [m], shape (n, 3).
         rank: How many directions, shape (n,).
     """
 
@@ -98,19 +99,19 @@ class HeldSlopes:
     places: Points
     rank: NDArray[np.int64]
 
-    def held_part(self, vectors: Points) -> Points:
+    def fixed_part(self, vectors: Points) -> Points:
         """Of these points' vectors, (n, 3), from those of all points."""
         part: Points = np.einsum("nij,nj->ni", self.projectors, vectors[self.points])
         return part
 
     def without(self, vectors: Points) -> Points:
-        """Vectors of all points without what is held."""
+        """Vectors of all points without their fixed part."""
         free = vectors.copy()
-        free[self.points] -= self.held_part(vectors)
+        free[self.points] -= self.fixed_part(vectors)
         return free
 
     def placed(self, displacement: Points) -> Points:
-        """A displacement of all points with what is held where it is held."""
+        """A displacement of all points with its fixed part as the supports prescribe it."""
         moved = self.without(displacement)
         moved[self.points] += self.places
         return moved
@@ -122,10 +123,10 @@ class HeldSlopes:
         return found, np.einsum("nkj,nj->nk", found, self.places)
 
 
-def held_slopes(problem: Problem, time: float | None = None) -> HeldSlopes | None:
-    """Points that slide: held along one or two directions, none of which need be x, y or z.
+def sliding_points(problem: Problem, time: float | None = None) -> SlidingPoints | None:
+    """Points that slide: fixed along one or two directions, none of which need be x, y or z.
 
-    None where there are none. What `held_components` holds of them is among the directions.
+    None where there are none. What `fixed_components` has of them is among the directions.
     """
     found = _all_slopes(problem, time)
     if found is None:
@@ -133,20 +134,20 @@ def held_slopes(problem: Problem, time: float | None = None) -> HeldSlopes | Non
     rows = found.rank < 3
     if not rows.any():
         return None
-    return HeldSlopes(
+    return SlidingPoints(
         found.points[rows], found.projectors[rows], found.places[rows], found.rank[rows]
     )
 
 
 def free_part(problem: Problem, vectors: Points) -> Points:
-    """Vectors of all points without their held components."""
-    free = np.where(held_components(problem)[0] > 0, 0.0, vectors)
-    slopes = held_slopes(problem)
+    """Vectors of all points without their fixed components."""
+    free = np.where(fixed_components(problem)[0] > 0, 0.0, vectors)
+    slopes = sliding_points(problem)
     return free if slopes is None else slopes.without(free)
 
 
 def moved_by(support: Support, points: Points, time: float | None = None) -> Points:
-    """Where a support puts rest places: displacements [m], (n, 3); at full size where no time."""
+    """Displacements by which a support moves points at rest [m], (n, 3); in full without a time."""
     factor = 1.0
     if time is not None and support.amplitude is not None:
         factor = support.amplitude(time)
@@ -159,9 +160,9 @@ def moved_by(support: Support, points: Points, time: float | None = None) -> Poi
 
 
 def pushes_of_supports(problem: Problem, forces: Points) -> Points:
-    """Total force that each support exerts [N], (num_supports, 3), of nodal forces where held.
+    """Total force that each support exerts [N], (num_supports, 3), of nodal forces where fixed.
 
-    What several hold along x, y, z counts for each; on slanted planes each pushes along its
+    What several fix along x, y, z counts for each; on slanted planes each pushes along its
     normal, as far as these tell them apart.
     """
     totals = np.zeros((len(problem.supports), 3))
@@ -174,7 +175,7 @@ def pushes_of_supports(problem: Problem, forces: Points) -> Points:
             sizes = np.linalg.pinv(directions.T, rcond=_ONE_PLANE) @ forces[point]
             for (number, direction), size in zip(held, sizes, strict=True):
                 totals[number] += size * direction
-    fixed = held_components(problem)[0]
+    fixed = fixed_components(problem)[0]
     for number, support in enumerate(problem.supports):
         if support.normal is None:
             mine = support.points[~slanted[support.points]]
@@ -184,7 +185,7 @@ def pushes_of_supports(problem: Problem, forces: Points) -> Points:
 
 
 def _holders(problem: Problem) -> dict[int, list[tuple[int, Floats]]]:
-    """Of every point on a slanted plane: which supports hold it along which directions."""
+    """Of every point on a slanted plane: which supports fix it along which directions."""
     found: dict[int, list[tuple[int, Floats]]] = {}
     for support in problem.supports:
         if support.normal is not None:
@@ -198,7 +199,7 @@ def _holders(problem: Problem) -> dict[int, list[tuple[int, Floats]]]:
     return found
 
 
-def _all_slopes(problem: Problem, time: float | None) -> HeldSlopes | None:
+def _all_slopes(problem: Problem, time: float | None) -> SlidingPoints | None:
     holders = _holders(problem)
     if not holders:
         return None
@@ -215,7 +216,7 @@ def _all_slopes(problem: Problem, time: float | None) -> HeldSlopes | None:
         projectors.append(back @ directions)
         places.append(back @ np.array(asked))
         ranks.append(np.linalg.matrix_rank(directions, tol=_ONE_PLANE))
-    return HeldSlopes(points, np.array(projectors), np.array(places), np.array(ranks))
+    return SlidingPoints(points, np.array(projectors), np.array(places), np.array(ranks))
 
 
 def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
@@ -223,7 +224,7 @@ def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
 
     Dead loads are in `external_force`; follower pressure and tools are not there.
     """
-    fixed, moved = held_components(problem)
+    fixed, moved = fixed_components(problem)
     materials = cell_materials(problem)
     return {
         "points": problem.mesh.points,
@@ -238,13 +239,10 @@ def rest_arrays(problem: Problem) -> dict[str, NDArray[Any]]:
         "youngs_modulus": materials[:, 0],
         "poissons_ratio": materials[:, 1],
         "density": materials[:, 2],
-        **({"c01": cell_values(problem, lambda m: m.c01)} if has_c01(problem) else {}),
+        **(
+            {"c01": cell_values(problem, attrgetter("c01"))} if problem.material.law.has_c01 else {}
+        ),
     }
-
-
-def has_c01(problem: Problem) -> bool:
-    """Whether the law has a constant beside Young's modulus and Poisson's ratio."""
-    return problem.material.law.has_c01
 
 
 def nodal_force(mesh: TetMesh, load: Load) -> Points:
@@ -317,11 +315,5 @@ def cell_values(problem: Problem, value: Callable[[Material], float]) -> Points:
 
 def cell_materials(problem: Problem) -> Points:
     """Young's modulus [Pa], Poisson's ratio [-] and density [kg/m3] by cell, (num_cells, 3)."""
-    body = problem.material
-    rows = np.tile(
-        [body.youngs_modulus, body.poissons_ratio, body.density], (problem.mesh.num_cells, 1)
-    )
-    for inclusion in problem.inclusions:
-        part = inclusion.material
-        rows[inclusion.cells] = (part.youngs_modulus, part.poissons_ratio, part.density)
-    return rows
+    names = ("youngs_modulus", "poissons_ratio", "density")
+    return np.column_stack([cell_values(problem, attrgetter(name)) for name in names])

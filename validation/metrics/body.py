@@ -20,10 +20,10 @@ from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.exchange.nodal_arrays import (
     cell_materials,
     cell_values,
-    held_components,
-    held_slopes,
+    fixed_components,
     nodal_force,
     pushes_of_supports,
+    sliding_points,
     touchable_points,
 )
 from palpate.validation.metrics.finite_laws import energy_density, finite_stress
@@ -104,9 +104,9 @@ class Body:
         if element is Element.SMOOTHED:
             c01 = None if self.is_linear_in_strain else self.c01
             self._smoothing = Smoothing(self.mesh, self.lmbda, self.mu, c01)
-        fixed, self.prescribed = held_components(problem)
+        fixed, self.prescribed = fixed_components(problem)
         self.held: Mask = fixed.astype(bool)
-        self.slopes = held_slopes(problem)
+        self.slopes = sliding_points(problem)
 
     @cached_property
     def touchable(self) -> Mask:  # noqa: D102  (an attribute above)
@@ -350,7 +350,7 @@ class Body:
         """How far held components are from where they are held [m], 0 elsewhere."""
         gap = np.where(self.held, self.prescribed - displacement, 0.0)
         if self.slopes is not None:
-            slid = self.slopes.places - self.slopes.held_part(displacement)
+            slid = self.slopes.places - self.slopes.fixed_part(displacement)
             gap[self.slopes.points] = slid
         return gap
 

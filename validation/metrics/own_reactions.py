@@ -16,7 +16,7 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import BodyForce, Pressure
 from palpate.meshes.problem import Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.exchange.nodal_arrays import held_components, nodal_force
+from palpate.validation.exchange.nodal_arrays import fixed_components, nodal_force
 from palpate.validation.exchange.point_location import locate, locate_points
 from palpate.validation.metrics.body import body_of, factor_at_end, load_force
 from palpate.validation.metrics.springs import spring_force
@@ -41,7 +41,7 @@ def own_reactions(
     mesh, strain = own.mesh, candidate.strain
     spread = _spread(problem.mesh, mesh)
     force = body_of(own, strain, candidate.element).internal(displacement)
-    is_held = held_components(problem)[0] > 0
+    is_held = fixed_components(problem)[0] > 0
     # Loads near a support, and pressure, may be put in the wrong place.
     loose = np.zeros(mesh.num_points)
     # So may a weight: an answer of the case's mesh, sent on a finer one, is balanced on its own.

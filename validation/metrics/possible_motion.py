@@ -24,7 +24,7 @@ from palpate.meshes.amplitude import TabularAmplitude
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Load, Pressure, Support
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_arrays import held_components, lumped_mass
+from palpate.validation.exchange.nodal_arrays import fixed_components, lumped_mass
 from palpate.validation.metrics.body import body_of, load_force
 from palpate.validation.metrics.finite import are_measurable
 from palpate.validation.metrics.sampling import content_frequency
@@ -133,7 +133,7 @@ def largest_acceleration(
     """
     assert problem.time is not None
     end, mass = problem.time.end_time, lumped_mass(problem)
-    is_free = held_components(problem)[0] == 0
+    is_free = fixed_components(problem)[0] == 0
     start, by_loads, by_supports = np.zeros_like(problem.mesh.points), 0.0, 0.0
     for item in (*problem.loads, *problem.supports):
         first, varied = _variation(item, end)
@@ -173,7 +173,7 @@ def _by_start(problem: Problem, velocity: Points) -> float:
     Besides, the damping's lambda v, and stiffness damping's beta M^-1 K v.
     """
     assert problem.time is not None
-    speed = np.where(held_components(problem)[0] > 0, 0.0, velocity)
+    speed = np.where(fixed_components(problem)[0] > 0, 0.0, velocity)
     rate = body_of(problem, Strain.LINEAR).internal(speed)
     rate = rate + stiffness_times(problem.mesh, problem.springs, speed)
     stretched = float(np.sum(speed * rate))
@@ -186,7 +186,7 @@ def _by_start(problem: Problem, velocity: Points) -> float:
     if problem.time.stiffness_damping:
         force = body_of(problem, Strain.LINEAR).internal(speed)
         viscous = problem.time.stiffness_damping * force / np.sqrt(lumped_mass(problem))[:, None]
-        held = held_components(problem)[0] > 0
+        held = fixed_components(problem)[0] > 0
         by_start += float(np.linalg.norm(np.where(held, 0.0, viscous)))
     return by_start
 

@@ -36,7 +36,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.exchange.nodal_arrays import held_components
+from palpate.validation.exchange.nodal_arrays import fixed_components
 from palpate.validation.metrics.body import body_of
 from palpate.validation.metrics.catalogue import CATALOGUE, measure
 from palpate.validation.metrics.numbers import Number
@@ -112,7 +112,7 @@ class SinglePrecision:
     def _fields(self) -> tuple[tuple[Points, Points], ...]:
         """Displacements [m] by which the body answers rounded strains, and the forces [N]."""
         problem, random = self._problem, np.random.default_rng(0)
-        free = 1.0 - held_components(problem)[0]
+        free = 1.0 - fixed_components(problem)[0]
         found = []
         for _ in range(_SAMPLES):
             strain = random.uniform(-1.0, 1.0, (problem.mesh.num_cells, 3, 3))

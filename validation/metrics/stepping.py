@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Problem
-from palpate.validation.exchange.nodal_arrays import held_components, held_slopes, lumped_mass
+from palpate.validation.exchange.nodal_arrays import fixed_components, lumped_mass, sliding_points
 from palpate.validation.metrics.body import Body, Mask
 from palpate.validation.metrics.laws import Array, Law
 
@@ -174,7 +174,7 @@ class Stepper:
         if slopes is None:
             return displacement
         if slip.with_amplitudes and any(s.amplitude for s in problem.supports):
-            slopes = held_slopes(problem, time)
+            slopes = sliding_points(problem, time)
             assert slopes is not None
         return slopes.placed(displacement)
 
@@ -182,7 +182,7 @@ class Stepper:
         """Where held components are [m]."""
         problem = self.body.problem
         is_moving = slip.with_amplitudes and any(s.amplitude for s in problem.supports)
-        return held_components(problem, time)[1] if is_moving else self.body.prescribed
+        return fixed_components(problem, time)[1] if is_moving else self.body.prescribed
 
 
 def steps_per_output(problem: Problem) -> int:

@@ -15,7 +15,11 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.validation.exchange.nodal_arrays import held_components, held_slopes, touchable_points
+from palpate.validation.exchange.nodal_arrays import (
+    fixed_components,
+    sliding_points,
+    touchable_points,
+)
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.body import body_of, dead_force
 from palpate.validation.metrics.finite import largest
@@ -209,7 +213,7 @@ def _wrong_form(problem: Problem, label: str, state: State) -> Iterator[str]:
 
 
 def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
-    fixed, full = held_components(problem)
+    fixed, full = fixed_components(problem)
     scale = largest(np.abs((state.displacement, full)).ravel())
     gap = float(np.abs((state.displacement - full) * fixed).max())
     gap = largest((gap, _gap_of_slopes(problem, None, state.displacement)))
@@ -218,12 +222,12 @@ def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
         scale = largest((scale, float(np.abs(motion.displacements).max())))
         gap = largest(
             max(
-                float(np.abs((placed - held_components(problem, float(time))[1]) * fixed).max()),
+                float(np.abs((placed - fixed_components(problem, float(time))[1]) * fixed).max()),
                 _gap_of_slopes(problem, float(time), placed),
             )
             for time, placed in zip(motion.times, motion.displacements, strict=True)
         )
-        slopes = held_slopes(problem)
+        slopes = sliding_points(problem)
         begins = motion.displacements[0] * (1 - fixed)
         start = float(np.abs(begins if slopes is None else slopes.without(begins)).max())
         if start > _SINGLE * scale:
@@ -233,10 +237,10 @@ def _wrong_supports(problem: Problem, state: State) -> Iterator[str]:
 
 
 def _gap_of_slopes(problem: Problem, time: float | None, displacement: Points) -> float:
-    slopes = held_slopes(problem, time)
+    slopes = sliding_points(problem, time)
     if slopes is None:
         return 0.0
-    return float(np.abs(slopes.held_part(displacement) - slopes.places).max())
+    return float(np.abs(slopes.fixed_part(displacement) - slopes.places).max())
 
 
 def _wrong_numbers(problem: Problem, state: State) -> Iterator[str]:
@@ -316,7 +320,7 @@ def _wrong_balance(problem: Problem, state: State) -> Iterator[str]:
     if state.tool_forces is None:
         return
     # A point that is held along one axis hands the tool's push there to its support.
-    fixed = held_components(problem)[0].astype(bool)
+    fixed = fixed_components(problem)[0].astype(bool)
     partly = may_touch & fixed.any(axis=1) & ~fixed.all(axis=1)
     whole = ~fixed[partly].any(axis=0)
     gap = np.abs(residual[may_touch].sum(axis=0) - state.tool_forces.sum(axis=0))[whole]
@@ -345,7 +349,7 @@ def _wrong_stresses(problem: Problem, state: State) -> Iterator[str]:
         return
     if stress.strain_energy is not None and not 0.0 <= stress.strain_energy < math.inf:
         yield f"a strain energy of {stress.strain_energy:g} J"
-    free = (held_components(problem)[0] == 0) & ~touchable_points(problem)[:, None]
+    free = (fixed_components(problem)[0] == 0) & ~touchable_points(problem)[:, None]
     for load in problem.loads:
         if isinstance(load, Pressure):
             # It follows the truth's own surface, which is not stored.
@@ -353,7 +357,7 @@ def _wrong_stresses(problem: Problem, state: State) -> Iterator[str]:
     for spring in problem.springs:
         # It pulls at the edges of a quadratic truth too.
         free[spring.facets] = False
-    slopes = held_slopes(problem)
+    slopes = sliding_points(problem)
     if slopes is not None:
         free[slopes.points] = False
     dead = dead_force(problem)

@@ -18,7 +18,7 @@ from palpate.meshes.problem import InitialVelocity, Strain
 from palpate.validation.case import load_case
 from palpate.validation.case.regions import flat_normal
 from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.exchange.nodal_arrays import free_part, held_slopes, pushes_of_supports
+from palpate.validation.exchange.nodal_arrays import free_part, pushes_of_supports, sliding_points
 from palpate.validation.metrics.body import Body
 from palpate.validation.metrics.stepping import Slip, Stepper
 from palpate.validation.report.pictures import draw_case
@@ -46,7 +46,7 @@ def test_a_flat_face_along_an_axis_is_a_support_of_that_component(write_case: Wr
         (False, False, True),
         (False, True, False),
     ]
-    assert held_slopes(problem) is None
+    assert sliding_points(problem) is None
 
 
 def test_both_sides_of_a_slab_slide_as_one_support_in_plane_strain(write_case: Write) -> None:
@@ -69,7 +69,7 @@ def test_a_normal_holds_along_it_alone(write_case: Write) -> None:
     assert problem.supports[2].normal == pytest.approx((0.0, 0.6, 0.8))
     lines = "\n".join(look_at(case).lines)
     assert "slides along its plane, normal [0, 0.6, 0.8], held" in lines
-    slopes = held_slopes(problem)
+    slopes = sliding_points(problem)
     assert slopes is not None
     # On the clamped root and floor nothing slides any more.
     assert not np.isin(problem.supports[0].points, slopes.points).any()

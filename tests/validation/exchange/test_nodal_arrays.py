@@ -11,7 +11,7 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Inclusion, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange import nodal_arrays
-from palpate.validation.exchange.nodal_arrays import held_components
+from palpate.validation.exchange.nodal_arrays import fixed_components
 
 ONE_CELL = TetMesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 1, 2, 3]])
@@ -58,7 +58,7 @@ def test_held_components_are_those_of_the_supports() -> None:
         np.array([1], dtype=np.int32), components=(True, False, True), displacement=(0.1, 0.2, 0.3)
     )
     problem = Problem(ONE_CELL, Material(1.0, 0.3), (support,), ())
-    fixed, moved = held_components(problem)
+    fixed, moved = fixed_components(problem)
     assert fixed.tolist() == [[0, 0, 0], [1, 0, 1], [0, 0, 0], [0, 0, 0]]
     np.testing.assert_array_equal(moved[1], [0.1, 0.0, 0.3])
 

@@ -22,7 +22,7 @@ from palpate.validation.case import load_case
 from palpate.validation.cli import main
 from palpate.validation.exchange.nodal_arrays import (
     cell_materials,
-    held_components,
+    fixed_components,
     lumped_mass,
     nodal_force,
 )
@@ -109,7 +109,7 @@ class SingleForces:
 def newton_in_single(problem, strain):
     """Newton whose forces and displacement are in single precision; its directions may be any."""
     forces, exact = SingleForces(problem, strain), body_of(problem, strain).internal
-    free = np.flatnonzero(held_components(problem)[0].ravel() == 0)
+    free = np.flatnonzero(fixed_components(problem)[0].ravel() == 0)
     u, shape = np.zeros(problem.mesh.points.size, dtype=np.float32), problem.mesh.points.shape
     for _ in range(12):
         K, h = np.empty((len(free), len(free))), 1e-5
@@ -128,7 +128,7 @@ def steps_in_single(problem, strain):
     forces, span = SingleForces(problem, strain), problem.time
     dt, half = np.float32(span.time_step), np.float32(0.5 * span.mass_damping * span.time_step)
     mass = lumped_mass(problem).astype(np.float32)[:, None]
-    is_held, steps = held_components(problem)[0] == 1, steps_per_output(problem)
+    is_held, steps = fixed_components(problem)[0] == 1, steps_per_output(problem)
     now = np.zeros(problem.mesh.points.shape, dtype=np.float32)
     before = np.where(is_held, now, dt * dt / 2 * forces(now) / mass)
     found = [now]
