@@ -43,7 +43,6 @@ def palpate_case() -> JudgeCase:
         from palpate.validation.candidates.candidate import candidates_for, result_candidate
         from palpate.validation.case import load_case
         from palpate.validation.judging.judge import judge_case
-        from palpate.validation.judging.outputs import check_name
         from palpate.validation.quoting import for_terminal
         from palpate.validation.solving import known_word
         from palpate.validation.states import Elements, Verdict
@@ -61,7 +60,7 @@ def palpate_case() -> JudgeCase:
         judged = judge_case(load_case(case), live=live, candidate=candidates)
         if judged.verdict is not Verdict.PASSED:
             bad = [check for check in judged.checks if check.verdict is not Verdict.PASSED]
-            lines = [f"  {c.verdict}: {check_name(c)}: {c.message} ({c.reason})" for c in bad]
+            lines = [f"  {c.verdict}: {c.name}: {c.message} ({c.reason})" for c in bad]
             lines += [f"  {note}" for note in judged.notes]
             lines = [for_terminal(line) for line in [f"{judged.name}: {judged.verdict}", *lines]]
             pytest.fail("\n".join(lines), pytrace=False)

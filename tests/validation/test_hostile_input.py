@@ -24,8 +24,8 @@ from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.judging import outputs
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.result_changes import describe_since, read_accepted
 from palpate.validation.judging.results import CaseResult
+from palpate.validation.judging.run_comparison import compare_runs
 from palpate.validation.states import CandidateFailedError
 
 WORDS = (
@@ -213,7 +213,7 @@ def test_a_damaged_accepted_result_is_refused_or_compared(
     for data in mutants(whole, 250, seed):
         path.write_bytes(data)
         with only_refusals(data):
-            describe_since([judged], read_accepted(path))
+            compare_runs(path, path)
 
 
 def packed_npz(folder: Path, problem: Problem, answer: NDArray[np.float64]) -> bytes:

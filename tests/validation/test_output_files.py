@@ -72,7 +72,7 @@ def everything(folder: Path) -> dict[str, bytes]:
         "gate block.toml --json sub/../block.toml",
         "gate block.toml --json soft",
         "gate block.toml --json hard",
-        "gate block.toml --since old.json --json old.json",
+        "compare-runs old.json block.toml --summary old.json",
         "gate block.toml --json mysim.py --simulator 'python mysim.py {case} {result}'",
         "gate block.toml --json x --junit x",
         "gate block.toml --json x --junit sub/../x",

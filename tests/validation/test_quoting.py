@@ -23,8 +23,8 @@ from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.commands.words import progress_lines
 from palpate.validation.judging import outputs
-from palpate.validation.judging.annotations import github_annotations
 from palpate.validation.judging.judge import judge_case
+from palpate.validation.judging.outputs import github_annotations
 from palpate.validation.judging.results import CaseResult, Judged
 from palpate.validation.report.html import report_environment
 from palpate.validation.report.tables import state_table_csv

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -84,9 +83,6 @@ def gate(
     record_expected: Annotated[
         bool, typer.Option("--record-expected", help="keep these verdicts as the expected ones")
     ] = False,
-    since: Annotated[
-        Path | None, typer.Option(help="an accepted results.json: tell what changed")
-    ] = None,
 ) -> None:
     """Judge fastsim, or another simulator, on cases; the exit code is the verdict."""
     from palpate.fastsim.explicit_body import Precision as StepPrecision
@@ -95,8 +91,6 @@ def gate(
     from palpate.validation.candidates.faults import with_fault
     from palpate.validation.case import QUICK, builtin_cases, load_cases
     from palpate.validation.judging import outputs
-    from palpate.validation.judging.annotations import github_annotations
-    from palpate.validation.judging.askable import askable_cases
     from palpate.validation.judging.expectation import (
         FILE,
         expected_toml,
@@ -104,12 +98,11 @@ def gate(
         unexpected,
         with_results,
     )
-    from palpate.validation.judging.judge import exit_code, judge_case
-    from palpate.validation.judging.many_cases import judge_cases
+    from palpate.validation.judging.judge import exit_code, judge_case, judge_cases, suitable_cases
     from palpate.validation.judging.metamorphic import judge_relations
-    from palpate.validation.judging.result_changes import read_accepted, with_changes
+    from palpate.validation.judging.outputs import github_annotations
+    from palpate.validation.judging.results import merge_candidates
     from palpate.validation.judging.self_test import run_self_test
-    from palpate.validation.judging.together import together
     from palpate.validation.judging.versus import judge_versus, other_candidate, read_limits
     from palpate.validation.output_files import input_files, require_outputs
 
@@ -130,7 +123,6 @@ def gate(
         is_condensed=is_condensed(with_),
     )
     candidates = [with_fault(candidate, fault) for candidate in given]
-    accepted = read_accepted(since) if since else None
     if quick + every + bool(names) != 1 and not (self_test and quick + every + bool(names) == 0):
         raise InputError("name the cases, or say one of --quick, --all and --self-test")
     if self_test and (fault is not Fault.NONE or metamorphic or live):
@@ -164,24 +156,24 @@ def gate(
         require_builtin(loaded)
     require_outputs(
         {"--json": json, "--junit": junit, "--summary": summary},
-        inputs=input_files(loaded, since, command=" ".join(filter(None, (simulator, versus)))),
+        inputs=input_files(loaded, command=" ".join(filter(None, (simulator, versus)))),
     )
     progress = progress_lines()
     if every or quick:
-        loaded = askable_cases(loaded, candidates, progress)
+        loaded = suitable_cases(loaded, candidates, progress)
     if self_test:
         trials = [run_self_test(progress, cases=loaded, candidate=one) for one in candidates]
-        results = [together(trials)]
+        results = [merge_candidates(trials)]
     elif metamorphic:
         results = [
-            together([judge_relations(case, one, progress) for one in candidates])
+            merge_candidates([judge_relations(case, one, progress) for one in candidates])
             for case in loaded
         ]
     elif versus is not None:
         others = [other_candidate(versus, time_limit, candidate) for candidate in candidates]
         pairs, limits = list(zip(candidates, others, strict=True)), read_limits(limit or [])
         results = [
-            together([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
+            merge_candidates([judge_versus(c, *o, limits=limits, progress=progress) for o in pairs])
             for c in loaded
         ]
     elif simulator is None and fault is Fault.NONE and not (live or law):
@@ -197,8 +189,6 @@ def gate(
             )
             for case in loaded
         ]
-    if accepted is not None:
-        results = with_changes(results, accepted)
     outputs.write_outputs(results, json=json, junit=junit, summary=summary)
     outputs.print_results(results, Console(highlight=False))
     if os.environ.get("GITHUB_ACTIONS") == "true":
@@ -219,7 +209,7 @@ def require_builtin(cases: Sequence[Case]) -> None:
     if own:
         raise InputError(
             f"--expected is about built-in cases, and {', '.join(own)} is not one; what changed "
-            "since a result that you accepted is told by --since"
+            "since a result that you accepted is told by `palpate compare-runs`"
         )
 
 

@@ -63,7 +63,7 @@ def _processor_seconds() -> float:
 def build(names: Cases = None) -> None:
     """Solve references and put them beside the accepted ones, to be accepted; needs FEniCSx."""
     from palpate.validation.case import load_case
-    from palpate.validation.judging.truth_request import truth_request
+    from palpate.validation.judging.case_references import truth_request
     from palpate.validation.references.geometry import with_geometry
     from palpate.validation.references.statics import solve_for_storing
     from palpate.validation.references.stored import (

@@ -55,9 +55,8 @@ def report(
     from palpate.validation.candidates.candidate import candidates_for
     from palpate.validation.case import builtin_cases, load_cases
     from palpate.validation.judging import outputs
-    from palpate.validation.judging.askable import askable_cases
     from palpate.validation.judging.expectation import read_expected, unexpected
-    from palpate.validation.judging.judge import exit_code, judge_case
+    from palpate.validation.judging.judge import exit_code, judge_case, suitable_cases
     from palpate.validation.output_files import input_files
     from palpate.validation.report.html import write_report
     from palpate.validation.report.pdf import print_pdf, require_browser
@@ -90,7 +89,7 @@ def report(
         is_condensed=is_condensed(with_),
     )
     if every:
-        loaded = askable_cases(loaded, candidates, progress)
+        loaded = suitable_cases(loaded, candidates, progress)
     results = [
         judge_case(c, live=True, candidate=candidates, precision=precision, progress=progress)
         for c in loaded

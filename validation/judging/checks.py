@@ -1,19 +1,33 @@
-"""From numbers to a verdict; fail-closed: what cannot be judged never passes."""
+"""From numbers to a verdict; fail-closed: what cannot be judged never passes.
+
+A check compares an answer with a reference, with itself, or one of its numbers with one of the
+case file that was published or is in closed form.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 
+import numpy as np
+
+from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.validation.case.regions import part_of_check
+from palpate.validation.case.regions import part_of_check, point_at
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
-from palpate.validation.judging.published import compare_published
 from palpate.validation.judging.results import CheckResult
-from palpate.validation.metrics import OWN_MESH_REMEDY, measure
+from palpate.validation.metrics import OWN_MESH_REMEDY, Number, Part, measure
+from palpate.validation.metrics.finite import are_measurable
+from palpate.validation.metrics.sampling import may_be_alias, too_coarse
+from palpate.validation.metrics.time_series import fit_oscillation, fit_uncertainty
+from palpate.validation.references.adaptive_truth import name_of_part
 from palpate.validation.references.bars import BarParts
 from palpate.validation.states import Precision, State, Verdict
+
+_LENGTHS = ("amplitude", "mean")
+_WHOLE = Part(np.zeros(0, dtype=np.int32), np.zeros((0, 3)))
 
 
 def decide(error: float, bar: float, limit: float) -> Verdict:
@@ -29,11 +43,6 @@ def decide(error: float, bar: float, limit: float) -> Verdict:
     if error + bar <= limit:
         return Verdict.PASSED
     return Verdict.FAILED if error - bar > limit else Verdict.INCONCLUSIVE
-
-
-def _number(value: float) -> float | None:
-    """What outputs can hold: None where there is no number."""
-    return value if math.isfinite(value) else None
 
 
 def judge_check(
@@ -58,7 +67,7 @@ def judge_check(
         candidate: The candidate's state, or None with `failure` saying why.
         reference: The reference's, or None if there is none.
         bar: The reference's error bar, relative to the check's scale; of a published number that
-            the truth is held against, that of `metric_of_bar`.
+            the truth is compared with, that of `metric_of_bar`.
         failure: Why a state is missing.
         units: The case's, of published numbers; SI where None.
         parts: What the bar is made of; all discretisation where None.
@@ -75,7 +84,7 @@ def judge_check(
         verdict, message = Verdict.INCONCLUSIVE, failure or "there is no reference"
     elif about.is_published:
         compared = compare_published(spec, problem, judged, units)
-        value, scale = _number(compared.error), about.scale
+        value, scale = _finite(compared.error), about.scale
         made_of = made_of.times(compared.scale) if is_of_truth else BarParts()
         made_of = dataclasses.replace(
             made_of, reading=compared.uncertainty - compared.stated, stated=compared.stated
@@ -87,7 +96,7 @@ def judge_check(
         message += compared.message + _shown(bar, made_of.says(with_geometry=True))
     elif about.own is not None:
         worst, made_of = about.own(problem.mesh, judged), BarParts()
-        value, scale, bar = _number(worst.value), about.scale, 0.0
+        value, scale, bar = _finite(worst.value), about.scale, 0.0
         is_within = worst.value > spec.limit if about.is_lower_limit else worst.value <= spec.limit
         is_good = is_within and math.isfinite(worst.value)
         verdict = Verdict.PASSED if is_good else Verdict.FAILED
@@ -101,7 +110,7 @@ def judge_check(
         made_of = dataclasses.replace(made_of, reading=difference.uncertainty)
         scale, bar = difference.scale_name, bar + difference.uncertainty
         verdict = decide(difference.value, bar, spec.limit)
-        value = _number(difference.value)
+        value = _finite(difference.value)
         sign = {Verdict.PASSED: "<=", Verdict.FAILED: ">"}.get(verdict, "~")
         shown = f"{difference.value:.3g}{_shown(bar, made_of.says())}"
         message = f"{shown} {sign} {spec.limit:g}"
@@ -111,9 +120,12 @@ def judge_check(
         if verdict is Verdict.INCONCLUSIVE and judged.own and difference.uncertainty > 0.0:
             message += f"; {OWN_MESH_REMEDY}"
     if made_of.geometry and value is not None:
-        message += f"; {_of_polyhedron(shape, made_of.geometry, counts=is_of_truth)}"
+        of_what = f"a polyhedron of {shape}" if shape else "a polyhedron"
+        beside = "" if is_of_truth else ", beside the bar"
+        message += f"; the case's mesh is {of_what}: its geometry adds up to "
+        message += f"{made_of.geometry:.2g}{beside}"
     return dataclasses.replace(
-        _result(spec, strain, verdict, message),
+        unjudged_check(spec, strain, verdict, message),
         value=value,
         scale=scale,
         reference_error=bar,
@@ -121,24 +133,8 @@ def judge_check(
     )
 
 
-def _shown(bar: float, parts: str) -> str:
-    """An error bar behind its number, with its parts where there are several."""
-    return f" (+- {bar:.2g}{': ' if parts else ''}{parts})" if bar else ""
-
-
-def _of_polyhedron(shape: str, geometry: float, *, counts: bool) -> str:
-    """What the case's mesh leaves out of the true surface, in words."""
-    of_what = f"a polyhedron of {shape}" if shape else "a polyhedron"
-    rest = "" if counts else ", beside the bar"
-    return f"the case's mesh is {of_what}: its geometry adds up to {geometry:.2g}{rest}"
-
-
-def skipped_check(spec: CheckSpec, strain: Strain, why: str) -> CheckResult:
-    """A check that was not made, with the reason: it stands in every output."""
-    return _result(spec, strain, Verdict.SKIPPED, why)
-
-
-def _result(spec: CheckSpec, strain: Strain, verdict: Verdict, message: str) -> CheckResult:
+def unjudged_check(spec: CheckSpec, strain: Strain, verdict: Verdict, message: str) -> CheckResult:
+    """A check without numbers: one that was skipped, say, with the reason."""
     return CheckResult(
         metric=spec.metric,
         against=spec.against,
@@ -150,3 +146,144 @@ def _result(spec: CheckSpec, strain: Strain, verdict: Verdict, message: str) -> 
         unit=spec.about.unit,
         precision=spec.precision or Precision.DOUBLE,
     )
+
+
+def _finite(value: float) -> float | None:
+    """What outputs can hold: None where there is no number."""
+    return value if math.isfinite(value) else None
+
+
+def _shown(bar: float, parts: str) -> str:
+    """An error bar behind its number, with its parts where there are several."""
+    return f" (+- {bar:.2g}{': ' if parts else ''}{parts})" if bar else ""
+
+
+def metric_of_bar(spec: CheckSpec) -> str:
+    """Which metric's error bar says how far the truth's number may be off."""
+    if spec.quantity is not None:
+        return f"oscillation_{spec.quantity}"
+    return spec.about.bar_of or spec.metric
+
+
+def name_of_bar(spec: CheckSpec, problem: Problem, units: Units) -> str:
+    """The same, of the part of the body that the check is about."""
+    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    metric = metric_of_bar(spec)
+    if part is None or not spec.about.is_of_integrals:
+        return metric
+    return name_of_part(metric, part)
+
+
+def number_of(spec: CheckSpec, problem: Problem, state: State, units: Units) -> Number | None:
+    """The number of a state that a check is about, in SI units; None where it does not have it."""
+    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    assert spec.about.read is not None
+    with np.errstate(over="ignore", invalid="ignore"):
+        return spec.about.read(problem, state, part or _WHOLE, spec.component or "")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One number of an answer beside the number expected.
+
+    Attributes:
+        error: Relative to the number expected [-]; infinite where there is none to be had.
+        message: One line on it.
+        scale: What errors of `metric_of_bar` are divided by, over the number expected [-].
+        uncertainty: Of the number expected, as the case states it, and of what was fitted or read
+            between states, relative to the number expected [-]; infinite where the states tell
+            nothing of it.
+        stated: What of that the case states, likewise.
+    """
+
+    error: float
+    message: str
+    scale: float = math.inf
+    uncertainty: float = 0.0
+    stated: float = 0.0
+
+
+def compare_published(
+    spec: CheckSpec, problem: Problem, state: State, units: Units | None
+) -> Comparison:
+    """Compare a number of a state with the one expected.
+
+    Of an oscillation: what is fitted to a point's component over time.
+
+    Raises:
+        InputError: No point of the mesh lies there, or no such part of the body.
+    """
+    used = units or Units()
+    if spec.about.read is not None:
+        return _compare_number(spec, problem, state, used)
+    assert spec.component is not None
+    assert spec.at is not None
+    point = point_at(problem.mesh, spec.at, used, "check")
+    axis = "xyz".index(spec.component)
+    metre = used.metres(1.0)
+    if spec.quantity is None:
+        found = float(state.displacement[point, axis]) / metre
+        other = state.other_reading
+        off = 0.0 if other is None else abs(found - float(other.displacement[point, axis]) / metre)
+        # No component at a point is farther off than the largest error of displacement.
+        return _compare(spec, found, used.length, state.max_displacement / metre, off)
+    motion = state.given
+    try:
+        if motion is None:
+            raise InputError("there is no trajectory")
+        series = motion.times, motion.displacements[:, point, axis]
+        swing = fit_oscillation(*series)
+    except InputError as why:
+        return Comparison(math.inf, f"no {spec.quantity} to be had: {why}")
+    found = float(getattr(swing, spec.quantity))
+    # Also of a truth: its bars are of two fits alike, not of what one fit makes of a motion.
+    off = float(getattr(fit_uncertainty(*series, swing), spec.quantity))
+    is_frequency = spec.quantity == "frequency"
+    wanted = abs(spec.expected or 0.0) if is_frequency else swing.frequency
+    why_not = too_coarse(motion, wanted)
+    scale = swing.amplitude / metre if spec.quantity in _LENGTHS else swing.frequency
+    unit = used.length if spec.quantity in _LENGTHS else "Hz" if is_frequency else "1/s"
+    found = found / metre if spec.quantity in _LENGTHS else found
+    compared = _compare(spec, found, unit, scale, off * scale)
+    if not why_not and compared.error <= spec.limit:
+        # What is wrong at any frequency is wrong; what is right may be an alias's.
+        why_not = may_be_alias(problem, state.strain, motion, element=state.element)
+    if not why_not:
+        return compared
+    message = f"{compared.message}; {why_not}"
+    return dataclasses.replace(compared, message=message, uncertainty=math.inf)
+
+
+def _compare_number(spec: CheckSpec, problem: Problem, state: State, units: Units) -> Comparison:
+    if not are_measurable(*state.fields):
+        return Comparison(math.inf, "the displacement is no number, or too large for one")
+    found = number_of(spec, problem, state, units)
+    if found is None:
+        return Comparison(math.inf, f"{state.label} does not tell it")
+    unit, name = units.of(spec.about.dimension)
+    scale = found.scale / unit
+    off = found.doubt
+    if state.other_reading is not None:
+        other = number_of(spec, problem, state.other_reading, units)
+        off += math.inf if other is None else abs(found.value - other.value)
+    compared = _compare(spec, found.value / unit, name, scale, off / unit)
+    part = part_of_check(spec, problem, units, f"check {spec.metric}")
+    if part is None:
+        return compared
+    where = f"{spec.component}, {part.says}"
+    return dataclasses.replace(compared, message=f"{compared.message}; {where}")
+
+
+def _compare(
+    spec: CheckSpec, found: float, unit: str, scale: float, uncertainty: float
+) -> Comparison:
+    """The scale is that of the metric's bar; it and the uncertainty are in the unit."""
+    assert spec.expected is not None
+    size = abs(spec.expected)
+    error = abs(found - spec.expected) / size
+    # That of what was measured or published counts like the answer's own.
+    stated = spec.uncertainty or 0.0
+    expected = f"{spec.expected:.8g}" + (f" +- {stated:.3g}" if stated else "")
+    shown = f"{found:.8g} {unit}, expected {expected}: {error:.2g}"
+    message = f"{shown} {'<=' if error <= spec.limit else '>'} {spec.limit:g}"
+    return Comparison(error, message, scale / size, (uncertainty + stated) / size, stated / size)

@@ -1,18 +1,17 @@
 """Where an error comes from: model, discretisation, time and solver, on signed numbers.
 
-Each term is what the candidate would gain by mending one thing and leaving all else as it is:
+Each term is what the candidate would gain by repairing one thing and leaving all else as it is:
 
-    model           the case's law in the place of the candidate's own, or Green strain in the
-                    place of linear strain, on the same mesh
-    discretisation  the truth's mesh and element, with the candidate's own law and strain
+    model           Green strain in the place of linear strain, on the same mesh
+    discretisation  the truth's mesh and element, with the candidate's own strain
     time            a quarter of the time step; for a candidate that states scheme and step of
                     its own (`State.steps`) that quarter in the place of both
-    solver          the same mesh, law, strain, scheme and step, each step solved by the reference;
-                    called by another name where it is not the solver's (see `remainder`)
+    solver          the same mesh, strain, scheme and step, each step solved by the reference;
+                    called by another name where it is not the solver's
 
 Of an answer on a mesh of its own, which the reference does not solve on, discretisation and solver
 are one term. Norms do not add; signed numbers do, but for the interaction: what is left of the
-total when all terms are taken off. A large interaction says that mending one thing alone will not
+total when all terms are taken off. A large interaction says that repairing one thing alone will not
 do.
 """
 
@@ -24,21 +23,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.fastsim.dynamics import simulate
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Material, Problem, Strain
+from palpate.meshes.problem import Problem, Strain
 from palpate.meshes.refinement import refine_problem
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
-from palpate.validation.diagnosis import Diagnosis
-from palpate.validation.judging.remainder import SOLVER, name_of_rest
+from palpate.validation.diagnosis import Cause, Diagnosis
+from palpate.validation.diagnosis.diagnose import equations_left
+from palpate.validation.diagnosis.explanation import CONVERGED, SINGLE
+from palpate.validation.diagnosis.result_hypotheses import distance
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.references.reference_set import OF_ELEMENT, QUADRATIC, TRUTH
 from palpate.validation.states import Progress, State, in_silence
 
-MODEL, DISCRETISATION, TIME = "model", "discretisation", "time"
+MODEL, DISCRETISATION, TIME, SOLVER = "model", "discretisation", "time", "solver"
+UNEXPLAINED = "not explained by mesh, time or solver"
 # How much finer the time step is that stands for none.
 _FINER_STEP = 4
+# A simulator measures its residual in a norm of its own.
+_NORMS_DIFFER = 10.0
+# Nobody stops earlier on purpose.
+_MOST_SAID = 0.1
+_SOLVERS = (Cause.AGREES, Cause.PRECISION)
 
 
 @dataclass(frozen=True)
@@ -78,24 +84,6 @@ class Budget:
 
 
 @dataclass(frozen=True, eq=False)
-class OwnLaw:
-    """The law that a candidate states as its own, in motion.
-
-    Attributes:
-        material: In the place of the case's.
-        mended: The reference on the same mesh by the candidate's scheme and step, but with the
-            case's law and strain; where None, what the law changes is told by central differences.
-    """
-
-    material: Material
-    mended: State | None = None
-
-    def of(self, problem: Problem) -> Problem:
-        """The problem of this material."""
-        return dataclasses.replace(problem, material=self.material)
-
-
-@dataclass(frozen=True, eq=False)
 class Probe:
     """Signed numbers of a state: the displacement of a point along a direction, the volume.
 
@@ -128,31 +116,26 @@ def static_budgets(
     candidate: State,
     states: Mapping[tuple[str, Strain], State],
     *,
-    own_law: Mapping[tuple[str, Strain], State] | None = None,
     diagnoses: Sequence[Diagnosis] = (),
 ) -> list[Budget]:
     """Budgets of a static answer from the reference's states.
 
     Args:
-        problem: The case's problem; with `own_law` under the candidate's, whose equations are then
-            asked whether it keeps them.
+        problem: The case's problem.
         candidate: Its displacement at the case's points; its `strain` is what it was solved with.
         states: The reference's, by label and strain: on the same mesh with the candidate's
             element, and the truth.
-        own_law: The same under the law that the candidate states as its own, where that is not the
-            case's: what lies between the two is the model's term.
         diagnoses: Of the case, where it was red.
 
     Returns:
         One for the farthest point's displacement, one for the change of volume; none where
         the truth is missing.
     """
-    mine = states if own_law is None else own_law
 
-    def truth_of(strain: Strain, of: Mapping[tuple[str, Strain], State]) -> State | None:
-        return of.get((TRUTH, strain)) or of.get((QUADRATIC, strain))
+    def truth_of(strain: Strain) -> State | None:
+        return states.get((TRUTH, strain)) or states.get((QUADRATIC, strain))
 
-    truth = truth_of(Strain.GREEN, states)
+    truth = truth_of(Strain.GREEN)
     if truth is None:
         return []
     probe = farthest_probe(truth.displacement)
@@ -164,9 +147,9 @@ def static_budgets(
 
     strain = candidate.strain
     on_mesh = OF_ELEMENT[candidate.element]
-    same, fine, own = mine.get((on_mesh, strain)), truth_of(strain, mine), read(candidate)
+    same, fine, own = states.get((on_mesh, strain)), truth_of(strain), read(candidate)
     terms: dict[str, Points | None] = {MODEL: None, TIME: None}
-    if strain is Strain.LINEAR or own_law is not None:
+    if strain is Strain.LINEAR:
         terms[MODEL] = read(same) - read(states.get((on_mesh, Strain.GREEN)))
     if candidate.own is not None:
         # Nothing was solved on that mesh but the candidate: its solver's error is in here.
@@ -183,7 +166,6 @@ def motion_budgets(
     *,
     candidate: State | None = None,
     same_mesh: State | None = None,
-    own_law: OwnLaw | None = None,
     diagnoses: Sequence[Diagnosis] = (),
     progress: Progress = in_silence,
 ) -> list[Budget]:
@@ -197,9 +179,8 @@ def motion_budgets(
         strain: What the candidate was solved with.
         candidate: Its state at the end; fastsim's own where None. Where it states `steps`, those
             are what its time term is about.
-        same_mesh: The reference's state with the same mesh, law, strain, scheme and step, for the
-            solver's term; see `references.runs.solve_by_steps`.
-        own_law: Of a candidate that follows, as it states, another law than the case's.
+        same_mesh: The reference's state with the same mesh, strain, scheme and step, for the
+            solver's term; see `references.motion_runs.solve_by_steps`.
         diagnoses: Of the case, where it was red.
         progress: Called with one line for each run.
 
@@ -213,11 +194,11 @@ def motion_budgets(
     scheme = None if candidate is None else candidate.steps
     if scheme is not None and same_mesh is None:
         raise InputError(f"a budget of {scheme} needs the same mesh by these steps; solve it")
+    from palpate.fastsim.dynamics import simulate
+
     finer = dataclasses.replace(span, time_step=span.time_step / _FINER_STEP)
-    mine = problem if own_law is None else own_law.of(problem)
-    fine_step = dataclasses.replace(mine, time=finer)
+    fine_step = dataclasses.replace(problem, time=finer)
     fine_mesh = dataclasses.replace(refine_problem(problem), time=finer)
-    mine_on_it = fine_mesh if own_law is None else own_law.of(fine_mesh)
 
     def end(of: Problem, with_strain: Strain) -> Points:
         assert of.time is not None
@@ -227,27 +208,69 @@ def motion_budgets(
 
     truth = end(fine_mesh, Strain.GREEN)
     probe = farthest_probe(truth[: problem.mesh.num_points])
-    plain = probe.read(problem.mesh, end(mine, strain))
+    plain = probe.read(problem.mesh, end(problem, strain))
     own = plain
     if candidate is not None:
         own = probe.read(problem.mesh, candidate.displacement)
     stepped = probe.read(problem.mesh, end(fine_step, strain))
     terms: dict[str, Points | None] = {MODEL: None}
     is_green = strain is Strain.GREEN
-    if not is_green or own_law is not None:
+    if not is_green:
         terms[MODEL] = plain - probe.read(problem.mesh, end(problem, Strain.GREEN))
-    meshed = truth if is_green and own_law is None else end(mine_on_it, strain)
+    meshed = truth if is_green else end(fine_mesh, strain)
     terms[DISCRETISATION] = stepped - probe.read(fine_mesh.mesh, meshed)
     judged_by = plain if same_mesh is None else probe.read(problem.mesh, same_mesh.displacement)
-    if own_law is not None and own_law.mended is not None:
-        terms[MODEL] = judged_by - probe.read(problem.mesh, own_law.mended.displacement)
     terms[TIME] = (plain if scheme is None else judged_by) - stepped
     rest = SOLVER
     if candidate is not None and same_mesh is not None:
-        rest = name_of_rest(mine, candidate, same_mesh, diagnoses)
+        rest = name_of_rest(problem, candidate, same_mesh, diagnoses)
     terms[rest] = own - judged_by
     name = _name(candidate) if candidate is not None else f"fastsim, {strain} strain"
     return _budgets(name, own, probe.read(fine_mesh.mesh, truth), terms)
+
+
+def name_of_rest(
+    problem: Problem,
+    candidate: State,
+    same_mesh: State | None = None,
+    diagnoses: Sequence[Diagnosis] = (),
+) -> str:
+    """The name of what is left of a candidate's error on the same mesh, strain and step.
+
+    It is the solver's only where the answer satisfies the stated equations, or where the simulator
+    says of itself that it stopped this early: of a motion, that it takes so many iterations in each
+    step of a scheme that it states, which a sweep over both may refute. A wrong law, load or unit
+    is called by its name where the diagnosis found it; else the error is not explained.
+
+    Args:
+        problem: The case's problem.
+        candidate: Its answer at the case's points.
+        same_mesh: The reference's there, for motions, which have no residual.
+        diagnoses: Of the case, if it was red.
+    """
+    which = (candidate.strain, candidate.element)
+    mine = [d for d in diagnoses if (d.strain, d.element) == which]
+    first = mine[0].first if mine else None
+    if first is not None:
+        return SOLVER if first.cause in _SOLVERS else f"explained: {first.name}"
+    if problem.time is not None:
+        motions = [s.trajectory for s in (candidate, same_mesh) if s is not None]
+        if len(motions) == 2 and motions[0] is not None and motions[1] is not None:
+            apart = distance(motions[0].displacements, motions[1].displacements)
+            return SOLVER if apart <= SINGLE or _stops_early(candidate) else UNEXPLAINED
+        return UNEXPLAINED
+    left = equations_left(problem, candidate)
+    said = candidate.details.get("relative_residual")
+    allowed = CONVERGED
+    if isinstance(said, float) and 0.0 < said <= _MOST_SAID:
+        allowed = max(allowed, _NORMS_DIFFER * said)
+    return SOLVER if left <= allowed else UNEXPLAINED
+
+
+def _stops_early(candidate: State) -> bool:
+    """Whether a motion's simulator states its scheme, and iterations that it stops after."""
+    iterations = candidate.says.get("iterations")
+    return candidate.steps is not None and isinstance(iterations, int) and iterations > 0
 
 
 def case_budgets(result: CaseResult) -> list[Budget]:

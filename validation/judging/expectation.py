@@ -17,10 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from palpate.meshes.errors import FileFormatError
 from palpate.meshes.problem import Strain
 from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
-from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.record import error_name
-from palpate.validation.judging.results import CaseResult, CheckResult, Judged
-from palpate.validation.judging.together import is_of_truth
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged, error_name
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.states import Verdict
 
@@ -152,8 +149,8 @@ def named_checks(result: CaseResult, judged: Judged) -> Iterator[tuple[str, Chec
     """A candidate's checks, and those of the truth itself, by names that are all different."""
     seen: dict[str, int] = {}
     for check in result.checks:
-        if check.element is judged.element or is_of_truth(check):
-            name = check_name(check)
+        if check.element is judged.element or check.is_of_truth_alone:
+            name = check.name
             seen[name] = seen.get(name, 0) + 1
             yield name if seen[name] == 1 else f"{name} {seen[name]}", check
 
@@ -168,7 +165,7 @@ def errors_of(result: CaseResult, judged: Judged) -> dict[str, float]:
     found = {
         name: math.inf if check.value is None else check.value
         for name, check in named_checks(result, judged)
-        if check.against != "same_mesh" and _is_compared(check) and not is_of_truth(check)
+        if check.against != "same_mesh" and _is_compared(check) and not check.is_of_truth_alone
     }
     is_static = result.problem.time is None
     if is_static and not any(name.startswith("displacement_l2 (truth") for name in found):

@@ -2,43 +2,48 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+import datetime
+import multiprocessing
+import os
+import platform
+import signal
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference import availability
+from palpate.meshes.problem import Problem, Strain
+from palpate.meshes.quality import measure_quality
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import Case
 from palpate.validation.case.schema import CheckSpec
-from palpate.validation.diagnosis import Diagnosis, diagnose
-from palpate.validation.judging.askable import is_answered, missing_check
-from palpate.validation.judging.case_judge import CaseJudge
-from palpate.validation.judging.checks import skipped_check
-from palpate.validation.judging.own_steps import (
+from palpate.validation.judging.case_judge import CaseJudge, PrecisionGrant
+from palpate.validation.judging.case_references import (
     are_the_cases,
-    notes_on_damping,
+    case_file,
+    find_references,
     with_own_steps,
 )
-from palpate.validation.judging.precision import PrecisionGrant
-from palpate.validation.judging.record import all_metrics, case_name, error_lengths, provenance_of
-from palpate.validation.judging.results import CaseResult, CheckResult, Judged
-from palpate.validation.judging.together import together
-from palpate.validation.judging.truth_request import truth_request
+from palpate.validation.judging.checks import unjudged_check
+from palpate.validation.judging.results import (
+    CaseResult,
+    CheckResult,
+    Judged,
+    error_name,
+    merge_candidates,
+)
+from palpate.validation.metrics import CATALOGUE, measure
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.quoting import own_words
-from palpate.validation.references.geometry import LIVE_SECONDS, geometry_notes, with_geometry
+from palpate.validation.references.geometry import geometry_notes
 from palpate.validation.references.reference_set import ReferenceSet
-from palpate.validation.references.statics import solve_live
-from palpate.validation.references.stored import (
-    MissingReferenceError,
-    StaleReferenceError,
-    load_stored,
-    references_folder,
-)
+from palpate.validation.references.stored import problem_key
 from palpate.validation.states import (
     CandidateFailedError,
     ExitCode,
@@ -49,11 +54,18 @@ from palpate.validation.states import (
     gravest,
     in_silence,
 )
+from palpate.validation.versions import version_of
+
+if TYPE_CHECKING:
+    from palpate.validation.diagnosis import Diagnosis
 
 # A candidate that takes longer [s] is not asked again, when its answer is diagnosed.
 _QUICK = 10.0
 # Added to what a check found.
 VACUOUS = " (vacuous: an answer in which nothing moves passes it)"
+# A process needs a second to begin, as long as a few cases take.
+_CASES_OF_A_PROCESS = 6
+_MOST_PROCESSES = 4
 
 
 def judge_case(
@@ -86,11 +98,11 @@ def judge_case(
     given = fastsim_candidate() if candidate is None else candidate
     everybody = [given] if isinstance(given, Candidate) else list(given)
     for judged in everybody:
-        if missing := missing_check(case, judged):
+        if missing := _missing_check(case, judged):
             raise InputError(f"{case.path.name}: {missing}; add one")
     elements = {judged.element for judged in everybody}
     references = find_references(case, live=live, elements=elements, progress=progress)
-    return together(
+    return merge_candidates(
         [
             _judge_one(
                 case,
@@ -138,7 +150,7 @@ def _judge_one(
         element = answer.element
     references = with_own_steps(problem, candidates, references.of_element(element), progress)
     notes.extend(note for note in references.remarks if note not in notes)
-    notes.extend(notes_on_damping(problem, candidates))
+    notes.extend(_notes_on_damping(problem, candidates))
     notes.extend(f"{why} ({strain} strain)." for (_, strain), why in references.failures.items())
     if said:
         notes.append(own_words(judged.name, said))
@@ -158,30 +170,29 @@ def _judge_one(
             f"No check of this case turns red when the answer is wrong like this: "
             f"{', '.join(unseen)}. Add a check of displacement_l2."
         )
-    found: list[Diagnosis] = []
     failed = {check.strain for check in checks if check.verdict is Verdict.FAILED}
-    # Slips are looked for with the case's own steps.
+    # Mistakes are looked for with the case's own steps.
     failed -= {s for s, answer in candidates.items() if not are_the_cases(problem, answer.steps)}
+    found = []
     for strain in (s for s in candidates if diagnoses and s in failed):
         progress(f"diagnosis, {strain} strain")
         found.append(_diagnosed(judge, judged, candidates[strain]))
     notes.extend(f"Diagnosis, {each.strain} strain: {each}." for each in found)
     verdict, why = _verdict(checks)
     notes.extend(why)
-    states = (*candidates.values(), *references.states.values())
     return CaseResult(
         name=case.name,
         title=case.title,
         verdict=verdict,
         checks=tuple(checks),
-        states=states,
+        states=(*candidates.values(), *references.states.values()),
         problem=problem,
         candidates=(Judged(judged.name, verdict, element),),
-        metrics=all_metrics(case, candidates, references),
-        provenance=provenance_of(case, references),
+        metrics=_all_metrics(case, candidates, references),
+        provenance=_provenance(case, references),
         notes=tuple(notes),
         published=case.spec.published,
-        error_fields=error_lengths(candidates, references),
+        error_fields=_error_lengths(candidates, references),
         case_text=case.text,
         candidate_says=said,
         evidence=case.spec.evidence.model_dump(exclude_defaults=True),
@@ -207,8 +218,25 @@ def _answers(
         return dict(zip(strains, pool.map(answer, strains), strict=True))
 
 
+def _notes_on_damping(problem: Problem, answers: dict[Strain, State]) -> list[str]:
+    """A sentence on the numerical damping of each answer that states its steps and swings."""
+    notes = []
+    for strain, answer in answers.items():
+        if answer.steps is None:
+            continue
+        from palpate.validation.metrics.numerical_damping import measure_numerical_damping
+
+        try:
+            found = measure_numerical_damping(problem, answer)
+        except InputError:  # nothing swings long enough: nothing is measured
+            continue
+        notes.append(f"{answer.label}, {strain} strain: {found}.")
+    return notes
+
+
 def _diagnosed(judge: CaseJudge, candidate: Candidate, answer: State) -> Diagnosis:
     """What would explain an answer; one of a quick candidate by asking it again too."""
+    from palpate.validation.diagnosis import diagnose
 
     def ask(problem: Problem) -> Points:
         return candidate.solve(problem, answer.strain, in_silence).displacement
@@ -234,10 +262,10 @@ def _judged(
 ) -> CheckResult:
     """One check of a candidate, or why it is left out, and whether it says anything."""
     strain = judge.strain_of(spec)
-    if not is_answered(spec, judge.case, candidate):
+    if not _is_answered(spec, judge.case, candidate):
         (asked,) = candidate.strains_of(judge.case.strain)
         why = f"{candidate.name} is asked for {asked} strain only"
-        return skipped_check(spec, strain, why)
+        return unjudged_check(spec, strain, Verdict.SKIPPED, why)
     has_failed = strain in failures
     found = judge.check(spec, None if has_failed else answer, failures.get(strain, ""))
     if not judge.is_vacuous(spec):
@@ -260,84 +288,181 @@ def _verdict(checks: list[CheckResult]) -> tuple[Verdict, list[str]]:
     ]
 
 
-def find_references(
-    case: Case,
-    *,
-    live: bool,
-    elements: Collection[Element] = (Element.LINEAR,),
-    progress: Progress,
-) -> ReferenceSet:
-    """The reference of a case: solved here, or the stored one.
+def _error_lengths(candidates: dict[Strain, State], references: ReferenceSet) -> dict[str, Points]:
+    """Length of the displacement error at each point [m], (num_points,), by pair of states."""
+    fields = {}
+    for strain, candidate in candidates.items():
+        for reference in (references.same_mesh(strain), references.truth(strain)):
+            if reference is not None:
+                error = candidate.displacement - reference.displacement
+                name = f"{candidate.label} - {reference.label}, {strain}"
+                fields[name] = np.linalg.norm(error, axis=1)
+    return fields
 
-    Args:
-        case: The case.
-        live: See `judge_case`.
-        elements: On the same mesh, which are solved here; a file has what it has.
-        progress: Called with one line for each thing done.
 
-    Raises:
-        InputError: Neither is to be had.
-    """
-    problem = case.problem
-    stored: ReferenceSet | None = None
-    trouble: InputError | None = None
-    try:
-        stored = _load_stored(case)
-    except (MissingReferenceError, StaleReferenceError) as error:
-        trouble = error
-    if live and availability.is_available():
-        if trouble is not None:
-            progress(f"left aside: {trouble}")
-        wanted = {spec.against for spec in case.checks}
-        found = solve_live(
-            problem,
-            progress,
-            stored=stored,
-            wanted=wanted,
-            elements=elements,
-            request=truth_request(case),
-            has_stress=any(spec.about.is_of_integrals for spec in case.checks),
+def _all_metrics(
+    case: Case, candidates: dict[Strain, State], references: ReferenceSet
+) -> dict[str, float | None]:
+    """Every metric of every pair, whether a check asks for it or not."""
+    mesh = case.problem.mesh
+    metrics: dict[str, float | None] = {
+        "rest.volume": mesh.volume,
+        "rest.surface_area": mesh.surface_area,
+    }
+    for state in (*candidates.values(), *references.states.values()):
+        name = f"{state.label.replace(',', '').replace(' ', '_').lower()}.{state.strain}"
+        for number in ("volume", "surface_area", "smallest_det_f", "max_displacement"):
+            metrics[f"{name}.{number}"] = getattr(state, number)
+    for strain, candidate in candidates.items():
+        pairs = (
+            ("same_mesh", references.same_mesh(strain)),
+            ("truth", references.truth(strain)),
         )
-        return found if stored is not None else _with_geometry(case, found, progress)
-    if stored is not None:
-        progress(f"reference {stored.origin}")
-        return stored
-    if trouble is not None:
-        raise trouble
-    how = (
-        "FEniCSx is not installed here: FENICSX=apt or FENICSX=wheel adds it (see README)"
-        if live
-        else "solve it here with --live, which needs FEniCSx (see README)"
-    )
-    raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
+        for word, reference in pairs:
+            if reference is None:
+                continue
+            for metric in _comparable(word, case.problem):
+                value = measure(metric, case.problem, candidate, reference).value
+                name = error_name(word, strain, candidate.element, metric)
+                metrics[name] = value if np.isfinite(value) else None
+    return metrics
 
 
-def _with_geometry(case: Case, found: ReferenceSet, progress: Progress) -> ReferenceSet:
-    """What the true surface adds, for the strain measures that are held against the truth.
+def _comparable(against: str, problem: Problem) -> list[str]:
+    """Metrics that compare with a reference of this kind; oscillations only where asked for."""
+    return [
+        metric.name
+        for metric in CATALOGUE.values()
+        if metric.compare
+        and (against == "same_mesh" or not metric.needs_same_mesh)
+        and not metric.is_fitted
+        and (not metric.needs_time or problem.time)
+        and (not problem.time or against == "same_mesh" or metric.has_moving_truth)
+        and (not metric.needs_tools or problem.tools)
+    ]
 
-    A motion's may take as long as a run of its truth.
-    """
-    asked = {s.strain or case.strain for s in case.checks if s.against == "truth"}
-    truths = [truth for strain in asked if (truth := found.truth(strain)) is not None]
-    seconds = max([LIVE_SECONDS, *(truth.seconds for truth in truths)])
-    return with_geometry(
-        case, found, progress, strains=asked, request=truth_request(case), seconds=seconds
-    )
 
-
-def _load_stored(case: Case) -> ReferenceSet | None:
-    """A built-in case's reference; of one's own case, what lies in `references` beside it.
-
-    None of a body that follows another law than its case's.
-    """
-    if case.other_law is not None:
-        return None
-    folder = references_folder(case.beside)
-    if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
-        return None
-    return load_stored(case.name, case.problem, folder=folder, called=case_name(case))
+def _provenance(case: Case, references: ReferenceSet) -> dict[str, Any]:
+    """Where and when a case was judged, with what, and against which reference."""
+    mesh = case.problem.mesh
+    quality = measure_quality(mesh)
+    return {
+        "palpate": version_of("palpate"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "command": " ".join(["palpate", *sys.argv[1:]]),
+        "case_key": problem_key(case.problem),
+        "case_file": case_file(case),
+        "mesh": {
+            "origin": case.mesh.origin,
+            "num_points": mesh.num_points,
+            "num_cells": mesh.num_cells,
+            "smallest_dihedral_deg": quality.smallest_dihedral_deg,
+            "longest_edge": quality.longest_edge,
+        },
+        "reference": {"origin": references.origin, **references.provenance},
+    }
 
 
 def exit_code(results: list[CaseResult]) -> int:
     """0 passed, 1 failed, 3 inconclusive; the gravest case decides."""
     return ExitCode[gravest([result.verdict for result in results]).name]
+
+
+def _is_answered(spec: CheckSpec, case: Case, candidate: Candidate) -> bool:
+    """Whether a candidate is asked for the strain measure that a check is about."""
+    return (spec.strain or case.strain) in candidate.strains_of(case.strain)
+
+
+def _missing_check(case: Case, candidate: Candidate) -> str:
+    """Why a case judges nothing of a candidate; empty where it does."""
+    if any(_is_answered(spec, case, candidate) for spec in case.checks):
+        return ""
+    asked = " and ".join(candidate.strains_of(case.strain))
+    return f"no check for {asked} strain, for which {candidate.name} is asked"
+
+
+def suitable_cases(
+    cases: Sequence[Case], candidates: Sequence[Candidate], progress: Progress
+) -> list[Case]:
+    """The cases that can be posed to every candidate; `progress` gets why others cannot.
+
+    A candidate has to be able to pose the problem, and a check has to be of its strain measure.
+
+    Raises:
+        InputError: None is left.
+    """
+    left = []
+    for case in cases:
+        reasons = (_missing_check(case, c) or c.refusal(case.problem) for c in candidates)
+        reason = next(filter(None, reasons), "")
+        if reason:
+            progress(f"left out: {case.name}: {reason}")
+        else:
+            left.append(case)
+    if not left:
+        raise InputError("none of these cases can be asked of this candidate")
+    return left
+
+
+def judge_cases(
+    cases: Sequence[Case],
+    candidates: Sequence[Candidate],
+    *,
+    precision: Precision | None = None,
+    progress: Progress = in_silence,
+    processes: int | None = None,
+) -> list[CaseResult]:
+    """Judge candidates on cases by their stored references, on several cores; see `judge_case`.
+
+    Args:
+        cases: In the order of the results.
+        candidates: Those of fastsim: their solve functions go to other processes.
+        precision: Granted to them.
+        progress: Called with the lines of a case once it is judged, in the order of the cases.
+        processes: How many; by the cores at hand and the number of cases where None.
+
+    Raises:
+        InputError: As `judge_case` does, for the first case that cannot be judged.
+    """
+    count = processes
+    if count is None:
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+        count = min(cores, _MOST_PROCESSES, len(cases) // _CASES_OF_A_PROCESS)
+    waiting: list[Future[tuple[list[str], CaseResult]] | None] = [None] * len(cases)
+    results = []
+    with ProcessPoolExecutor(
+        max(count, 1), multiprocessing.get_context("spawn"), _leave_interrupts_alone
+    ) as pool:
+        if count > 1:
+            waiting = [pool.submit(_judge_in_process, c, candidates, precision) for c in cases]
+        for case, future in zip(cases, waiting, strict=True):
+            done = None
+            if future is not None:
+                # Also of a process that was killed: judged here the case raises its own error.
+                with contextlib.suppress(Exception):
+                    done = future.result()
+            if done is None:
+                done = (
+                    [],
+                    judge_case(case, candidate=candidates, precision=precision, progress=progress),
+                )
+            for line in done[0]:
+                progress(line)
+            results.append(done[1])
+    return results
+
+
+def _judge_in_process(
+    case: Case, candidates: Sequence[Candidate], precision: Precision | None
+) -> tuple[list[str], CaseResult]:
+    lines: list[str] = []
+    found = judge_case(case, candidate=candidates, precision=precision, progress=lines.append)
+    return lines, found
+
+
+def _leave_interrupts_alone() -> None:
+    """Ctrl-C ends the process that asked, which ends these."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,7 +1,7 @@
 """Relations that every right simulator keeps, without any reference.
 
 1. turned, mirrored, renumbered, other units: the same answer;
-2. a body whose held points are turned by a finite angle turns as a whole, without strain; linear
+2. a body whose fixed points are turned by a finite angle turns as a whole, without strain; linear
    strain cannot do that, and who says to use it must be seen to break this one;
 3. an affine motion of the boundary is an affine motion of the inside, on a ragged mesh, whichever
    way the bricks are cut into tetrahedra.
@@ -166,17 +166,17 @@ def _relations(
 def _rigid_turn(problem: Problem, strain: Strain, answer: Callable[[Problem], Points]) -> _Relation:
     is_linear = strain is Strain.LINEAR
     if is_linear:
-        # One face of a box: of a body that is held all round, linear strain turns the inside too.
+        # One face of a box: of a body that is fixed all round, linear strain turns the inside too.
         mesh = _box(False)
-        held = np.flatnonzero(mesh.points[:, 0] < 1e-9)
+        fixed = np.flatnonzero(mesh.points[:, 0] < 1e-9)
     else:
-        # Not what is held in part, which in plane strain is every point there is.
+        # Not what is fixed in part, which in plane strain is every point there is.
         mesh = problem.mesh
         clamps = [s for s in problem.supports if all(s.components)] or problem.supports[:1]
-        held = np.unique(np.concatenate([s.points for s in clamps]))
+        fixed = np.unique(np.concatenate([s.points for s in clamps]))
     turned = mesh.points @ (transforms.rotation(_AXIS, TURN_DEG) - np.eye(3)).T
-    given = transforms.prescribe(mesh, problem.material, held.astype(np.int32), turned)
-    what = f"held points turned by {TURN_DEG:g} degrees turn the body without strain"
+    given = transforms.prescribe(mesh, problem.material, fixed.astype(np.int32), turned)
+    what = f"fixed points turned by {TURN_DEG:g} degrees turn the body without strain"
     return _Relation(
         "rigid turn",
         f"{what}, which linear strain cannot: it must break this" if is_linear else what,

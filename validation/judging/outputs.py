@@ -1,26 +1,38 @@
-"""The same results for machines and people: results.json, JUnit XML, Markdown, a table."""
+"""The same results for machines and people.
+
+results.json, JUnit XML, Markdown, annotations of GitHub, a table on the terminal, a citation.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import json as json_format
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from palpate.meshes.atomic_write import write_text_atomically
-from palpate.meshes.problem import Element
-from palpate.validation.diagnosis.explanation import Diagnosis
-from palpate.validation.judging.citation import citation
+from palpate.validation.judging.expectation import errors_of, named_checks
 from palpate.validation.judging.results import CaseResult, CheckResult
-from palpate.validation.quoting import for_json, for_markdown, for_terminal, for_xml
-from palpate.validation.states import Precision, Verdict
+from palpate.validation.quoting import (
+    for_json,
+    for_markdown,
+    for_terminal,
+    for_workflow,
+    for_workflow_property,
+    for_xml,
+    in_quotes,
+)
+from palpate.validation.states import Verdict
 from palpate.validation.versions import version_of
+
+if TYPE_CHECKING:
+    from palpate.validation.diagnosis.explanation import Diagnosis
 
 _COLOUR = {
     Verdict.PASSED: "green",
@@ -44,14 +56,15 @@ _OUTCOMES = {
     Verdict.INCONCLUSIVE: ("error", "inconclusive: "),
     Verdict.SKIPPED: ("skipped", ""),
 }
-_AGAINST = {
-    "same_mesh": "same mesh",
-    "truth": "truth",
-    "candidate": "own",
-    "versus": "versus",
-}
 # Job summaries are cut off at 1 MiB; nobody reads more rows than this.
 _MOST_ROWS = 200
+# GitHub shows at most so many annotations of a kind for each step; the rest is counted.
+_MOST_ANNOTATIONS = 10
+_ANNOTATIONS = {Verdict.FAILED: "error", Verdict.INCONCLUSIVE: "warning"}
+# Digits of the problem's hash that distinguish it from any other.
+_KEY = 12
+# Of the libraries of the reference, those whose versions its numbers depend on.
+_LIBRARIES = ("dolfinx", "basix", "petsc")
 
 
 def results_json(results: Sequence[CaseResult], version: str) -> str:
@@ -114,7 +127,7 @@ def junit_xml(results: Sequence[CaseResult]) -> str:
                 suite,
                 "testcase",
                 classname=for_xml(f"palpate.{result.name}"),
-                name=for_xml(check_name(check)),
+                name=for_xml(check.name),
             )
             properties = ET.SubElement(test, "properties")
             for name in _PROPERTIES:
@@ -149,26 +162,13 @@ def summary_markdown(results: Sequence[CaseResult]) -> str:
         lines += [f"  - diagnosis, {d.title}: {for_markdown(str(d))}" for d in r.diagnoses]
     lines += ["", "| case | check | found | verdict | reason |", "| --- | --- | --- | --- | --- |"]
     lines += [
-        f"| {for_markdown(result.name)} | {for_markdown(check_name(check))} "
+        f"| {for_markdown(result.name)} | {for_markdown(check.name)} "
         f"| {for_markdown(check.message)} | {check.verdict} | {for_markdown(check.reason)} |"
         for result, check in rows[:_MOST_ROWS]
     ]
-    lines += _changes(results)
     if len(rows) > _MOST_ROWS:
         lines.append(f"\nand {len(rows) - _MOST_ROWS} more")
     return "\n".join(lines) + "\n"
-
-
-def _changes(results: Sequence[CaseResult]) -> list[str]:
-    """Notes on what changed since the accepted result, as a list."""
-    mark = "Since the accepted result: "
-    lines = [
-        f"- **{for_markdown(result.name)}**: {for_markdown(note.removeprefix(mark))}"
-        for result in results
-        for note in result.notes
-        if note.startswith(mark)
-    ]
-    return ["", "Since the accepted result:", "", *lines] if lines else []
 
 
 def print_results(results: Sequence[CaseResult], console: Console) -> None:
@@ -182,7 +182,7 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
             table.add_column(name, overflow="fold")
         for check in result.checks:
             table.add_row(
-                Text(for_terminal(check_name(check))),
+                Text(for_terminal(check.name)),
                 Text(for_terminal(check.message)),
                 Text(check.verdict, style=_COLOUR[check.verdict]),
                 Text(for_terminal(check.reason), style="dim"),
@@ -203,19 +203,93 @@ def _outcome(result: CaseResult) -> str:
     return f"{result.verdict}, {caution}" if caution else str(result.verdict)
 
 
-def check_name(check: CheckResult) -> str:
-    """Short name of a check: metric, against what, which answer; the precision if not double."""
-    precision = "" if check.precision is Precision.DOUBLE else f"{check.precision} precision"
-    return named(check.metric, check.against, str(check.strain), str(check.element), precision)
+def side_by_side(results: Sequence[CaseResult]) -> tuple[list[str], list[list[str]]]:
+    """Column names, and a row for each error against the truth or a published number.
+
+    Of cases with several candidates; errors, the truth's own bar and limits in per cent.
+    """
+    several = [result for result in results if len(result.candidates) > 1]
+    if not several:
+        return [], []
+    columns = ["case", "error", *(one.name for one in several[0].candidates), "bar", "limit"]
+    rows = []
+    for result in several:
+        checks = dict(named_checks(result, result.candidates[0]))
+        found = [errors_of(result, judged) for judged in result.candidates]
+        for name, *values in zip(found[0], *(errors.values() for errors in found), strict=True):
+            check = checks.get(name)
+            told = [None, None] if check is None else [check.reference_error, check.limit]
+            shown = (_percent(value) for value in (*values, *told))
+            rows.append([result.name, name, *shown])
+    return columns, rows
 
 
-def named(metric: str, against: str, strain: str, element: str, precision: str = "") -> str:
-    """The name of `check_name` from plain words, as a results.json has them."""
-    own = [] if element == Element.LINEAR else [element]
-    if against in ("relation", "self-test"):
-        return ", ".join([metric, *own])
-    words = [_AGAINST.get(against, against), strain, *own, *([precision] if precision else [])]
-    return f"{metric} ({', '.join(words)})"
+def side_by_side_markdown(results: Sequence[CaseResult]) -> str:
+    """The table for a job summary; empty where no case has several candidates."""
+    columns, rows = side_by_side(results)
+    if not rows:
+        return ""
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n" + "".join(f"| {' | '.join(map(for_markdown, line))} |\n" for line in lines)
+
+
+def _percent(value: float | None) -> str:
+    return "-" if value is None or not value < float("inf") else f"{100.0 * value:.2g} %"
+
+
+def github_annotations(results: Sequence[CaseResult]) -> list[str]:
+    """One line for each check that did not pass, ten of a kind at most, then a count."""
+    lines = []
+    for verdict, kind in _ANNOTATIONS.items():
+        found = [(r, c) for r in results for c in r.checks if c.verdict is verdict]
+        lines += [
+            _annotation(kind, result, check) for result, check in found[: _MOST_ANNOTATIONS - 1]
+        ]
+        if len(found) == _MOST_ANNOTATIONS:
+            lines.append(_annotation(kind, *found[-1]))
+        elif len(found) > _MOST_ANNOTATIONS:
+            lines.append(
+                f"::{kind} title=palpate::and {len(found) - _MOST_ANNOTATIONS + 1} more checks"
+            )
+    for result in results:
+        verdicts = {check.verdict for check in result.checks}
+        if result.verdict is Verdict.INCONCLUSIVE and result.verdict not in verdicts:
+            text = for_workflow(f"{result.verdict}; {result.notes[-1] if result.notes else ''}")
+            lines.append(f"::warning title={for_workflow_property(result.name)}::{text}")
+    return lines
+
+
+def _annotation(kind: str, result: CaseResult, check: CheckResult) -> str:
+    file = str(result.provenance.get("case_file", ""))
+    where = f"file={for_workflow_property(file)}," if file else ""
+    title = for_workflow_property(f"{result.name}: {check.name}")
+    return f"::{kind} {where}title={title}::{for_workflow(f'{check.message}; {check.reason}')}"
+
+
+def citation(result: CaseResult) -> str:
+    """A line for a paper: palpate, case, simulator, reference with dolfinx, mesh and day.
+
+    The version of an outside simulator is what it says itself, in quotes: nobody checked it.
+    """
+    about = result.provenance
+    mesh: Mapping[str, Any] = about.get("mesh", {})
+    reference: Mapping[str, Any] = about.get("reference", {})
+    versions: Mapping[str, Any] = reference.get("versions") or {}
+    said = result.candidate_says.get("version")
+    simulator = result.candidate + (f" (says version {in_quotes(str(said))})" if said else "")
+    libraries = ", ".join(f"{name} {versions[name]}" for name in _LIBRARIES if name in versions)
+    built = f", built {reference['date']}" if "date" in reference else ""
+    parts = [
+        f"palpate {about.get('palpate', 'of unknown version')}, the palpate developers",
+        f"case {result.name} (problem {str(about.get('case_key', 'unknown'))[:_KEY]})",
+        f"simulator {simulator}",
+        f"reference FEniCSx, {libraries}{built}" if libraries else "",
+        f"mesh of {mesh['num_points']} points and {mesh['num_cells']} tetrahedra, {mesh['origin']}"
+        if mesh
+        else "",
+        f"judged {str(about['time'])[:10]}" if "time" in about else "",
+    ]
+    return "; ".join(filter(None, parts)) + "."
 
 
 def write_outputs(
@@ -231,7 +305,5 @@ def write_outputs(
     if junit is not None:
         write_text_atomically(junit, junit_xml(results))
     if summary is not None:
-        from palpate.validation.judging.side_by_side import side_by_side_markdown
-
         table = side_by_side_markdown(results)
         write_text_atomically(summary, summary_markdown(results) + table)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -17,6 +17,7 @@ from palpate.validation.states import Precision, State, Verdict, gravest
 
 # Relative: sums in another order.
 _SUMS = 1e-9
+_AGAINST = {"same_mesh": "same mesh", "candidate": "own"}
 
 
 class Scope(StrEnum):
@@ -92,6 +93,17 @@ class CheckResult:
         if metric is not None and metric.is_published:
             return Scope.TRUTH if self.against == "candidate" else Scope.OWN
         return Scope(self.against) if self.against in list(Scope) else Scope.OWN
+
+    @property
+    def name(self) -> str:
+        """Metric, compared with what, strain, element and precision; only what is not usual."""
+        precision = "" if self.precision is Precision.DOUBLE else f"{self.precision} precision"
+        return check_name(self.metric, self.against, str(self.strain), str(self.element), precision)
+
+    @property
+    def is_of_truth_alone(self) -> bool:
+        """Whether the truth itself is compared with a number, whoever the candidate is."""
+        return self.against == "truth" and CATALOGUE[self.metric].is_published
 
     @property
     def bar_says(self) -> str:
@@ -195,3 +207,44 @@ def tone_of(results: Sequence[CaseResult]) -> str:
     verdict = gravest([result.verdict for result in results])
     is_narrow = verdict is Verdict.PASSED and any(result.tone == "narrow" for result in results)
     return "narrow" if is_narrow else str(verdict)
+
+
+def check_name(metric: str, against: str, strain: str, element: str, precision: str = "") -> str:
+    """The name of a check from plain words, as a results.json has them."""
+    own = [] if element == Element.LINEAR else [element]
+    if against in ("relation", "self-test"):
+        return ", ".join([metric, *own])
+    words = [_AGAINST.get(against, against), strain, *own, *([precision] if precision else [])]
+    return f"{metric} ({', '.join(words)})"
+
+
+def error_name(against: str, strain: Strain, element: Element, metric: str) -> str:
+    """What an error is called among the metrics of a result."""
+    which = f"{strain}" if element is Element.LINEAR else f"{strain}.{element}"
+    return f"error.{against}.{which}.{metric}"
+
+
+def merge_candidates(results: Sequence[CaseResult]) -> CaseResult:
+    """One result of several candidates' on the same case; the gravest verdict is its own.
+
+    What is said of the references, and checked of the truth itself, stands there once.
+    """
+    first, *others = results
+    if not others:
+        return first
+    states = {(s.label, s.strain): s for r in results for s in r.states if not s.is_reference}
+    states |= {(s.label, s.strain): s for r in results for s in r.states if s.is_reference}
+    more = [check for other in others for check in other.checks if not check.is_of_truth_alone]
+    return replace(
+        first,
+        verdict=gravest([result.verdict for result in results]),
+        candidates=tuple(judged for result in results for judged in result.candidates),
+        checks=(*first.checks, *more),
+        states=tuple(states.values()),
+        metrics={name: value for result in results for name, value in result.metrics.items()},
+        notes=tuple(dict.fromkeys(note for result in results for note in result.notes)),
+        error_fields={name: f for result in results for name, f in result.error_fields.items()},
+        candidate_says={key: said for r in results for key, said in r.candidate_says.items()},
+        unseen=tuple(dict.fromkeys(name for result in results for name in result.unseen)),
+        diagnoses=tuple(found for result in results for found in result.diagnoses),
+    )

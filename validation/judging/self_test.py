@@ -2,6 +2,10 @@
 
 Each fault is tried on a case that can see it: mass and damping on one that moves, mirrors under
 lopsided loads, Lamé's parameters where Poisson's ratio is far from 0.25.
+
+And which metric sees which fault: a case is judged by one metric only, for each metric of the
+catalogue, and the candidate's answer is spoiled by every fault that can show there. A metric that
+no realistic fault turns red would be an ornament.
 """
 
 from __future__ import annotations
@@ -10,29 +14,33 @@ import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from unittest import mock
 
 import numpy as np
 
 from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Strain
 from palpate.meshes.temporaries import scratch_folder
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
-from palpate.validation.candidates.faults import CannotShowError, Fault, with_fault
+from palpate.validation.candidates.faults import CannotShowError, Fault, on_own_mesh, with_fault
 from palpate.validation.case import Case, load_case
+from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.expectation import read_expected, unexpected
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.metric_table import (
-    Row,
-    metric_table,
-    row_check,
-    table_lines,
-    trial_check,
-)
-from palpate.validation.judging.outputs import check_name
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
+from palpate.validation.metrics import CATALOGUE
 from palpate.validation.references.stored import references_folder
-from palpate.validation.states import Progress, Verdict, gravest
+from palpate.validation.states import (
+    CandidateFailedError,
+    Progress,
+    State,
+    Verdict,
+    gravest,
+    in_silence,
+)
 
 # Where each fault is tried.
 _CASES = {
@@ -64,6 +72,30 @@ _CASE_OF_REFERENCES = "block"
 # solved to 1e-10 of its forces, and a body that bends shows a hundred times that.
 _SAME = 1e-7
 
+# Kind of a case, the built-in one, and whether the answer comes on a mesh of its own.
+KINDS = (
+    ("statics", "block", False),
+    ("motion", "block-motion", False),
+    ("pressed tool", "press", False),
+    ("moving tool", "slide", False),
+    ("own mesh", "block", True),
+)
+# Cases whose published numbers are checked alone, each metric at the first that has it.
+PUBLISHED_CASES = (
+    ("statics", "stretch"),
+    ("motion", "wave"),
+    ("statics", "turned"),
+    ("pressed tool", "drag"),
+)
+# Of the same equations on the same mesh; fits to a motion are as good as their samples.
+_SAME_MESH, _FITTED = 1e-6, 1e-3
+# Of a mesh cut in eight, against the truth: what bends easily is a third off on the case's own.
+_OWN_MESH = 0.35
+# Of every case above, metres or millimetres.
+_EVERYWHERE = {"half_space": {"point": (-1e6, 0.0, 0.0), "normal": (1.0, 0.0, 0.0)}}
+# Found when the answer is read, whatever is checked.
+_NOT_TELLING = (Fault.NONE, Fault.NAN)
+
 
 def run_self_test(
     progress: Progress, *, cases: Sequence[Case] = (), candidate: Candidate | None = None
@@ -81,7 +113,7 @@ def run_self_test(
         trials: list[tuple[Fault, Case]] = [
             (fault, case) for case in cases for fault in Fault if fault is not Fault.NONE
         ]
-        table: list[Row] = []
+        table: list[MetricRow] = []
     else:
         known = {name: load_case(name) for name in dict.fromkeys(name for _, name in TRIALS)}
         trials = [(fault, known[name]) for fault, name in TRIALS]
@@ -102,7 +134,7 @@ def run_self_test(
         checks.append(check)
     if not cases:
         checks += [_spoil_references(word, progress) for word in REFERENCE_FAULTS]
-        checks += [row_check(row) for row in table]
+        checks += [_row_check(row) for row in table]
     first = next(iter(healthy.values()))
     verdict = gravest([check.verdict for check in checks])
     if not any(check.verdict is Verdict.PASSED for check in checks[len(healthy) :]):
@@ -140,7 +172,7 @@ def _try(fault: Fault, case: Case, candidate: Candidate, healthy: CaseResult) ->
 def _red(result: CaseResult) -> set[tuple[int, str]]:
     """Checks that failed, by place and name: what a fault adds to them has caught it."""
     return {
-        (number, check_name(check))
+        (number, check.name)
         for number, check in enumerate(result.checks)
         if check.verdict is Verdict.FAILED
     }
@@ -190,14 +222,21 @@ def _tell(result: CaseResult) -> str:
     failed = [check for check in result.checks if check.verdict is Verdict.FAILED]
     if not failed:
         return f"{result.verdict}, {len(result.checks)} checks"
-    named = ", ".join(check_name(check) for check in failed[:3])
+    named = ", ".join(check.name for check in failed[:3])
     more = f" and {len(failed) - 3} more" if len(failed) > 3 else ""
     return f"caught by {named}{more}: {failed[0].message[:60]}"
 
 
 def _trial(fault: str, case: Case, is_good: bool, message: str) -> CheckResult:
-    name = f"{fault} on {case.name}"
-    return trial_check(name, case.strain, is_good, message, reason="a gate must be able to go red")
+    """Passed where the gate did what it should; it has no number and no limit."""
+    return CheckResult(
+        metric=f"{fault} on {case.name}",
+        against="self-test",
+        strain=case.strain,
+        verdict=Verdict.PASSED if is_good else Verdict.FAILED,
+        reason="a gate must be able to go red",
+        message=message,
+    )
 
 
 @contextmanager
@@ -221,3 +260,141 @@ def _spoiled_references(word: str) -> Iterator[None]:
                 np.savez(folder / name, **arrays)
         with mock.patch.dict(os.environ, PALPATE_REFERENCES=str(folder)):
             yield
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric on one kind of case.
+
+    Attributes:
+        metric: Its name.
+        kind: Statics, motion, a tool, or an answer on a mesh of its own.
+        healthy: Verdict of the unspoiled answer with this metric alone.
+        seen: Faults that turn it red.
+        unseen: Faults that it lets pass.
+    """
+
+    metric: str
+    kind: str
+    healthy: Verdict
+    seen: tuple[Fault, ...]
+    unseen: tuple[Fault, ...]
+
+
+def metric_table(candidate: Candidate, progress: Progress) -> list[MetricRow]:
+    """Every metric alone against every fault, on a case of each kind."""
+    rows: list[MetricRow] = []
+    for kind, name, is_own in KINDS:
+        progress(f"metrics alone, {kind}: {name}")
+        given = on_own_mesh(candidate) if is_own else candidate
+        case = load_case(name)
+        rows += _rows(kind, case, given, list(_specs(case, is_own=is_own)))
+    for kind, name in PUBLISHED_CASES:
+        progress(f"metrics alone, published numbers: {name}")
+        told, case = {row.metric for row in rows}, load_case(name)
+        firsts: dict[str, CheckSpec] = {}
+        for spec in case.checks:
+            if spec.about.is_published and spec.against == "candidate" and spec.metric not in told:
+                firsts.setdefault(spec.metric, spec)
+        rows += _rows(kind, case, candidate, list(firsts.values()))
+    return rows
+
+
+def _rows(kind: str, case: Case, candidate: Candidate, specs: list[CheckSpec]) -> list[MetricRow]:
+    references = find_references(case, live=False, progress=in_silence)
+    judge = CaseJudge(case, references.of_element(candidate.element))
+    answers = {
+        strain: {
+            fault: _answer(case, candidate, fault, strain)
+            for fault in Fault
+            if fault is not Fault.NAN
+        }
+        for strain in dict.fromkeys(spec.strain or case.strain for spec in specs)
+    }
+    rows = []
+    for spec in specs:
+        of_fault = answers[spec.strain or case.strain]
+        try:
+            judge.check(spec, of_fault[Fault.NONE][0])
+        except InputError:
+            continue  # the reference itself does not swing there
+        verdicts = {
+            fault: judge.check(spec, answer, failure).verdict
+            for fault, (answer, failure) in of_fault.items()
+            if answer is not None or failure
+        }
+        tried = [fault for fault in verdicts if fault not in _NOT_TELLING]
+        seen = tuple(fault for fault in tried if verdicts[fault] is Verdict.FAILED)
+        unseen = tuple(fault for fault in tried if fault not in seen)
+        rows.append(MetricRow(spec.metric, kind, verdicts[Fault.NONE], seen, unseen))
+    return rows
+
+
+def _answer(
+    case: Case, candidate: Candidate, fault: Fault, strain: Strain
+) -> tuple[State | None, str]:
+    """The spoiled answer; nothing where the fault cannot show, or its answer is refused."""
+    try:
+        return with_fault(candidate, fault).solve(case.problem, strain, in_silence), ""
+    except InputError:
+        return None, ""
+    except CandidateFailedError as error:
+        return None, str(error)
+
+
+def _specs(case: Case, *, is_own: bool) -> Iterator[CheckSpec]:
+    """Each metric that such a case can be asked for, alone."""
+    problem = case.problem
+    for metric in CATALOGUE.values():
+        if metric.is_published:
+            continue
+        if (metric.needs_time and not problem.time) or (metric.needs_tools and not problem.tools):
+            continue
+        if metric.is_own:
+            yield _spec(metric.name, "candidate", 0.0)
+        elif not is_own:
+            yield _spec(metric.name, "same_mesh", _FITTED if metric.is_fitted else _SAME_MESH)
+        elif not metric.needs_same_mesh and (not problem.time or metric.has_moving_truth):
+            yield _spec(metric.name, "truth", _OWN_MESH)
+
+
+def _spec(metric: str, against: str, limit: float) -> CheckSpec:
+    told = {"metric": metric, "against": against, "limit": limit, "reason": "this metric alone"}
+    about = CATALOGUE[metric]
+    if about.is_of_surface:
+        told["support"] = 1
+    elif about.of_part is not None:
+        told["region"] = _EVERYWHERE
+    return CheckSpec.model_validate(told)
+
+
+def _row_check(row: MetricRow) -> CheckResult:
+    """A row as a trial: passed where a fault is seen and the healthy answer is not red."""
+    named = ", ".join(row.seen[:3]) or "nothing"
+    tried = len(row.seen) + len(row.unseen)
+    return CheckResult(
+        metric=f"{row.metric} alone, {row.kind}",
+        against="self-test",
+        strain=Strain.GREEN,
+        verdict=Verdict.PASSED
+        if row.seen and row.healthy is not Verdict.FAILED
+        else Verdict.FAILED,
+        reason="each metric must be able to go red alone",
+        message=f"healthy: {row.healthy}; red with {len(row.seen)} of {tried}: {named}",
+    )
+
+
+def table_lines(rows: list[MetricRow]) -> list[str]:
+    """The table metric by fault in fixed columns, with a legend."""
+    if not rows:
+        return []
+    faults = [fault for fault in Fault if fault not in _NOT_TELLING]
+    marks = [chr(ord("a") + place) for place in range(len(faults))]
+    width = max(len(f"{row.metric}, {row.kind}") for row in rows)
+    lines = ["Which metric alone sees which fault (x: red, .: let pass, blank: cannot show there):"]
+    lines += [f"  {m}  {fault}: {fault.meaning}" for m, fault in zip(marks, faults, strict=True)]
+    lines.append(" " * (width + 2) + " ".join(marks))
+    for row in rows:
+        cells = ["x" if f in row.seen else "." if f in row.unseen else " " for f in faults]
+        lines.append(f"{row.metric}, {row.kind}".ljust(width + 2) + " ".join(cells))
+    return lines

@@ -1,4 +1,4 @@
-"""Two candidates on one case, held against each other: no reference, and limits by the user.
+"""Two candidates on one case, compared with each other: no reference, and limits by the user.
 
 Two simulators, or one on two machines, devices or precisions. Differences are told by metric,
 relative to the second one's answer; nothing says which of the two is right.
@@ -19,8 +19,8 @@ from palpate.validation.candidates.candidate import (
 )
 from palpate.validation.case import Case
 from palpate.validation.case.regions import part_of_check
+from palpate.validation.judging.case_references import case_file
 from palpate.validation.judging.checks import decide
-from palpate.validation.judging.record import case_file
 from palpate.validation.judging.results import CaseResult, CheckResult, Judged
 from palpate.validation.metrics import CATALOGUE, Metric, Part, is_still, measure
 from palpate.validation.metrics.pairs import Difference
@@ -118,7 +118,7 @@ def judge_versus(
 
 
 def other_candidate(command: str, time_limit: float, candidate: Candidate) -> Candidate:
-    """Whom a candidate is held against.
+    """The simulator that a candidate is compared with.
 
     Args:
         command: "mysim {case} {result}"; "fastsim" is its compiled core with the candidate's

@@ -27,9 +27,9 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.validation.diagnosis.result_hypotheses import distance
+from palpate.validation.judging.case_references import are_the_cases
 from palpate.validation.judging.checks import decide
 from palpate.validation.judging.error_budget import farthest_probe
-from palpate.validation.judging.own_steps import are_the_cases
 from palpate.validation.metrics import measure
 from palpate.validation.peers.board_followed_law import followed_law
 from palpate.validation.peers.board_own_steps import OwnSteps

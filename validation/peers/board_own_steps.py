@@ -15,7 +15,7 @@ from palpate.meshes.problem import Element, Problem, Strain, with_law
 from palpate.reference.errors import ReferenceFailedError
 from palpate.reference.schemes import Integrator, Steps
 from palpate.validation.diagnosis.result_hypotheses import distance
-from palpate.validation.judging.own_steps import are_the_cases
+from palpate.validation.judging.case_references import are_the_cases
 from palpate.validation.peers.board_kept import Kept, key_of
 from palpate.validation.peers.board_truths import made_by
 from palpate.validation.references.reference_set import OF_ELEMENT, ReferenceSet

@@ -17,7 +17,7 @@ from palpate.meshes.problem import Strain
 from palpate.reference import availability
 from palpate.reference.errors import ReferenceFailedError, ReferenceUnavailableError
 from palpate.validation.case import Case
-from palpate.validation.judging.judge import find_references
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.peers.board_kept import Kept, key_of
 from palpate.validation.references.adaptive_truth import TruthRequest
 from palpate.validation.references.motions import solve_motion_set

@@ -13,9 +13,7 @@ from matplotlib import pyplot
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Strain
-from palpate.validation.judging.error_budget import DISCRETISATION, MODEL, TIME, Budget
-from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.remainder import SOLVER
+from palpate.validation.judging.error_budget import DISCRETISATION, MODEL, SOLVER, TIME, Budget
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.metrics.motion import swinging_most
 from palpate.validation.report import FigureForm
@@ -64,7 +62,7 @@ def checks_figure(result: CaseResult, medium: Medium = PAGE) -> mpl.figure.Figur
         )
         axes.plot(value, place, "o", color=colour, ms=6 * size)
         axes.plot([check.limit] * 2, [place - 0.32, place + 0.32], color="black", lw=1.6 * size)
-    names = [check_name(c) for c in reversed(rows)]
+    names = [c.name for c in reversed(rows)]
     if medium is not PAGE:
         names = [name.replace(" (", "\n(") for name in names]
     axes.set_yticks(

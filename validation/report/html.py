@@ -21,14 +21,13 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Strain
 from palpate.meshes.quality import measure_quality
 from palpate.validation.exchange.case_folder import describe_conventions
-from palpate.validation.judging.citation import citation
 from palpate.validation.judging.error_budget import (
     Budget,
     budget_rows,
     case_budgets,
     motion_budgets,
 )
-from palpate.validation.judging.outputs import check_name
+from palpate.validation.judging.outputs import citation
 from palpate.validation.judging.results import CaseResult, tone_of
 from palpate.validation.quoting import for_html
 from palpate.validation.references.reference_set import OF_ELEMENT
@@ -116,7 +115,6 @@ def write_report(
 def report_environment() -> Environment:
     """Templates with the words and numbers of a report."""
     environment = page_environment()
-    environment.globals["check_name"] = check_name
     environment.filters["number"] = _number
     environment.filters["signed"] = lambda x: "" if x is None else f"{x:+.2f} %"
     return environment
@@ -251,7 +249,7 @@ def _closest(result: CaseResult) -> str:
     """The check that uses most of its limit, or the first that did not pass."""
     for check in result.checks:
         if check.verdict is not Verdict.PASSED:
-            return f"{check_name(check)}: {check.message}"
+            return f"{check.name}: {check.message}"
     parts = [
         ((check.value + check.reference_error) / check.limit, check)
         for check in result.checks
@@ -260,7 +258,7 @@ def _closest(result: CaseResult) -> str:
     if not parts:
         return "–"
     part, check = max(parts, key=lambda pair: pair[0])
-    return f"{check_name(check)}: {100 * part:.2g} % of its limit"
+    return f"{check.name}: {100 * part:.2g} % of its limit"
 
 
 def _data_url(path: Path) -> str:

@@ -10,9 +10,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
 from palpate.meshes.problem import Element, Strain
-from palpate.validation.judging.outputs import check_name
-from palpate.validation.judging.record import error_name
-from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope
+from palpate.validation.judging.results import CaseResult, CheckResult, Judged, Scope, error_name
 from palpate.validation.report.comparisons import comparisons_of
 from palpate.validation.states import Verdict
 
@@ -192,7 +190,7 @@ def _group(result: CaseResult, judged: Judged) -> str:
     words = "not passed" if any(c.verdict is Verdict.INCONCLUSIVE for c in left) else "failed"
     told = [c for c in left if c.value is not None and c.limit > 0.0]
     first = max(told, key=_used) if told else left[0]
-    where = where_wrong(result, judged) or f"{check_name(first)}, {first.message}"
+    where = where_wrong(result, judged) or f"{first.name}, {first.message}"
     return f"{who}{len(left)} of {total} checks {words}: {where}"
 
 

@@ -6,7 +6,7 @@ import json
 
 from palpate.validation.case import load_case
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.outputs import check_name, results_json
+from palpate.validation.judging.outputs import results_json
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report.study_page import Finding, Page
 from palpate.validation.states import Progress, Verdict
@@ -23,7 +23,7 @@ def findings_of(result: CaseResult) -> list[Finding]:
     whole = f"{passed} of {len(result.checks)} checks passed"
     return [
         Finding(f"case {result.name}", whole, result.verdict),
-        *(Finding(check_name(c), c.message, c.verdict) for c in result.checks),
+        *(Finding(c.name, c.message, c.verdict) for c in result.checks),
     ]
 
 

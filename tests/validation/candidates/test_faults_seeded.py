@@ -16,8 +16,14 @@ from palpate.validation.candidates import faults
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.candidates.faults import Fault, on_own_mesh, with_fault
 from palpate.validation.case import load_case
-from palpate.validation.judging.metric_table import KINDS, metric_table, table_lines
-from palpate.validation.judging.self_test import REFERENCE_FAULTS, TRIALS, run_self_test
+from palpate.validation.judging.self_test import (
+    KINDS,
+    REFERENCE_FAULTS,
+    TRIALS,
+    metric_table,
+    run_self_test,
+    table_lines,
+)
 from palpate.validation.metrics import CATALOGUE, inverted_cells
 from palpate.validation.states import State
 

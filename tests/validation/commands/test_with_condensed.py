@@ -14,7 +14,7 @@ import palpate
 from palpate.validation.candidates.candidate import condensed_candidate
 from palpate.validation.case import QUICK
 from palpate.validation.cli import main
-from palpate.validation.judging.askable import askable_cases
+from palpate.validation.judging.judge import suitable_cases
 
 
 def run(monkeypatch, *arguments):
@@ -108,7 +108,7 @@ def test_where_none_can_be_asked_that_is_said():
     cases = [palpate.load_case("block-motion"), palpate.load_case("wave")]
     told = []
     with pytest.raises(palpate.InputError, match="none of these cases"):
-        askable_cases(cases, [condensed_candidate()], told.append)
+        suitable_cases(cases, [condensed_candidate()], told.append)
     assert "no check for linear strain" in told[0]
     assert "has no inertia" in told[1]
 

@@ -14,7 +14,7 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import Case, load_case
 from palpate.validation.exchange.case_folder import write_case_folder
-from palpate.validation.judging.judge import find_references
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
 from palpate.validation.states import State
 

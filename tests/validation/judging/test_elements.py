@@ -15,10 +15,9 @@ from palpate.validation.candidates.candidate import (
     result_candidate,
 )
 from palpate.validation.case import load_case
-from palpate.validation.judging import judge as judging
-from palpate.validation.judging import outputs
+from palpate.validation.judging import case_references, outputs
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.result_changes import describe_since, read_accepted
+from palpate.validation.judging.run_comparison import compare_runs
 from palpate.validation.references.reference_set import SAME_MESH, SMOOTHED
 from palpate.validation.references.stored import load_stored
 from palpate.validation.report.html import write_report
@@ -67,9 +66,9 @@ def test_an_answer_is_held_against_the_element_that_it_says(
     is_smoothed = said == "smoothed"
     for check in same_mesh(result):
         if check.strain is Strain.GREEN:
-            assert check.verdict is verdict, outputs.check_name(check)
+            assert check.verdict is verdict, check.name
             assert (check.element is Element.SMOOTHED) == is_smoothed
-            assert ("smoothed" in outputs.check_name(check)) == is_smoothed
+            assert ("smoothed" in check.name) == is_smoothed
     other = SAME_MESH if is_smoothed else SMOOTHED
     assert not any(state.label == other for state in result.states)
     assert any(name.endswith(f"- {SMOOTHED if is_smoothed else SAME_MESH}, green")
@@ -81,12 +80,12 @@ def test_without_a_reference_of_its_element_an_answer_is_inconclusive(
 ):
     states = {place: s for place, s in stored.states.items() if place[0] != SMOOTHED}
     without = dataclasses.replace(stored, states=states)
-    monkeypatch.setattr(judging, "load_stored", lambda *_given, **_options: without)
+    monkeypatch.setattr(case_references, "load_stored", lambda *_given, **_options: without)
     given = answer(tmp_path, stored.states[SMOOTHED, Strain.GREEN].displacement, "smoothed")
     result = judge_case(block, candidate=given, diagnoses=False)
     checks = [check for check in same_mesh(result) if check.strain is Strain.GREEN]
     assert {check.verdict for check in checks} == {Verdict.INCONCLUSIVE}
-    assert "palpate reference build block" in checks[0].message
+    assert "palpate reference build block --element smoothed" in checks[0].message
     assert result.verdict is Verdict.INCONCLUSIVE
 
 
@@ -117,7 +116,7 @@ def test_two_candidates_stand_beside_one_another(both, block):
     ]
     assert both.verdict is Verdict.FAILED
     assert len(both.checks) == 2 * len(block.checks)
-    names = [outputs.check_name(check) for check in both.checks]
+    names = [check.name for check in both.checks]
     assert len(set(names)) == len(names)
     labels = {state.label for state in both.states}
     assert {"fastsim", "mine", SAME_MESH, SMOOTHED} <= labels
@@ -143,7 +142,9 @@ def test_every_output_keeps_the_two_apart(both, tmp_path):
     assert "  - mine: failed" in summary
     path = tmp_path / "results.json"
     path.write_text(outputs.results_json([both], "1"), encoding="utf-8")
-    assert describe_since([both], read_accepted(path)) == {"block": []}
+    pairs = compare_runs(path, path).pairs
+    assert len(pairs) == len(both.checks)
+    assert {pair.change for pair in pairs} == {"same"}
 
 
 def test_the_page_shows_both_beside_the_reference(both, tmp_path):

@@ -23,10 +23,13 @@ from palpate.validation.candidates.candidate import fastsim_candidate, result_ca
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.diagnosis.diagnose import equations_left
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.error_budget import (
     DISCRETISATION,
     MODEL,
+    SOLVER,
     TIME,
+    UNEXPLAINED,
     Budget,
     budget_rows,
     case_budgets,
@@ -34,8 +37,7 @@ from palpate.validation.judging.error_budget import (
     motion_budgets,
     static_budgets,
 )
-from palpate.validation.judging.judge import find_references, judge_case
-from palpate.validation.judging.remainder import SOLVER, UNEXPLAINED
+from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.references.reference_set import ReferenceSet

@@ -22,7 +22,7 @@ from palpate.validation.judging.expectation import (
     with_results,
 )
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.side_by_side import side_by_side, side_by_side_markdown
+from palpate.validation.judging.outputs import side_by_side, side_by_side_markdown
 from palpate.validation.references.stored import load_stored
 from palpate.validation.states import Elements, Verdict
 

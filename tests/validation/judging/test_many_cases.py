@@ -9,8 +9,7 @@ import pytest
 from palpate.meshes.errors import InputError
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_cases
-from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.many_cases import judge_cases
+from palpate.validation.judging.judge import judge_case, judge_cases
 
 OWN = """schema = 1
 title = "Nobody stored a reference of this one"

@@ -23,12 +23,12 @@ from palpate.reference.schemes import (
 )
 from palpate.validation.judging.error_budget import (
     MODEL,
+    SOLVER,
     TIME,
+    UNEXPLAINED,
     Budget,
-    OwnLaw,
     motion_budgets,
 )
-from palpate.validation.judging.remainder import SOLVER, UNEXPLAINED
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.numerical_damping import measure_numerical_damping
 from palpate.validation.references.runs import solve_by_steps
@@ -136,13 +136,11 @@ def material(law: Law) -> Material:
 
 @cache
 def budget(step: float = STEP, iterations: int = 200, law: Law | None = None) -> Budget:
-    stated = None if law is None else OwnLaw(material(law), exact(step))
     return motion_budgets(
         swing(),
         Strain.GREEN,
         candidate=own(step, iterations, law),
-        same_mesh=exact(step, law),
-        own_law=stated,
+        same_mesh=exact(step),
     )[0]
 
 
@@ -171,10 +169,6 @@ def test_too_few_iterations_are_the_solvers_error() -> None:
     seeded = budget(LONG, 3)
     assert seeded.rest == SOLVER
     assert_lands_in(SOLVER, seeded, budget(LONG))
-
-
-def test_another_law_that_is_stated_is_the_models_error() -> None:
-    assert_lands_in(MODEL, budget(law=OTHER), budget())
 
 
 def test_another_law_that_is_not_stated_is_not_explained() -> None:

@@ -12,7 +12,8 @@ from palpate.meshes.refinement import refine_uniformly
 from palpate.validation.candidates.candidate import result_candidate
 from palpate.validation.case import load_case
 from palpate.validation.exchange.point_location import locate_points
-from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.judging.case_references import find_references
+from palpate.validation.judging.judge import judge_case
 from palpate.validation.references.reference_set import SAME_MESH, SMOOTHED
 from palpate.validation.states import Verdict, gravest
 

@@ -19,8 +19,9 @@ from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import builtin_folder, load_case
 from palpate.validation.case.schema import CheckSpec
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence
 from palpate.validation.states import State, Verdict
 from palpate.validation.studies.csm3 import bar_body

@@ -15,12 +15,12 @@ from palpate.meshes.problem import Problem, Strain
 from palpate.validation.candidates.candidate import Candidate, fastsim_candidate
 from palpate.validation.case import builtin_cases, load_case
 from palpate.validation.judging import outputs
-from palpate.validation.judging.annotations import github_annotations
-from palpate.validation.judging.case_judge import CaseJudge
+from palpate.validation.judging.case_judge import CaseJudge, null_answer, wrong_answers
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import decide
-from palpate.validation.judging.judge import exit_code, find_references, judge_case
+from palpate.validation.judging.judge import exit_code, judge_case
+from palpate.validation.judging.outputs import github_annotations
 from palpate.validation.judging.results import CaseResult
-from palpate.validation.judging.spoiled import null_answer, spoiled_answers
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.references.reference_set import SAME_MESH, ReferenceSet
 from palpate.validation.states import Verdict
@@ -192,7 +192,7 @@ def test_the_null_answer_has_the_times_and_tools_of_the_reference(problem: Probl
     assert null.trajectory.displacements.shape == reference.trajectory.displacements.shape
     assert null.max_displacement == 0.0
     assert null_answer(problem, Strain.GREEN, None).displacement.shape == problem.mesh.points.shape
-    labels = [answer.label for answer in spoiled_answers(case.problem, reference)]
+    labels = [answer.label for answer in wrong_answers(case.problem, reference)]
     assert labels == [
         "nothing moves", "turned round", "twice as large", "axes exchanged",
         "last state repeated", "every second state still",
@@ -206,7 +206,7 @@ def test_spoiled_motions_are_spoiled_as_they_say() -> None:
     assert right is not None
     spoiled = {
         answer.label: answer.trajectory
-        for answer in spoiled_answers(case.problem, references.states[SAME_MESH, Strain.GREEN])
+        for answer in wrong_answers(case.problem, references.states[SAME_MESH, Strain.GREEN])
     }
     repeated, halted = spoiled["last state repeated"], spoiled["every second state still"]
     assert repeated is not None

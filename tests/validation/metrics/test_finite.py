@@ -14,8 +14,7 @@ from palpate.meshes.problem import Material, Problem, Strain, TimeSpan
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.case.units import Units
-from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.published import number_of
+from palpate.validation.judging.checks import judge_check, number_of
 from palpate.validation.metrics import CATALOGUE, Difference, make_state
 from palpate.validation.metrics.finite import are_measurable, largest, smallest
 from palpate.validation.metrics.grid_convergence import assess_grid_convergence

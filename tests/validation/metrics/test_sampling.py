@@ -13,8 +13,8 @@ from palpate.meshes.problem import Element, Material, Problem, Strain, TimeSpan
 from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.exchange.time_reading import read_at
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.judge import find_references
 from palpate.validation.judging.results import CheckResult
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.motion import OSCILLATION, swinging_most

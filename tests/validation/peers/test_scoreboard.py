@@ -20,8 +20,8 @@ from palpate.meshes.problem import with_law
 from palpate.validation.candidates.interpreters import versions_with
 from palpate.validation.case import load_case
 from palpate.validation.cli import main
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.error_budget import farthest_probe
-from palpate.validation.judging.judge import find_references
 from palpate.validation.peers import adapters, entries
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, Score

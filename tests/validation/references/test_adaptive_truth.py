@@ -11,7 +11,7 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.adaptivity.error_bars import SAFETY
 from palpate.reference.result import Formulation, formulation_for
 from palpate.validation.case import load_case
-from palpate.validation.judging.truth_request import truth_request
+from palpate.validation.judging.case_references import truth_request
 from palpate.validation.references.adaptive_truth import TruthRequest, most_apart, recorded_bars
 from palpate.validation.references.reference_set import QUADRATIC, TRUTH
 from palpate.validation.references.runs import solve_state

@@ -10,7 +10,7 @@ import pytest
 from palpate.meshes.problem import Strain
 from palpate.validation.case import load_case
 from palpate.validation.judging.case_judge import CaseJudge
-from palpate.validation.judging.truth_request import truth_request
+from palpate.validation.judging.case_references import truth_request
 from palpate.validation.references.geometry import with_geometry
 from palpate.validation.references.reference_set import QUADRATIC, SAME_MESH, ReferenceSet
 from palpate.validation.references.runs import solve_state

@@ -17,7 +17,7 @@ from palpate.meshes.tri_surface import TriSurface
 from palpate.reference.errors import ReferenceCrashedError
 from palpate.validation.case import CaseError, load_case
 from palpate.validation.exchange.nodal_arrays import facet_areas
-from palpate.validation.judging import judge
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
 from palpate.validation.metrics import COMPARISONS, make_state
 from palpate.validation.references import geometry, true_bodies
@@ -387,9 +387,10 @@ def test_a_truth_solved_here_gets_its_part_within_a_time(case_of, monkeypatch):
 
     case = case_of(SPHERE)
     monkeypatch.setattr(geometry, "solve_state", timed)
-    monkeypatch.setattr(judge.availability, "is_available", lambda: True)
-    monkeypatch.setattr(judge, "solve_live", lambda *_args, **_words: references_of(case.problem))
-    found = judge.find_references(case, live=True, progress=lambda _line: None)
+    monkeypatch.setattr("palpate.reference.availability.is_available", lambda: True)
+    live = "palpate.validation.references.statics.solve_live"
+    monkeypatch.setattr(live, lambda *_args, **_words: references_of(case.problem))
+    found = find_references(case, live=True, progress=lambda _line: None)
     assert found.bar_parts("volume", Strain.LINEAR).geometry > 0.05
     assert shape_of(found) == "a sphere"
     assert 0.0 < min(limits) <= max(limits) <= geometry.LIVE_SECONDS

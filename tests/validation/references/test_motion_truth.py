@@ -16,8 +16,9 @@ from palpate.reference.errors import ReferenceStepError, ReferenceUnavailableErr
 from palpate.validation.candidates.candidate import fastsim_candidate, result_candidate
 from palpate.validation.candidates.faults import Fault, with_fault
 from palpate.validation.case import load_case
+from palpate.validation.judging.case_references import find_references
 from palpate.validation.judging.checks import judge_check
-from palpate.validation.judging.judge import find_references, judge_case
+from palpate.validation.judging.judge import judge_case
 from palpate.validation.metrics import make_state, measure
 from palpate.validation.metrics.grid_convergence import Convergence
 from palpate.validation.references import motions

@@ -13,7 +13,7 @@ from palpate.validation.case import load_case
 from palpate.validation.case.schema import CheckSpec
 from palpate.validation.cli import main
 from palpate.validation.judging.case_judge import CaseJudge
-from palpate.validation.judging.published import name_of_bar
+from palpate.validation.judging.checks import name_of_bar
 from palpate.validation.references.reference_set import TRUTH
 from palpate.validation.references.soundness import find_contradictions
 from palpate.validation.references.stored import (

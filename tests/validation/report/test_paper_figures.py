@@ -13,10 +13,9 @@ import pytest
 from palpate.meshes.problem import Element
 from palpate.validation.candidates.candidate import fastsim_candidate
 from palpate.validation.case import load_case
-from palpate.validation.judging.citation import citation
 from palpate.validation.judging.error_budget import case_budgets
 from palpate.validation.judging.judge import judge_case
-from palpate.validation.judging.outputs import results_json
+from palpate.validation.judging.outputs import citation, results_json
 from palpate.validation.judging.results import CaseResult
 from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import write_figures

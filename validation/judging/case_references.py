@@ -1,0 +1,180 @@
+"""What an answer to a case is judged by: the reference that is stored, or solved here.
+
+On the same mesh it is stepped as the candidate states that it steps, so that what is left is the
+solver's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference import availability
+from palpate.reference.errors import ReferenceFailedError
+from palpate.reference.schemes import Integrator, Steps
+from palpate.validation.case import Case
+from palpate.validation.case.regions import part_of_check
+from palpate.validation.judging.checks import metric_of_bar
+from palpate.validation.metrics import Part
+from palpate.validation.references.adaptive_truth import TruthRequest
+from palpate.validation.references.reference_set import ReferenceSet
+from palpate.validation.references.stored import (
+    MissingReferenceError,
+    StaleReferenceError,
+    load_stored,
+    references_folder,
+)
+from palpate.validation.states import Progress, State
+
+
+def find_references(
+    case: Case,
+    *,
+    live: bool,
+    elements: Collection[Element] = (Element.LINEAR,),
+    progress: Progress,
+) -> ReferenceSet:
+    """The reference of a case: solved here, or the stored one.
+
+    Args:
+        case: The case.
+        live: Solve the reference here when FEniCSx is installed; a stored one otherwise.
+        elements: On the same mesh, which are solved here; a file has what it has.
+        progress: Called with one line for each thing done.
+
+    Raises:
+        InputError: Neither is to be had.
+    """
+    stored: ReferenceSet | None = None
+    trouble: InputError | None = None
+    try:
+        stored = _load_stored(case)
+    except (MissingReferenceError, StaleReferenceError) as error:
+        trouble = error
+    if live and availability.is_available():
+        if trouble is not None:
+            progress(f"left aside: {trouble}")
+        return _solve_here(case, stored, elements, progress)
+    if stored is not None:
+        progress(f"reference {stored.origin}")
+        return stored
+    if trouble is not None:
+        raise trouble
+    how = (
+        "FEniCSx is not installed here: FENICSX=apt or FENICSX=wheel adds it (see README)"
+        if live
+        else "solve it here with --live, which needs FEniCSx (see README)"
+    )
+    raise MissingReferenceError(f"{case.name}: no reference is stored for this case; {how}")
+
+
+def _load_stored(case: Case) -> ReferenceSet | None:
+    """A built-in case's reference; of one's own case, what lies in `references` beside it.
+
+    None of a body that follows another law than its case's.
+    """
+    if case.other_law is not None:
+        return None
+    folder = references_folder(case.beside)
+    if not case.is_builtin and not (folder / f"{case.name}.npz").is_file():
+        return None
+    return load_stored(case.name, case.problem, folder=folder, called=case_name(case))
+
+
+def _solve_here(
+    case: Case, stored: ReferenceSet | None, elements: Collection[Element], progress: Progress
+) -> ReferenceSet:
+    """Solved now; where nothing is stored with what the true surface adds to the bars."""
+    from palpate.validation.references.geometry import LIVE_SECONDS, with_geometry
+    from palpate.validation.references.statics import solve_live
+
+    request = truth_request(case)
+    found = solve_live(
+        case.problem,
+        progress,
+        stored=stored,
+        wanted={spec.against for spec in case.checks},
+        elements=elements,
+        request=request,
+        has_stress=any(spec.about.is_of_integrals for spec in case.checks),
+    )
+    if stored is not None:
+        return found
+    asked = {s.strain or case.strain for s in case.checks if s.against == "truth"}
+    truths = [truth for strain in asked if (truth := found.truth(strain)) is not None]
+    # A motion's may take as long as a run of its truth.
+    seconds = max([LIVE_SECONDS, *(truth.seconds for truth in truths)])
+    return with_geometry(case, found, progress, strains=asked, request=request, seconds=seconds)
+
+
+def truth_request(case: Case) -> TruthRequest:
+    """What a case asks of its truth: bar and budget, for the metrics whose bars its checks use.
+
+    Raises:
+        InputError: A check names a part of the body that is not there.
+    """
+    asked, problem, units = case.spec.truth, case.problem, case.spec.units
+    metrics: dict[Strain, set[str]] = {strain: set() for strain in Strain}
+    parts: dict[Strain, list[tuple[str, Part]]] = {strain: [] for strain in Strain}
+    for number, spec in enumerate(case.checks, start=1):
+        if spec.against != "truth":
+            continue
+        strain = spec.strain or case.strain
+        part = part_of_check(spec, problem, units, f"check {number}")
+        if part is None or not spec.about.is_of_integrals:
+            metrics[strain].add(metric_of_bar(spec))
+        else:
+            parts[strain].append((metric_of_bar(spec), part))
+    return TruthRequest(asked.bar, 60.0 * asked.minutes, asked.memory, metrics, parts=parts)
+
+
+def are_the_cases(problem: Problem, steps: Steps | None) -> bool:
+    """Whether a candidate's steps are those of the case: its time step by central differences."""
+    if steps is None or problem.time is None:
+        return True
+    return steps == Steps(Integrator.CENTRAL_DIFFERENCES, problem.time.time_step or steps.time_step)
+
+
+def with_own_steps(
+    problem: Problem,
+    answers: Mapping[Strain, State],
+    references: ReferenceSet,
+    progress: Progress,
+) -> ReferenceSet:
+    """The set with the same mesh stepped as each answer states: what is left is the solver's.
+
+    Args:
+        problem: The case's.
+        answers: Of the candidate, of one element.
+        references: Of that element; returned as they are where no answer states steps of its own.
+        progress: Called with one line for each run.
+    """
+    for strain, answer in answers.items():
+        if answer.steps is None or are_the_cases(problem, answer.steps):
+            continue
+        from palpate.validation.references.runs import solve_by_steps
+
+        note = (
+            f"Same mesh, {strain} strain: the reference solved here by {answer.steps}, as "
+            f"{answer.label} states it."
+        )
+        state, failure = None, ""
+        try:
+            state = solve_by_steps(problem, strain, answer.steps, progress, element=answer.element)
+        except (ReferenceFailedError, InputError) as error:
+            failure = f"the same mesh by {answer.steps}: {error}"
+        references = references.with_same_mesh(strain, state, note, failure)
+    return references
+
+
+def case_name(case: Case) -> str:
+    """What a case is called on the command line: by its name, or its file."""
+    return case.name if case.is_builtin else case_file(case)
+
+
+def case_file(case: Case) -> str:
+    """The case's file as seen from the working folder, where it lies below it."""
+    path = case.path.absolute()
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path.name)
