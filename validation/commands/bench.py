@@ -30,7 +30,7 @@ def bench(
     """
     from palpate.meshes.atomic_write import write_text_atomically
     from palpate.validation.output_files import require_outputs
-    from palpate.validation.peers.bench_run import bench_json, run_benchmark
+    from palpate.validation.peers.bench import bench_json, run_benchmark
 
     require_outputs({"--json": json})
     console = Console(stderr=True, highlight=False, markup=False)
@@ -49,7 +49,7 @@ def bench(
 
 def print_bench(document: dict[str, Any], console: Console) -> None:
     """Print the rows, and one line each for versions, machine and rivals left out."""
-    from palpate.validation.peers.bench_run import COMMON
+    from palpate.validation.peers.bench import COMMON
 
     rows = document["rows"]
     present = dict.fromkeys(key for row in rows for key in row)

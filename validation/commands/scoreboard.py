@@ -46,13 +46,13 @@ def scoreboard(
     from palpate.validation.peers.board import compute_board
     from palpate.validation.peers.board_kept import Kept
     from palpate.validation.peers.board_page import write_board
-    from palpate.validation.peers.entries import Entry, chosen_entries, read_entries
+    from palpate.validation.peers.registry import Peer, peers_on_board
     from palpate.validation.run_folder import require_run_folder, run_folder
 
-    everybody = chosen_entries(entry, read_entries())
+    everybody = peers_on_board(entry)
     if simulator is not None:
         program = OutsideSimulator(simulator, time_limit)
-        mine = Entry(name="mine", title=program.name, law=law, command=simulator)
+        mine = Peer(name="mine", title=program.name, law=law, command=simulator)
         everybody = (*everybody, mine)
     if not time_limit > 0.0:
         raise InputError(f"--time-limit {time_limit:g}: needs a value above 0")

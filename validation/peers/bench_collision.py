@@ -12,13 +12,17 @@ extra of tools in single precision lie on sides of cells.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.validation.peers.bench_children import OURS, Child, Schedule, Tool
-from palpate.validation.peers.bench_collision_scene import NUM_FRAMES, Place, make_bodies
-from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.meshes.arrays import Points
+from palpate.meshes.bricks import brick_box
+from palpate.meshes.tet_mesh import TetMesh
+from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.registry import OURS, Tool, tools_for
+from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
 
 # Surface triangles of both bodies -> bricks along a side of each.
@@ -26,6 +30,68 @@ BODIES = {10_584: 21, 20_184: 29, 101_400: 65}
 RAYS = "trimesh embree"
 
 Keys = NDArray[np.int64]
+
+
+# Steps before the motion comes round again.
+NUM_FRAMES = 6
+_SWAY = 0.02  # of the bodies' half size: how far points move to and fro
+_ROUND = 0.6  # of the way from a cube to a ball
+
+
+class Place(Enum):
+    """How the two bodies lie."""
+
+    OVERLAPPING = "overlapping"
+    APART = "apart"
+
+
+# Between the centres, in half sizes of a body, along the diagonal: the boxes around the bodies
+# overlap in both.
+_BETWEEN = {Place.OVERLAPPING: 1.7, Place.APART: 2.5}
+
+
+def make_bodies(divisions: int, place: Place) -> dict[str, NDArray[np.generic]]:
+    """Rounded boxes of divisions^3 bricks, six tetrahedra each, the second one turned.
+
+    Returns:
+        `cells` and boundary `facets` of either body, 24 divisions^2 in all, and `frames`, points
+        of each body by step [m], shape (2, NUM_FRAMES, num_points, 3).
+    """
+    box = brick_box((divisions,) * 3, (2.0,) * 3, ragged=0.1)
+    points = box.points - 1.0
+    largest = np.abs(points).max(axis=1)
+    length = np.linalg.norm(points, axis=1)
+    ball = (
+        points * np.divide(largest, length, out=np.ones_like(length), where=length > 0.0)[:, None]
+    )
+    mesh = TetMesh((1.0 - _ROUND) * points + _ROUND * ball, box.cells)
+    between = _BETWEEN[place] / np.sqrt(3.0) * np.ones(3)
+    first = _frames(mesh.points, _turned(0.4, 0.3), np.zeros(3), 0.0)
+    second = _frames(mesh.points, _turned(1.1, -0.7), between, 2.0)
+    return {
+        "cells": mesh.cells,
+        "facets": mesh.boundary_facets,
+        "frames": np.stack([first, second]),
+    }
+
+
+def _turned(about_z: float, about_x: float) -> Points:
+    c, s = np.cos(about_z), np.sin(about_z)
+    d, t = np.cos(about_x), np.sin(about_x)
+    turn: Points = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
+        [[1.0, 0.0, 0.0], [0.0, d, -t], [0.0, t, d]]
+    )
+    return turn
+
+
+def _frames(points: Points, turn: Points, centre: Points, phase: float) -> NDArray[np.float64]:
+    """Waves through the body: every point goes its own way, and no step is a rigid motion."""
+    frames = []
+    for k in range(NUM_FRAMES):
+        angle = 2.0 * np.pi * k / NUM_FRAMES + phase
+        wave = np.sin(4.0 * points[:, [1, 2, 0]] + angle + [0.0, 1.0, 2.0])
+        frames.append((points + _SWAY * wave) @ turn.T + centre)
+    return np.array(frames)
 
 
 def make_scenes(size: int, _progress: Progress) -> Iterator[Scene]:
@@ -86,11 +152,7 @@ def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
 BENCHMARK = Benchmark(
     task="Collision",
     sizes=tuple(BODIES),
-    tools=(
-        Tool(OURS, "ours"),
-        Tool("warp BVH", "warp_tree", "pip install warp-lang"),
-        Tool(RAYS, "trimesh_rays", "pip install trimesh embreex rtree scipy"),
-    ),
+    tools=(Tool(OURS, "ours"), *tools_for("collision")),
     schedule=Schedule(turns=5, seconds=0.3, unit=NUM_FRAMES),
     make_scenes=make_scenes,
     measure_work=lambda row: row["size"] / 1e6,

@@ -30,7 +30,6 @@ from palpate.fastsim.mesher import mesh_surface
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import PointForce, Support
-from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.rigid_tool import RigidTool, SphereShape, ToolPath
@@ -53,20 +52,9 @@ CLOCKED = 3_000
 _RADIUS, _DEPTH, _CIRCLE = 12e-3, 5e-3, 8e-3  # [m]
 
 
-def rows(sizes: Sequence[int] | None, progress: Progress) -> list[Row]:
-    """A row for each size.
-
-    Raises:
-        InputError: No such size.
-    """
-    if unknown := [size for size in sizes or () if size not in SIZES]:
-        known = ", ".join(map(str, SIZES))
-        raise InputError(f"benchmark condensed has no size {unknown[0]}; it has {known}")
-    found: list[Row] = []
-    for size in sizes or SIZES:
-        problem = kidney(SIZES[size])
-        found += measured(problem, progress, num_ticks=TICKS, clocked=CLOCKED)
-    return found
+def measure(size: int, progress: Progress) -> list[Row]:
+    """A row for each precision of the compliance."""
+    return measured(kidney(SIZES[size]), progress, num_ticks=TICKS, clocked=CLOCKED)
 
 
 def summary(found: Sequence[Row]) -> list[str]:

@@ -13,24 +13,15 @@ import numpy as np
 
 from palpate.meshes.arrays import Points
 from palpate.meshes.temporaries import scratch_folder
-from palpate.validation.peers.bench_children import OURS, Child, Schedule, Tool
-from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.registry import OURS, Tool, tools_for
+from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
 
 # Grid and sphere: hard for exactness, so one size shows it.
 SHAPES_SIZE = 100_000
-# Qhull takes hours for points on a sphere.
 SCHEDULE = Schedule(turns=3, long=12.0, is_fresh=True, time_limit=130.0)
-_CPP = "compiled_delaunay"
-TOOLS = (
-    Tool(OURS, "ours"),
-    Tool("CGAL (C++)", _CPP, "apt install g++ libcgal-dev", {"library": "cgal"}),
-    Tool("TetGen 1.5 (C++)", _CPP, "apt install g++ libtet1.5-dev", {"library": "tetgen"}),
-    Tool("CGAL (Python)", "cgal_delaunay", "pip install cgal"),
-    Tool("TetGen (Python)", "tetgen_meshes", "pip install tetgen"),
-    Tool("gmsh", "gmsh_meshes", "pip install gmsh"),
-    Tool("Qhull (scipy)", "qhull_delaunay", "pip install scipy"),
-)
+TOOLS = (Tool(OURS, "ours"), *tools_for("delaunay"))
 
 
 def place_points(kind: str, count: int) -> Points:

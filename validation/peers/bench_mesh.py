@@ -1,6 +1,8 @@
 """`palpate bench mesh`: surfaces filled with tetrahedra, ours beside every installed rival.
 
-Kidney surfaces made by gmsh, decimated, and by marching cubes. Every timing is a process of its
+Kidney surfaces, none made by palpate's own triangulation: a fine kidney is the geometry, gmsh's
+surface mesher covers it with the wanted number of triangles; VTK decimates it, and draws it anew by
+marching cubes (flying edges). Every timing is a process of its
 own; quality is measured here, the same way for all. Seconds are from the surface in the tool's
 memory to the finished mesh there. Rows have surface, cells, min_dihedral_deg, p1_dihedral_deg (1st
 percentile of each cell's smallest angle), inverted cells, boundary_kept, relative_volume_error,
@@ -9,35 +11,69 @@ critical_time_step_us (E = 10 kPa, nu = 0.45, 1000 kg/m3) and peak_memory_mb.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from palpate.fastsim.body import Body
+from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Material
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.meshes.tri_surface import TriSurface
-from palpate.validation.peers.bench_children import OURS, Child, ChildFailedError, Schedule, Tool
-from palpate.validation.peers.bench_mesh_surfaces import make_surface
-from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.registry import OURS, Tool, tools_for
+from palpate.validation.peers.timing import Child, ChildFailedError, Schedule, timed
 from palpate.validation.states import Progress
 
 # The poorer surfaces come in one size.
 POOR_SIZE = 10_000
 SCHEDULE = Schedule(turns=3, long=5.0, is_fresh=True, time_limit=400.0)
-_GMSH = "pip install gmsh (which also makes the surfaces)"
-TOOLS = (
-    Tool(OURS, "ours"),
-    Tool("gmsh HXT", "gmsh_meshes", _GMSH, {"algorithm": 10, "netgen": 0}),
-    Tool("TetGen pq1.2Y", "tetgen_meshes", "pip install tetgen"),
-    Tool(
-        "gmsh Delaunay + Netgen", "gmsh_meshes", "pip install gmsh", {"algorithm": 1, "netgen": 1}
-    ),
-)
+TOOLS = (Tool(OURS, "ours"), *tools_for("mesh"))
+_GMSH, _VTK = tools_for("surface")
+# Equilateral triangles of edge h have an area of sqrt(3)/4 h^2.
+_EDGE_SQUARED = 4.0 / math.sqrt(3.0)
 # Soft tissue; only the ratio of the critical steps depends on the mesh.
 _TISSUE = Material(1e4, 0.45, 1000.0)
+
+
+def make_surface(kind: str, size: int) -> TriSurface:
+    """Make a kidney of about `size` triangles in a child process: gmsh may abort.
+
+    Args:
+        kind: "gmsh", "decimated" or "marching cubes".
+        size: Number of triangles, about.
+
+    Raises:
+        ChildFailedError: gmsh or VTK is missing or failed.
+    """
+    options: dict[str, Any]
+    if kind == "gmsh":
+        fine, tool = shape_kidney(edge_length=2e-3), _GMSH
+        # It makes them about 10 % shorter.
+        options = {"edge_length": 1.1 * math.sqrt(fine.area / size * _EDGE_SQUARED)}
+    elif kind == "decimated":
+        fine, tool = (
+            shape_kidney(edge_length=math.sqrt(0.0264 / (4.0 * size) * _EDGE_SQUARED)),
+            _VTK,
+        )
+        options = {"size": size}
+    else:
+        fine, tool = shape_kidney(edge_length=4e-3), _VTK
+        # A surface crosses about 2.5 triangles for each voxel face's worth of area.
+        options = {"voxel": math.sqrt(2.5 * fine.area / size)}
+    job = {"points": fine.points, "facets": fine.facets, **options}
+    said: list[str] = []
+    with timed((tool,), "Surface", job, Schedule(turns=1), said.append) as children:
+        if not children:
+            raise ChildFailedError(said[0] if said else f"{tool.name} is missing; {tool.install}")
+        made = children[0].answer
+    used, numbers = np.unique(made["facets"], return_inverse=True)
+    facets = numbers.reshape(-1, 3).astype(np.int32)
+    surface = TriSurface(np.ascontiguousarray(made["points"][used]), facets)
+    return surface if surface.volume > 0.0 else TriSurface(surface.points, facets[:, ::-1].copy())
 
 
 def make_scenes(size: int, progress: Progress) -> Iterator[Scene]:

@@ -18,8 +18,9 @@ from palpate.meshes.bricks import brick_box
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.case import load_case
 from palpate.validation.exchange.nodal_arrays import rest_arrays
-from palpate.validation.peers.bench_children import DOLFINX, OURS, Child, Schedule, Tool
-from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.registry import OURS, Tool, tools_for
+from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
 
 # Degrees of freedom -> bricks of the beam.
@@ -27,13 +28,7 @@ BEAMS = {22_143: (60, 10, 10), 115_881: (106, 18, 18)}
 KIDNEY = 3_246  # the kidney of Table I
 TOLERANCE = 1e-8
 SCHEDULE = Schedule(turns=4, long=5.0, turns_if_long=2)
-_CCX = {"solver": "ITERATIVE CHOLESKY", "load_parts": 1}
-TOOLS = (
-    Tool(OURS, "ours"),
-    DOLFINX,
-    Tool("calculix", "calculix", "apt-get install calculix-ccx", _CCX),
-    Tool("felupe", "felupe_svk", "pip install felupe pypardiso", {"load_parts": 1}),
-)
+TOOLS = (Tool(OURS, "ours"), *tools_for("static"))
 
 
 def beam_problem(size: int) -> Problem:

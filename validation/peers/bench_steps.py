@@ -18,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -32,8 +33,9 @@ from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.validation.exchange.nodal_arrays import rest_arrays
-from palpate.validation.peers.bench_children import DOLFINX, OURS, Child, Schedule, Tool
-from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.registry import OURS, Tool, tools_for
+from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
 
 KIDNEY = 20_000
@@ -48,44 +50,23 @@ SIZES: dict[int, Callable[[], TetMesh]] = {
 TISSUE = Material(1e4, 0.45, 1000.0)
 MASS_DAMPING = 5.0  # [1/s]
 WEIGHT = (0.0, 0.0, -5.0)  # [N/m3]; the box sinks by about 5 % of its length
-_NEWTON = "pip install newton warp-lang"
 _KIND = ("element", "precision", "law")
 _COMPUTED = ("threads", "precision", "device")
 # Bytes that a step moves: a smaller body may stay in a cache, and says nothing of the memory.
 _BEYOND_CACHES = 1e8
 # Short timings find the quiet moments of a busy machine.
 SCHEDULE = Schedule(turns=12, seconds=0.2)
+
+
+def _ours(element: Element, precision: Precision, num_threads: int = 1, **more: str) -> Tool:
+    options = {"element": element, "precision": precision.value, "num_threads": num_threads}
+    return Tool(OURS, "ours", options={**options, **more})
+
+
 TOOLS = (
-    *(
-        Tool(
-            OURS,
-            "ours",
-            options={"element": element, "precision": precision.value, "num_threads": count},
-        )
-        for element in Element
-        for precision in Precision
-        for count in (1, 2)
-    ),
-    *(
-        Tool(
-            OURS,
-            "ours",
-            options={
-                "element": Element.LINEAR,
-                "precision": precision.value,
-                "num_threads": 1,
-                "law": Law.NEO_HOOKEAN_STABLE.value,
-            },
-        )
-        for precision in Precision
-    ),
-    Tool("numpy", "numpy_loop", "pip install numpy"),
-    Tool("numba", "numba_loop", "pip install numba", {"precision": "float32"}),
-    Tool("numba", "numba_loop", "pip install numba", {"precision": "float64"}),
-    Tool("mujoco", "mujoco_flex", "pip install mujoco"),
-    Tool("newton", "newton_neo_hookean", _NEWTON),
-    Tool("taichi", "taichi_loop", "pip install taichi"),
-    DOLFINX,
+    *(_ours(*one) for one in product(Element, Precision, (1, 2))),
+    *(_ours(Element.LINEAR, each, law=Law.NEO_HOOKEAN_STABLE.value) for each in Precision),
+    *tools_for("steps"),
 )
 
 
@@ -136,25 +117,15 @@ def make_scene(size: int, _progress: Progress) -> Iterator[Scene]:
 
 def on_device(benchmark: Benchmark, device: str) -> Benchmark:
     """The benchmark with ours on a device besides, and the simulators of others that Warp runs."""
-    more = tuple(
-        Tool(
-            OURS,
-            "ours",
-            options={
-                "element": element,
-                "precision": precision.value,
-                "num_threads": 1,
-                "device": device,
-            },
-        )
-        for element in Element
-        for precision in Precision
-    )
+    more = tuple(_ours(*one, device=device) for one in product(Element, Precision))
     ours = sum(tool.name == OURS for tool in benchmark.tools)
     there = {"device": device.removeprefix("warp:")}
-    rivals = [Tool("mujoco-warp", "mujoco_on_warp", "pip install mujoco-warp", there)]
-    if there["device"] != "cpu":  # where it is timed anyway
-        rivals.append(Tool("newton", "newton_neo_hookean", _NEWTON, there))
+    timed = {tool.name for tool in benchmark.tools} if there["device"] == "cpu" else set()
+    rivals = [
+        dataclasses.replace(tool, options={**tool.options, **there})
+        for tool in tools_for("steps-on-device")
+        if tool.name not in timed
+    ]
     tools = (*benchmark.tools[:ours], *more, *benchmark.tools[ours:], *rivals)
     return dataclasses.replace(benchmark, tools=tools)
 
@@ -178,9 +149,9 @@ def _compare_device(row: Row, rows: list[Row]) -> None:
         row["times_two_cores"] = cores[0]["wall_seconds"] / row["wall_seconds"]
 
 
-def _share(row: Row) -> str:
-    share = row.get("share_of_copy")
-    return "" if share is None else f", {share:.0%} of what copies reach there"
+def _of_copy(row: Row) -> str:
+    fraction = row.get("share_of_copy")
+    return "" if fraction is None else f", {fraction:.0%} of what copies reach there"
 
 
 def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
@@ -202,7 +173,7 @@ def remark(ours: list[Row], _rivals: list[Row]) -> list[str]:
     ]
     parts += [
         f"{row['device']}, {row['element']}, {row['precision']}: {row['bytes_per_cell']:.0f} bytes "
-        f"per cell and step{_share(row)}; on paper an "
+        f"per cell and step{_of_copy(row)}; on paper an "
         f"H100's memory (3.35 TB/s, nothing else in the way) allows {row['paper_rate']:.3g} at most"
         for row in ours
         if "bytes_per_cell" in row

@@ -14,8 +14,9 @@ import numpy as np
 
 from palpate.meshes.bricks import brick_box
 from palpate.reference.availability import require_available
-from palpate.validation.peers.bench_children import OURS, Child, Schedule, Tool
-from palpate.validation.peers.bench_run import Benchmark, Row, Scene
+from palpate.validation.peers.bench import Benchmark, Row, Scene
+from palpate.validation.peers.registry import OURS, Tool
+from palpate.validation.peers.timing import Child, Schedule
 from palpate.validation.states import Progress
 
 # Unknowns -> bricks across a block that is twice as long.

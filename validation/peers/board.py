@@ -24,7 +24,7 @@ from palpate.validation.peers.board_kept import Kept
 from palpate.validation.peers.board_own_steps import OwnSteps
 from palpate.validation.peers.board_runs import Run, Status, is_kept, run_entry, warm_up
 from palpate.validation.peers.board_truths import Truth, case_under, find_truth
-from palpate.validation.peers.entries import Entry
+from palpate.validation.peers.registry import Peer
 from palpate.validation.states import Progress, Verdict
 
 # A motion takes about as long as so many statics of its mesh; only the order hangs on it.
@@ -47,8 +47,8 @@ class Board:
         processor_minutes: Likewise of the processor, of everything that was run for it.
     """
 
-    entries: Sequence[Entry]
-    absent: Sequence[Entry]
+    entries: Sequence[Peer]
+    absent: Sequence[Peer]
     cases: Sequence[Case]
     scores: Mapping[tuple[str, str], Score]
     truths: Mapping[tuple[str, Law], Truth]
@@ -57,11 +57,11 @@ class Board:
     minutes: float
     processor_minutes: float
 
-    def score(self, entry: Entry, case: Case) -> Score:
+    def score(self, entry: Peer, case: Case) -> Score:
         """Of one simulator on one case."""
         return self.scores[entry.name, case.path.stem]
 
-    def of_entry(self, entry: Entry) -> list[Score]:
+    def of_entry(self, entry: Peer) -> list[Score]:
         """Its scores, in the order of the cases."""
         return [self.score(entry, case) for case in self.cases]
 
@@ -71,7 +71,7 @@ class Board:
 
 
 def compute_board(
-    entries: Sequence[Entry],
+    entries: Sequence[Peer],
     cases: Sequence[Case],
     kept: Kept,
     *,
@@ -115,7 +115,7 @@ def compute_board(
     truths: dict[tuple[str, Law], Truth] = {}
     rooms = threading.Semaphore(processes or _cores())
 
-    def answer(entry: Entry, case: Case) -> tuple[Case, Run]:
+    def answer(entry: Peer, case: Case) -> tuple[Case, Run]:
         with rooms:
             asked_of = under[case.path.stem, entry.law]
             return case, run_entry(entry, asked_of, kept, time_limit, clock.say)
@@ -159,7 +159,7 @@ def compute_board(
     return Board(present, absent, cases, scores, truths, time_limit, date, minutes, processor)
 
 
-def _under_laws(cases: Sequence[Case], entries: Sequence[Entry]) -> dict[tuple[str, Law], Case]:
+def _under_laws(cases: Sequence[Case], entries: Sequence[Peer]) -> dict[tuple[str, Law], Case]:
     """Every case under every entry's law and under its own; each body is made once."""
     found: dict[tuple[str, Law], Case] = {}
     for case in cases:
@@ -208,7 +208,7 @@ def _cost(case: Case) -> float:
     return case.problem.mesh.num_cells * (_STEPS_OF_A_MOTION if is_motion else 1.0)
 
 
-def _judged(run: Run, entry: Entry, truth: Truth, of_case: Truth, own_steps: OwnSteps) -> Score:
+def _judged(run: Run, entry: Peer, truth: Truth, of_case: Truth, own_steps: OwnSteps) -> Score:
     """A score; what cannot be judged is shown as that, and stops nobody."""
     try:
         return judge_run(run, entry, truth, of_case, own_steps)

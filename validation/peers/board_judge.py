@@ -35,7 +35,7 @@ from palpate.validation.peers.board_followed_law import followed_law
 from palpate.validation.peers.board_own_steps import OwnSteps
 from palpate.validation.peers.board_runs import Run, Status
 from palpate.validation.peers.board_truths import Truth
-from palpate.validation.peers.entries import Entry
+from palpate.validation.peers.registry import Peer
 from palpate.validation.references.reference_set import QUADRATIC
 from palpate.validation.states import State, Verdict
 
@@ -81,7 +81,7 @@ class Score:
 
 
 def judge_run(
-    run: Run, entry: Entry, truth: Truth, of_case: Truth, own_steps: OwnSteps | None = None
+    run: Run, entry: Peer, truth: Truth, of_case: Truth, own_steps: OwnSteps | None = None
 ) -> Score:
     """Hold a run against the truth of its law.
 
@@ -147,7 +147,7 @@ def _causes(
     state: State,
     truth: State,
     same: State | None,
-    entry: Entry,
+    entry: Peer,
 ) -> tuple[dict[str, float], str]:
     """Parts of an answer's error, and the law that it follows where that is another."""
     if same is None:

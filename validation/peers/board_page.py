@@ -12,12 +12,12 @@ from markupsafe import Markup
 from palpate.meshes.problem import Problem, Strain
 from palpate.validation.case import Case
 from palpate.validation.peers import board_words as words
-from palpate.validation.peers.bench_run import describe_machine
+from palpate.validation.peers.bench import describe_machine
 from palpate.validation.peers.board import Board
 from palpate.validation.peers.board_causes_plot import causes_svg
 from palpate.validation.peers.board_judge import CAUSES, Score
 from palpate.validation.peers.board_runs import Status
-from palpate.validation.peers.entries import Entry
+from palpate.validation.peers.registry import Peer
 from palpate.validation.quoting import for_json, for_markdown, visible
 from palpate.validation.report.html import page_environment
 from palpate.validation.report.study_page import Table
@@ -100,7 +100,7 @@ def scores_table(board: Board) -> Table:
     return Table("Scores", _COLUMNS, rows)
 
 
-def _row(entry: Entry, score: Score) -> Sequence[Any]:
+def _row(entry: Peer, score: Score) -> Sequence[Any]:
     run = score.run
     return [
         entry.name, run.case, run.status.value, score.verdict.value, score.law.value,
@@ -153,13 +153,13 @@ def minutes_of(board: Board) -> dict[str, float]:
     }
 
 
-def version_of_entry(entry: Entry, board: Board) -> str:
+def version_of_entry(entry: Peer, board: Board) -> str:
     """As it says itself, of any run."""
     said = (score.run.says.get("version") for score in board.of_entry(entry))
     return visible(str(next(filter(None, said), "–")))
 
 
-def entry_row(entry: Entry, board: Board) -> dict[str, Any]:
+def entry_row(entry: Peer, board: Board) -> dict[str, Any]:
     """A simulator in one line."""
     scores = board.of_entry(entry)
     answered = [score for score in scores if score.run.status is Status.ANSWERED]

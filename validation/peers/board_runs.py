@@ -16,7 +16,7 @@ from palpate.validation.case import Case
 from palpate.validation.exchange.case_folder import case_key
 from palpate.validation.metrics.possible_motion import state_out_of_reach, unmeasurable_state
 from palpate.validation.peers.board_kept import Kept, key_of
-from palpate.validation.peers.entries import Entry
+from palpate.validation.peers.registry import Peer
 from palpate.validation.states import CandidateFailedError, Progress, State, in_silence
 from palpate.validation.versions import version_of
 
@@ -58,7 +58,7 @@ class Run:
     date: str = ""
 
 
-def run_entry(entry: Entry, case: Case, kept: Kept, time_limit: float, progress: Progress) -> Run:
+def run_entry(entry: Peer, case: Case, kept: Kept, time_limit: float, progress: Progress) -> Run:
     """Run a simulator on a case under its law, or read what it answered before.
 
     Args:
@@ -71,8 +71,7 @@ def run_entry(entry: Entry, case: Case, kept: Kept, time_limit: float, progress:
     name = case.path.stem
     if entry.element is not None:
         return _run_fastsim(entry, case, progress)
-    is_motion = case.problem.time is not None
-    command = entry.command_line(is_motion=is_motion)
+    command = entry.command_line()
     if command is None:
         return Run(entry.name, name, Status.MISSING, entry.why_missing())
     problem = case.problem
@@ -111,18 +110,18 @@ def run_entry(entry: Entry, case: Case, kept: Kept, time_limit: float, progress:
     return _judged(run, case, state, dict(answer.about))
 
 
-def is_kept(entry: Entry, case: Case, kept: Kept, time_limit: float) -> bool:
+def is_kept(entry: Peer, case: Case, kept: Kept, time_limit: float) -> bool:
     """Whether a run has been done already; see `run_entry`."""
     return kept.read(*_place(entry, case, time_limit)) is not None
 
 
-def warm_up(entry: Entry, case: Case, progress: Progress) -> bool:
+def warm_up(entry: Peer, case: Case, progress: Progress) -> bool:
     """Run a simulator once for nothing, so that no answer waits for what is compiled at first.
 
     Returns:
         Whether it ran: False where the case cannot be posed to it.
     """
-    command = entry.command_line(is_motion=case.problem.time is not None)
+    command = entry.command_line()
     if command is None:
         return False
     progress(f"{entry.name} compiles: once for nothing, on {case.path.stem}")
@@ -136,14 +135,14 @@ def warm_up(entry: Entry, case: Case, progress: Progress) -> bool:
     return True
 
 
-def _place(entry: Entry, case: Case, time_limit: float) -> tuple[str, str]:
+def _place(entry: Peer, case: Case, time_limit: float) -> tuple[str, str]:
     """Where a run is kept: its name, and the key of all that it hangs on."""
-    sources = entry.sources_hash(is_motion=case.problem.time is not None)
+    sources = entry.sources_hash()
     key = key_of(case_key(case.problem, case.strain), sources, f"{time_limit:g}")
     return f"{entry.name}-{case.name}", key
 
 
-def _run_fastsim(entry: Entry, case: Case, progress: Progress) -> Run:
+def _run_fastsim(entry: Peer, case: Case, progress: Progress) -> Run:
     assert entry.element is not None
     run = Run(entry.name, case.path.stem, Status.ANSWERED, date=_now())
     try:

@@ -12,9 +12,9 @@ from rich.console import Console
 
 from palpate.meshes.errors import InputError
 from palpate.validation.commands.bench import bench, print_bench
-from palpate.validation.peers import bench_run as run
+from palpate.validation.peers import bench as run
 from palpate.validation.peers import bench_steps as steps
-from palpate.validation.peers.bench_children import Tool
+from palpate.validation.peers.registry import Tool
 
 
 def _row(tool: str, seconds: float) -> run.Row:
@@ -34,7 +34,7 @@ def two_rows(monkeypatch: pytest.MonkeyPatch) -> None:
 
     tools = (
         Tool("palpate", "ours"),
-        Tool("numpy", "numpy_loop", "pip install numpy"),
+        Tool("numpy", "numpy_dense", "pip install numpy"),
         Tool("absent", "absent", "not sold"),
     )
     benchmark = dataclasses.replace(

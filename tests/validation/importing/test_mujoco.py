@@ -21,8 +21,8 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Material, Problem
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.candidates.interpreters import interpreter_with, interpreters
 from palpate.validation.importing import ImportRefusedError, UnitSystem
+from palpate.validation.peers.registry import interpreter_with, interpreters
 
 Bring = Callable[..., Any]
 SI = UnitSystem.METRE_NEWTON

@@ -9,9 +9,14 @@ import numpy as np
 from palpate.fastsim.collision.detection import VertexCellDetector
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.validation.peers import bench_collision as collision
-from palpate.validation.peers.bench_collision import keys_of, vertices_of
-from palpate.validation.peers.bench_collision_scene import NUM_FRAMES, Place, make_bodies
-from palpate.validation.peers.bench_run import summarise, time_all
+from palpate.validation.peers.bench import summarise, time_all
+from palpate.validation.peers.bench_collision import (
+    NUM_FRAMES,
+    Place,
+    keys_of,
+    make_bodies,
+    vertices_of,
+)
 
 
 def test_the_bodies_deform_in_every_step_and_stay_whole():

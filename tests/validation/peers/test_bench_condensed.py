@@ -9,7 +9,7 @@ import pytest
 from palpate.fastsim.condensed import condense, condensed_size
 from palpate.meshes.errors import InputError
 from palpate.validation.peers import bench_condensed as condensed
-from palpate.validation.peers.bench_run import run_benchmark
+from palpate.validation.peers.bench import run_benchmark
 from palpate.validation.states import in_silence
 
 SMALL = 8e-3

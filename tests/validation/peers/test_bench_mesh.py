@@ -12,9 +12,10 @@ from palpate.meshes.shapes import shape_box, shape_sphere
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.meshes.tri_surface import TriSurface
 from palpate.validation.peers import bench_mesh as bench
-from palpate.validation.peers.bench_children import ChildFailedError, Tool
-from palpate.validation.peers.bench_mesh_surfaces import make_surface
-from palpate.validation.peers.bench_run import time_all
+from palpate.validation.peers.bench import time_all
+from palpate.validation.peers.bench_mesh import make_surface
+from palpate.validation.peers.registry import Tool
+from palpate.validation.peers.timing import ChildFailedError
 
 BALL = shape_sphere(edge_length=0.4)
 
@@ -54,7 +55,7 @@ def test_rows_of_palpate_have_every_column(monkeypatch: pytest.MonkeyPatch) -> N
         return BALL
 
     monkeypatch.setattr(bench, "make_surface", ball)
-    tools = (bench.TOOLS[0], Tool("other", "numpy_loop"))
+    tools = (bench.TOOLS[0], Tool("other", "numpy_dense"))
     benchmark = dataclasses.replace(bench.BENCHMARK, tools=tools)
     said: list[str] = []
     rows = time_all(benchmark, (10_000,), said.append)

@@ -13,8 +13,8 @@ from palpate.meshes.problem import Material, Problem, Strain
 from palpate.reference.child import run_task
 from palpate.reference.tasks import StaticTask
 from palpate.validation.peers import bench_truth as truth
-from palpate.validation.peers.bench_children import OURS
-from palpate.validation.peers.bench_run import summarise, time_all
+from palpate.validation.peers.bench import summarise, time_all
+from palpate.validation.peers.registry import OURS
 from palpate.validation.states import in_silence
 
 

@@ -18,7 +18,7 @@ from palpate.validation.peers.board_kept import Kept
 from palpate.validation.peers.board_own_steps import OwnSteps
 from palpate.validation.peers.board_runs import Run, Status
 from palpate.validation.peers.board_truths import Truth
-from palpate.validation.peers.entries import Entry
+from palpate.validation.peers.registry import Peer
 from palpate.validation.references.motions import solve_motion_set
 from palpate.validation.states import State, in_silence
 
@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.dolfinx, pytest.mark.slow]
 
 DESCENT = Path(adapters.__file__).parent / "vertex_block_descent.py"
 COMMAND = f"{sys.executable} {DESCENT} {{case}} {{result}} {{iterations}}"
-COPY = Entry(name="copy", title="copy", command="copy {case} {result}")
+COPY = Peer(name="copy", title="copy", command="copy {case} {result}")
 STEP_SIZE = 4e-3
 
 

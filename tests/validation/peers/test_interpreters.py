@@ -12,11 +12,11 @@ import pytest
 
 from palpate.meshes.errors import InputError
 from palpate.meshes.shapes import shape_sphere
-from palpate.validation.candidates.interpreters import interpreter_with, interpreters
-from palpate.validation.peers import bench_children as children
 from palpate.validation.peers import bench_delaunay as delaunay
 from palpate.validation.peers import bench_mesh as mesh
-from palpate.validation.peers.bench_run import time_all
+from palpate.validation.peers import timing as children
+from palpate.validation.peers.bench import time_all
+from palpate.validation.peers.registry import interpreter_with, interpreters
 
 # A tetgen that joins a convex surface's facets to its middle.
 TETGEN = """
@@ -98,7 +98,7 @@ def test_the_mesh_bench_times_a_rival_of_another_environment(
 def test_a_tool_that_runs_everywhere_is_timed_once_for_each_version(
     other: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(children, "FOLDER", other.parent)
+    monkeypatch.setattr(children, "ADAPTERS", other.parent)
     (other.parent / "both.py").write_text(
         "import importlib.util\n"
         "class Task:\n    precision = 'float64'\n"

@@ -11,20 +11,20 @@ from palpate.validation.case import load_case
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_judge import LAW, MESH, SOLVER, Score
 from palpate.validation.peers.board_kept import Kept
-from palpate.validation.peers.entries import Entry, read_entries
+from palpate.validation.peers.registry import Peer, read_peers
 from palpate.validation.states import in_silence
 
 pytestmark = pytest.mark.dolfinx
 
 
-def entry_of(name: str) -> Entry:
-    entry = next(entry for entry in read_entries() if entry.name == name)
+def entry_of(name: str) -> Peer:
+    entry = next(entry for entry in read_peers() if entry.name == name)
     if entry.command_line() is None:
         pytest.skip(entry.why_missing())
     return entry.model_copy(update={"compiles": False})
 
 
-def score_of(folder: Path, entry: Entry, case: str = "shear") -> Score:
+def score_of(folder: Path, entry: Peer, case: str = "shear") -> Score:
     board = compute_board(
         [entry], [load_case(case)], Kept(folder), time_limit=120.0, progress=in_silence
     )

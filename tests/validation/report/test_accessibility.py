@@ -21,7 +21,7 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.peers.board import compute_board
 from palpate.validation.peers.board_kept import Kept
 from palpate.validation.peers.board_page import write_board
-from palpate.validation.peers.entries import Entry
+from palpate.validation.peers.registry import Peer
 from palpate.validation.report import html
 from palpate.validation.states import in_silence
 
@@ -66,7 +66,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
         "crashes": f"{sys.executable} -c 1/0 {{case}} {{result}}",
         "refuses": f"{sys.executable} -c exit(77) {{case}} {{result}}",
     }
-    entries = [Entry(name=name, title=name, command=line) for name, line in commands.items()]
+    entries = [Peer(name=name, title=name, command=line) for name, line in commands.items()]
     kept = Kept(folder / "kept")
     cases = [load_case("block-fine")]
     made = compute_board(entries, cases, kept, time_limit=60.0, progress=in_silence)

@@ -11,9 +11,12 @@ from palpate.meshes.arrays import Points
 from palpate.meshes.problem import Element, Problem
 from palpate.meshes.quality import measure_quality
 from palpate.reference.errors import ReferenceUnavailableError
+from palpate.validation.peers import frontier
+from palpate.validation.peers.registry import Peer
+from palpate.validation.references.field_truth import STVK, time_fastsim
 from palpate.validation.report.estimates import expected_error
 from palpate.validation.states import Verdict
-from palpate.validation.studies import elements, frontier
+from palpate.validation.studies import elements
 from palpate.validation.studies.elements import Found, bar, meshes, modes, present
 from palpate.validation.studies.elements.bar import OURS, Bars, Run, follow_bars, judge_bars
 from palpate.validation.studies.elements.meshes import (
@@ -23,7 +26,6 @@ from palpate.validation.studies.elements.meshes import (
 )
 from palpate.validation.studies.elements.modes import Modes, judge_modes
 from palpate.validation.studies.elements.thin import Thin, follow_thin, judge_thin
-from palpate.validation.studies.frontier import STVK, Adapter, time_fastsim
 
 LINEAR, SMOOTHED = OURS[Element.LINEAR], OURS[Element.SMOOTHED]
 
@@ -186,7 +188,8 @@ def test_without_the_reference_there_is_no_truth(monkeypatch: pytest.MonkeyPatch
 def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(frontier, "ADAPTERS", (Adapter("none", "no_such_module", 8),))
+    absent = Peer(name="none", title="none", module="no_such_module", install="soon", frontier=8)
+    monkeypatch.setattr(frontier, "read_peers", lambda: (absent,))
     sizes = {Element.LINEAR: (2, 4), Element.SMOOTHED: (2, 4)}
 
     def follow(spoiled: bool) -> Bars:
@@ -207,7 +210,7 @@ def test_tiny_bars_are_followed_and_a_spoiled_element_is_seen(
     assert judge_distortions(distortions)[0].verdict is Verdict.PASSED
     assert pressures[0].scatter > 0.1
     assert bars.left_out == [
-        "none: no_such_module is not installed (PALPATE_BENCH_PYTHON names others)"
+        "none: not installed here: soon (PALPATE_BENCH_PYTHON names other interpreters)"
     ]
     assert min(run.error for run in bars.of(0.49, LINEAR)) > 0.5
     assert 0.0 < bars.truth_changes[0.49] < 0.03

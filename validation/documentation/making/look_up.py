@@ -11,7 +11,7 @@ from palpate.meshes.material_law import Law
 from palpate.validation.candidates.faults import Fault
 from palpate.validation.metrics import CATALOGUE
 from palpate.validation.metrics.metric import Metric
-from palpate.validation.peers.bench_run import ALONE, NAMES
+from palpate.validation.peers.bench import MODULES
 from palpate.validation.studies import STUDIES, load_study
 
 
@@ -90,8 +90,8 @@ def benchmarks() -> str:
         "# Benchmarks\n\n`palpate bench NAME` times palpate beside the rivals that are installed, "
         "in one run; `--json` keeps the rows. Those that are not installed are named.\n"
     ]
-    for name in (*NAMES, *ALONE):
-        module = importlib.import_module(f"palpate.validation.peers.bench_{name}")
+    for name, path in MODULES.items():
+        module = importlib.import_module(path)
         paragraphs = (inspect.getdoc(module) or "").split("\n\n")
         parts += [f"## `{name}`\n", *(_plain(" ".join(p.split())) + "\n" for p in paragraphs)]
     return "\n".join(parts)

@@ -3,6 +3,7 @@
 A file has a class for each task that its tool can do:
 
     Static                equilibrium; answers displacement
+    Motion                a motion; answers displacement and times
     Steps                 explicit steps; answers force, at the job's test displacement
     Collision             vertices in cells, frame by frame; answers pairs, of the first frame
     Mesh, Delaunay        tetrahedra in a surface, of points; answer points and cells, num_cells
@@ -14,10 +15,11 @@ A file has a class for each task that its tool can do:
     answer                the arrays named above, once they are there
 
 `__init__` raises ImportError where the tool is not installed, and ValueError where the job is not
-for it. Who has `Static` answers case folders too: `python ADAPTER.py CASE RESULT.npz`.
+for it. A file with `Static` or `Motion` solves case folders too: `python ADAPTER.py CASE
+RESULT.npz [NAME=VALUE ...]`; what is named goes to the job.
 
 Nothing of palpate is imported (but by ours.py), so that an adapter runs in the interpreter that
-has its tool; what several of them need stands in harness.py, mechanics.py, backward_euler.py
-and quadratic.py beside them.
-`numpy_dense.py` needs neither: copy that one for a simulator of your own.
+has its tool; what several of them need stands in harness.py and nodes.py beside them.
+`numpy_dense.py` needs neither: copy that one for a simulator of your own. A new adapter is a file
+here and a row of `peers/registry.toml`.
 """

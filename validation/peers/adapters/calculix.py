@@ -4,8 +4,8 @@ Its HYPERELASTIC laws NEO HOOKE and MOONEY-RIVLIN keep shape and volume apart, w
 
     palpate gate CASE --simulator "python calculix.py {case} {result}"
 
-Its answer has seven digits (a text file). Follower pressure, tools, time and cells of different
-materials are not handed to it here.
+With `degree=2` behind these it takes quadratic tetrahedra C3D10 on the case's mesh, and its result
+is on the cells cut in eight. Its result has seven digits (a text file).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import children_memory_mb
-from mechanics import Points, lame
+from harness import answer_case, children_memory_mb, lame
+from nodes import Points, nodes_of
 
 # Residual over the mean force, and correction over displacement; ccx's own are 5e-3 and 1e-2.
 _TIGHT = "*CONTROLS, PARAMETERS=FIELD\n1e-9, 1e-6, , , 1e-9, , ,"
@@ -34,7 +34,6 @@ class Static:
     """One run of the program a solve; it reads its input file, and writes every point."""
 
     tool, precision = "CalculiX", "float64"
-    kind, nodes_of = "C3D4", Points
     laws = ("saint-venant-kirchhoff", "neo-hookean-isochoric", "mooney-rivlin")
 
     def __init__(self, job: dict[str, Any]) -> None:
@@ -45,10 +44,12 @@ class Static:
         self.version = (re.findall(r"[\d.]+\d", said) or ["?"])[0]
         self._program = program
         self._solver = str(job.get("solver", "SPOOLES"))
-        self._nodes = self.nodes_of(job)
+        self._nodes = nodes_of(job)
+        kind = "C3D4" if isinstance(self._nodes, Points) else "C3D10"
+        self.tool = self.tool if kind == "C3D4" else "CalculiX C3D10"
         body = self._nodes.arrays
         self._num_points = len(body["points"])
-        self._input = _input_file({**job, **body}, self.kind, self._solver)
+        self._input = _input_file({**job, **body}, kind, self._solver)
         self.answer: dict[str, Any] = {}
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
@@ -67,10 +68,10 @@ class Static:
         numbered = np.array(rows, dtype=float)
         self.answer = self._nodes.answer(numbered[numbered[:, 0].argsort(), 1:])
         iterations = re.findall(r"^ iteration +\d+", done.stdout, re.MULTILINE)
-        held = children_memory_mb()
+        memory = children_memory_mb()
         return {
             "newton_iterations": max(1, len(iterations)),
-            **({"peak_memory_mb": held} if held else {}),  # Windows does not tell it
+            **({"peak_memory_mb": memory} if memory else {}),  # Windows does not tell it
             "method": f"Newton, {_SOLVERS[self._solver]}",
         }
 
@@ -112,6 +113,4 @@ def _law(job: dict[str, Any]) -> list[str]:
 
 
 if __name__ == "__main__":
-    from harness import answer_case
-
     answer_case(Static)

@@ -1,9 +1,11 @@
-"""Delaunay tetrahedra by C++ libraries, compiled when the benchmark runs."""
+"""Delaunay tetrahedra by C++ libraries, compiled when a benchmark runs; or by CGAL from Python."""
 
 from __future__ import annotations
 
 import ctypes
 import subprocess
+from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -58,23 +60,36 @@ class Delaunay:
     precision = "float64"
 
     def __init__(self, job: dict[str, Any]) -> None:
-        self._library = ctypes.CDLL(_compiled(str(job["library"]), Path(str(job["folder"]))))
-        self._library.version.restype = ctypes.c_char_p
-        self._library.count.restype = ctypes.c_long
-        self.version = self._library.version().decode()
-        points = np.ascontiguousarray(job["points"])
-        self._library.take(
+        self._triangulate: Callable[[], Any]
+        self._count: Callable[[Any], int]
+        points, library = np.ascontiguousarray(job["points"]), str(job["library"])
+        if library == "cgal from Python":
+            from CGAL.CGAL_Kernel import Point_3
+            from CGAL.CGAL_Triangulation_3 import Delaunay_triangulation_3
+
+            self.version = version("cgal")
+            made = [Point_3(*row) for row in points.tolist()]
+            self._triangulate = lambda: Delaunay_triangulation_3(made)
+            self._count = lambda cells: cells.number_of_finite_cells()
+            return
+        compiled = ctypes.CDLL(_compiled(library, Path(str(job["folder"]))))
+        compiled.version.restype = ctypes.c_char_p
+        compiled.count.restype = ctypes.c_long
+        self.version = compiled.version().decode()
+        compiled.take(
             points.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), ctypes.c_long(len(points))
         )
+        self._triangulate = compiled.triangulate
+        self._count = lambda _cells: compiled.count()
 
     def advance(self, _num_steps: int) -> None:
         """From points to cells."""
-        self._library.triangulate()
+        self._cells = self._triangulate()
 
     @property
     def answer(self) -> dict[str, Any]:
         """How many cells; CGAL goes through all of them for that."""
-        return {"num_cells": np.array(self._library.count())}
+        return {"num_cells": np.array(self._count(self._cells))}
 
 
 def _compiled(name: str, folder: Path) -> str:

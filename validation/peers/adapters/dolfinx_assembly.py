@@ -6,7 +6,7 @@ import contextlib
 from typing import Any
 
 import numpy as np
-from mechanics import central_differences, lame
+from harness import central_differences, lame
 
 with contextlib.suppress(ImportError):
     import dolfinx_solver  # noqa: F401  (the wheel: finds its libraries for the imports below)

@@ -2,7 +2,8 @@
 
     palpate gate CASE --simulator "python felupe_svk.py {case} {result}"
 
-Follower pressure, tools, time and cells of different materials are not handed to it here.
+With `degree=2` behind these it takes quadratic tetrahedra on the case's mesh, with four points of
+integration in each cell, and its result is on the cells cut in eight.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from typing import Any
 
 import felupe
 import numpy as np
-from mechanics import Points, lame
+from harness import answer_case, lame
+from nodes import Points, nodes_of
 
 try:
     from pypardiso import spsolve
@@ -30,11 +32,13 @@ class Static:
     """Newton's method, the load in `load_parts`: from rest it does not reach large deflections."""
 
     tool, version, precision = "FElupe", felupe.__version__, "float64"
-    kind, region, nodes_of = "tetra", felupe.RegionTetra, Points
     laws = ("saint-venant-kirchhoff", "neo-hookean", "neo-hookean-isochoric")
 
     def __init__(self, job: dict[str, Any]) -> None:
-        self._nodes = self.nodes_of(job)
+        self._nodes, self._kind, self._region = nodes_of(job), "tetra", felupe.RegionTetra
+        if not isinstance(self._nodes, Points):
+            self.tool, self._kind = "FElupe tetra10", "tetra10"
+            self._region = felupe.RegionQuadraticTetra
         self._body = self._nodes.arrays
         if self._body["points"].size > LARGEST:
             raise ValueError(f"direct factors of more than {LARGEST} unknowns take gigabytes")
@@ -57,9 +61,9 @@ class Static:
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """Assembly and solve from rest."""
         job, body = self._job, self._body
-        region = self.region(felupe.Mesh(body["points"], body["cells"], self.kind))
+        region = self._region(felupe.Mesh(body["points"], body["cells"], self._kind))
         field = felupe.FieldContainer([felupe.Field(region, dim=3)])
-        held, free = (np.flatnonzero(body["fixed"].ravel() == which) for which in (1, 0))
+        fixed, free = (np.flatnonzero(body["fixed"].ravel() == which) for which in (1, 0))
         solid = felupe.SolidBody(self._law, field)
         solve = getattr(felupe, "newtonraphson", None) or felupe.newtonrhapson
         num_iterations = 0
@@ -67,9 +71,9 @@ class Static:
             load = felupe.PointLoad(
                 field, np.arange(len(body["points"])), values=part * body["external_force"]
             )
-            moved = part * body["prescribed_displacement"].ravel()[held]
+            moved = part * body["prescribed_displacement"].ravel()[fixed]
             found = solve(
-                items=[solid, load], dof0=held, dof1=free, ext0=moved, solver=spsolve,
+                items=[solid, load], dof0=fixed, dof1=free, ext0=moved, solver=spsolve,
                 tol=float(job.get("relative_tolerance", TOLERANCE)), verbose=0,
             )  # fmt: skip
             num_iterations += int(found.iterations)
@@ -78,6 +82,4 @@ class Static:
 
 
 if __name__ == "__main__":
-    from harness import answer_case
-
     answer_case(Static)

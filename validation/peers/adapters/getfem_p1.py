@@ -1,8 +1,6 @@
 """GetFEM: its finite strain brick, Saint-Venant-Kirchhoff or others, on linear tetrahedra.
 
-    palpate gate CASE --simulator "/usr/bin/python3 getfem_p1.py {case} {result}"
-
-Follower pressure, tools, time and cells of different materials are not handed to it here.
+palpate gate CASE --simulator "/usr/bin/python3 getfem_p1.py {case} {result}"
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from typing import Any
 
 import getfem as gf
 import numpy as np
-from mechanics import lame
+from harness import answer_case, lame
 
 # What GetFEM calls a law.
 _LAWS = {
@@ -100,6 +98,4 @@ class Static:
 
 
 if __name__ == "__main__":
-    from harness import answer_case
-
     answer_case(Static)

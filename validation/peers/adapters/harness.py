@@ -1,7 +1,11 @@
-"""What runs an adapter in its own process: it answers a case folder, or is timed.
+"""What adapters have in common: they solve a case folder, or are timed; and what several compute.
 
-python ADAPTER.py CASE RESULT.npz                       see `answer_case`
+python ADAPTER.py CASE RESULT.npz [NAME=VALUE ...]      see `answer_case`
 python harness.py ADAPTER.py TASK JOB.npz ANSWER.npz    see `main`
+
+Rest is found by kinetic damping, for simulators that only know time steps: the body falls towards
+equilibrium; whenever its kinetic energy has passed a peak it is stopped (Cundall 1976; Otter 1965
+for dynamic relaxation). Time is not real then, so the step is chosen for stability alone.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -20,52 +25,52 @@ import numpy as np
 NOT_POSED = 77
 _LAWS = {"linear": "linear elasticity", "green": "Saint-Venant-Kirchhoff"}
 _COMMON = "saint-venant-kirchhoff"
+# A factor on stable steps, for a growing stiffness: Green strain stiffens under stretch.
+SAFETY = 0.6
 
 
-def answer_case(adapter: Any) -> None:
-    """Answer the case folder given first on the command line in the file given second.
+def answer_case(statics: Any, motion: Any = None) -> None:
+    """Solve the case folder given first on the command line into the file given second.
+
+    Further words go to the job: NAME=VALUE, or a number alone, which is `iterations`.
 
     Args:
-        adapter: The class `Static` of an adapter; it also has `tool`, a name for people, and may
-            have `law`, where that is not the case's, and `laws`, those for finite strain that it
-            takes from a case, if there are others than Saint-Venant-Kirchhoff's.
+        statics: The class `Static` of an adapter, None where it has none. It has `tool`, a name for
+            people, and may have `law`, where that is not the case's; `laws`, those for finite
+            strain that it takes from a case, if there are others than Saint-Venant-Kirchhoff's;
+            and `takes`, of what is else refused by these names.
+        motion: Likewise `Motion`, of cases in motion. Its job has `output_times` [s], and the
+            case's `time_step`, `mass_damping` and `stiffness_damping` as well.
     """
-    _answer(adapter, is_motion=False)
-
-
-def answer_motion(adapter: Any) -> None:
-    """Likewise a case in motion, by a class `Motion`; its job has `output_times` [s] as well.
-
-    Loads and supports stay as they are: those that change in time are not known here.
-    """
-    _answer(adapter, is_motion=True)
-
-
-def _answer(adapter: Any, *, is_motion: bool) -> None:
-    case, result = (Path(word).absolute() for word in sys.argv[1:])
+    case, result = (Path(word).absolute() for word in sys.argv[1:3])
     given = json.loads((case / "case.json").read_text(encoding="utf-8"))
     kinds = [load["kind"] for load in given["loads"]]
     job = {**read_arrays(case / "rest.npz"), "strain": given["strain"], "load_kinds": kinds}
+    for word in sys.argv[3:]:
+        name, _, value = word.rpartition("=")
+        job[name or "iterations"] = value
     span = given["time"]
-    moves = any(one["amplitude"] for one in (*given["loads"], *given["supports"]))
-    if is_motion and span:
-        moves = moves or bool(job["prescribed_displacement"].any())
-        job |= {"output_times": np.array(span["output_times"])}
+    adapter = motion if span else statics
+    is_stepped = span and motion is not None
+    changes = any(one["amplitude"] for one in (*given["loads"], *given["supports"]))
+    if is_stepped:
+        changes = changes or bool(job["prescribed_displacement"].any())
+        job |= {"output_times": np.array(span["output_times"]), "time_step": span["time_step"]}
         job |= {key: span[key] for key in ("mass_damping", "stiffness_damping")}
-    damps = is_motion and span and span["stiffness_damping"] > 0.0
     has = {
-        "time": span and not is_motion,
-        "statics": is_motion and not span,
-        "loads or supports that change in time": is_motion and moves,
-        "stiffness damping": damps and not getattr(adapter, "has_stiffness_damping", False),
+        "time": span and motion is None,
+        "statics": not span and statics is None,
+        "loads or supports that change in time": is_stepped and changes,
+        "stiffness damping": is_stepped and span["stiffness_damping"] > 0.0,
         "tools": given["tools"],
         "springs": given["springs"],
         "follower pressure": len(job["pressure"]),
         "inclusions": given["has_inclusions"],
         "slanted supports": "sliding_normals" in job,
     }
-    if any(has.values()):
-        refuse(f"{', '.join(name for name in has if has[name])}: not handed to this simulator here")
+    left = [name for name in has if has[name] and name not in getattr(adapter, "takes", ())]
+    if left:
+        refuse(f"{', '.join(left)}: not handed to this simulator here")
     job["law"] = given["material"].get("law", _COMMON) if given["strain"] == "green" else _COMMON
     known = getattr(adapter, "laws", (_COMMON,))
     if job["law"] not in known:
@@ -137,27 +142,27 @@ def read_arrays(path: str | Path) -> dict[str, Any]:
         return {name: stored[name] for name in stored.files}
 
 
-def peak_memory_mb() -> float:
-    """Largest resident memory of this process so far, without what it inherited at its start."""
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-        return next(float(x.split()[1]) for x in lines if x.startswith("VmHWM")) / 1024.0
-    except (OSError, StopIteration):
-        return _most_held_mb("RUSAGE_SELF")
-
-
 def refuse(why: str) -> NoReturn:
     """End: the case cannot be posed to this simulator; some libraries say goodbye after that."""
     print(why, flush=True)
     os._exit(NOT_POSED)
 
 
+def peak_memory_mb() -> float:
+    """Largest resident memory of this process so far, without what it inherited at its start."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+        return next(float(x.split()[1]) for x in lines if x.startswith("VmHWM")) / 1024.0
+    except (OSError, StopIteration):
+        return _peak_of("RUSAGE_SELF")
+
+
 def children_memory_mb() -> float:
-    """The most that a process started here has held; 0 where the system does not tell."""
-    return _most_held_mb("RUSAGE_CHILDREN")
+    """The peak memory of any process started here; 0 where the system does not tell."""
+    return _peak_of("RUSAGE_CHILDREN")
 
 
-def _most_held_mb(whose: str) -> float:
+def _peak_of(whose: str) -> float:
     try:
         import resource
     except ImportError:  # Windows
@@ -169,6 +174,172 @@ def processor_seconds() -> float:
     """Of this process, all threads, and of the processes it has waited for."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
+
+
+def lame(job: dict[str, Any]) -> tuple[float, float]:
+    """Lamé's parameters lmbda and mu of a body of one material [Pa]."""
+    E, nu = float(job["youngs_modulus"][0]), float(job["poissons_ratio"][0])
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+def rest_shape(job: dict[str, Any]) -> tuple[Any, Any]:
+    """Gradients of shape functions 1, 2, 3 as rows [1/m], (num_cells, 3, 3), and volumes [m3]."""
+    points, cells = job["points"], job["cells"]
+    edges = points[cells[:, 1:]] - points[cells[:, :1]]
+    return np.linalg.inv(edges).transpose(0, 2, 1), np.linalg.det(edges) / 6.0
+
+
+def all_gradients(job: dict[str, Any]) -> tuple[Any, Any]:
+    """Gradients of all four shape functions [1/m], (num_cells, 4, 3), and volumes [m3]."""
+    inner, volumes = rest_shape(job)
+    return np.concatenate([-inner.sum(axis=1)[:, None], inner], axis=1), volumes
+
+
+def require_fixed_points(job: dict[str, Any]) -> None:
+    """For tools that fix whole points where they are.
+
+    Raises:
+        ValueError: The job fixes single components, or moves what it fixes.
+    """
+    is_fixed = job["fixed"].astype(bool)
+    if (is_fixed.any(axis=1) != is_fixed.all(axis=1)).any() or job["prescribed_displacement"].any():
+        raise ValueError("only whole points can be held, where they are")
+
+
+def force_scale(job: dict[str, Any]) -> float:
+    """What a residual is measured by [N]: the load, or what a moved support takes about."""
+    load = float(np.linalg.norm(np.where(job["fixed"], 0.0, job["external_force"])))
+    moved = float(np.abs(job["prescribed_displacement"]).max())
+    size = float(np.ptp(job["points"], axis=0).max())
+    return load or float(job["youngs_modulus"][0]) * moved * size
+
+
+def central_differences(job: dict[str, Any]) -> tuple[float, Any]:
+    """Factors of increment <- keep increment + mobility (external - internal force)."""
+    dt = float(job["time_step"])
+    half = 0.5 * float(job["mass_damping"]) * dt
+    mobility = dt**2 / (job["lumped_mass"][:, None] * (1.0 + half))
+    return (1.0 - half) / (1.0 + half), np.where(job["fixed"], 0.0, mobility)
+
+
+def gravity_of(job: dict[str, Any]) -> Any:
+    """The acceleration whose weight is the load, for tools that take no other [m/s2]."""
+    return job["external_force"].sum(axis=0) / job["lumped_mass"].sum()
+
+
+def stable_step(job: dict[str, Any], mass: Any) -> float:
+    """A time step below 2 / sqrt(largest eigenvalue of M^-1 K), times SAFETY [s].
+
+    Each cell bounds its own matrix by V (lmbda + 2 mu) sum |grad N_a|^2, each point adds up the
+    cells around it (Gershgorin); mass [kg], (num_points,).
+    """
+    E, nu = job["youngs_modulus"], job["poissons_ratio"]
+    modulus = E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    gradients, volume = all_gradients(job)
+    sizes = np.sqrt((gradients**2).sum(axis=2))
+    rows = (volume * modulus)[:, None] * sizes * sizes.sum(axis=1)[:, None]
+    largest = (np.bincount(job["cells"].ravel(), rows.ravel(), len(mass)) / mass).max()
+    return float(SAFETY * 2.0 / np.sqrt(largest))
+
+
+def relax(
+    step: Callable[[], None], velocity: Callable[[], Any], inertia: Any, force: float,
+    tolerance: float, most: int, out_of_balance: Callable[[], Any] | None = None,
+) -> tuple[int, float]:  # fmt: skip
+    """Step to rest.
+
+    Args:
+        step: One step of semi-implicit Euler, unless `out_of_balance` is given.
+        velocity: The array of velocities, which may be written to [m/s].
+        inertia: Mass over time step, for each of its entries [kg/s].
+        force: What is out of balance is measured by it [N].
+        tolerance: On the relative residual.
+        most: Steps at most.
+        out_of_balance: Forces out of balance now [N]. Without it they are read from the change of
+            velocity, which is the same for explicit steps alone: implicit ones that are not
+            solved to the end hardly change it far from equilibrium too.
+
+    Returns:
+        Steps done and the last relative residual.
+    """
+    energy, before, residual = 0.0, velocity().copy(), np.inf
+    for count in range(1, most + 1):
+        step()
+        now = velocity()
+        unbalanced = inertia * (now - before) if out_of_balance is None else out_of_balance()
+        residual = float(np.linalg.norm(unbalanced) / force)
+        last, energy = energy, float((inertia * now**2).sum())
+        if not np.isfinite(energy):
+            raise SystemExit(f"the motion blew up after {count} steps")
+        if residual <= tolerance:
+            return count, residual
+        if energy < last:
+            now[:] = 0.0
+            energy = 0.0
+        before = now.copy()
+    return most, residual
+
+
+def relax_with_rise(
+    step: Callable[[float], None], moved: Any, rise: int, velocity: Callable[[], Any], inertia: Any,
+    force: float, tolerance: float, most: int, out_of_balance: Callable[[], Any] | None = None,
+) -> tuple[int, float]:  # fmt: skip
+    """Bring moved supports to their positions within `rise` steps, then step to rest.
+
+    Args:
+        step: One step, with a fraction of the supports' displacement.
+        moved: That displacement [m].
+        rise: Steps to bring it on; none where nothing is moved.
+        velocity: See `relax`, as of all that follow.
+        inertia: Likewise.
+        force: Likewise.
+        tolerance: Likewise.
+        most: Likewise.
+        out_of_balance: Likewise.
+    """
+    rise = rise if moved.any() else 0
+    fractions = iter(np.linspace(0.0, 1.0, rise) if rise else ())
+
+    def stepped() -> None:
+        step(next(fractions, 1.0))
+
+    relax(stepped, velocity, inertia, force, -1.0, rise, out_of_balance)
+    return relax(stepped, velocity, inertia, force, tolerance, most, out_of_balance)
+
+
+def require_rest(residual: float, tolerance: float) -> None:
+    """End without a result where the last step left more than that of the load out of balance."""
+    if not residual <= tolerance:
+        raise SystemExit(
+            f"not at rest at its last step: {residual:.2g} of the load out of balance, which is "
+            f"above {tolerance:g}"
+        )
+
+
+def march(
+    step: Callable[[float], None], read: Callable[[], Any], times: Any, largest: float
+) -> tuple[Any, float]:
+    """Step through output times, with whole steps between them.
+
+    Args:
+        step: One step of so many seconds.
+        read: Displacement now [m], (num_points, 3).
+        times: From the start, evenly [s], (num_times,).
+        largest: Step that is allowed [s].
+
+    Returns:
+        Displacement at each of the times, and the step.
+    """
+    interval = float(times[1] - times[0])
+    count = int(np.ceil(interval / largest))
+    states = [np.array(read())]
+    for _ in times[1:]:
+        for _ in range(count):
+            step(interval / count)
+        states.append(np.array(read()))
+        if not np.isfinite(states[-1]).all():
+            raise SystemExit(f"the motion blew up before output {len(states) - 1}")
+    return np.array(states), interval / count
 
 
 if __name__ == "__main__":

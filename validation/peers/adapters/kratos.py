@@ -1,8 +1,6 @@
 """Kratos: total Lagrangian linear tetrahedra, Saint-Venant-Kirchhoff; Newton's method.
 
-    palpate gate CASE --simulator "python kratos.py {case} {result}"
-
-Follower pressure, tools, time and cells of different materials are not handed to it here.
+palpate gate CASE --simulator "python kratos.py {case} {result}"
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ from typing import Any
 import KratosMultiphysics as Kratos
 import KratosMultiphysics.StructuralMechanicsApplication as Structural
 import numpy as np
+from harness import answer_case
 from KratosMultiphysics import python_linear_solver_factory as solvers
 
 try:
@@ -79,15 +78,15 @@ class Static:
         strategy.SetEchoLevel(0)
         held = np.argwhere(job["fixed"]).tolist()
         iterations = 0
-        for share in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
-            part.CloneTimeStep(share)
+        for fraction in (1.0,) if self._is_linear else (0.25, 0.5, 0.75, 1.0):
+            part.CloneTimeStep(fraction)
             for point, axis in held:
                 node = part.GetNode(point + 1)
                 node.Fix(self._axes[axis])
-                moved = share * float(job["prescribed_displacement"][point, axis])
+                moved = fraction * float(job["prescribed_displacement"][point, axis])
                 node.SetSolutionStepValue(self._axes[axis], moved)
             for point in self._pushed:
-                load = Kratos.Array3((share * job["external_force"][point]).tolist())
+                load = Kratos.Array3((fraction * job["external_force"][point]).tolist())
                 part.GetNode(point + 1).SetSolutionStepValue(Structural.POINT_LOAD, load)
             strategy.Initialize()
             strategy.InitializeSolutionStep()
@@ -96,13 +95,11 @@ class Static:
             strategy.FinalizeSolutionStep()
             iterations += int(part.ProcessInfo[Kratos.NL_ITERATION_NUMBER])
             if not has_converged:
-                raise SystemExit(f"no equilibrium at {share:g} of the load")
+                raise SystemExit(f"no equilibrium at {fraction:g} of the load")
         rows = [list(node.GetSolutionStepValue(Kratos.DISPLACEMENT)) for node in part.Nodes]
         self.answer = {"displacement": np.array(rows)}
         return {"method": f"Newton, {SOLVER}", "newton_iterations": iterations}
 
 
 if __name__ == "__main__":
-    from harness import answer_case
-
     answer_case(Static)

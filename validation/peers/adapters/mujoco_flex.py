@@ -1,9 +1,16 @@
-"""A MuJoCo flex: Saint-Venant-Kirchhoff, semi-implicit Euler; to rest by kinetic damping.
+"""A MuJoCo flex: Saint-Venant-Kirchhoff, semi-implicit Euler; in motion, or to rest.
 
     palpate gate CASE --simulator "python mujoco_flex.py {case} {result}"
 
-It knows motion alone; what does not come to rest has no answer. What is held, but not pinned, is
-put back after each step: with a diagonal mass that is the same.
+It knows motion alone: it is brought to rest by kinetic damping, and what does not come to rest has
+no result. What is fixed, but not pinned, is put back after each step: with a diagonal mass that is
+the same. Mass damping is the damping of its slide joints, which its Euler integrator takes
+implicitly; stiffness damping is the flex's own, on the rate of its edges' squares, and so of Green
+strain. A flex spreads its mass evenly over its points.
+
+`Steps` with a device are MuJoCo Warp's (MJWarp), for timing alone. As its documentation says: the
+model and its data are put on the device, and on a GPU a step is captured as a graph once and
+launched after that. Single precision.
 """
 
 from __future__ import annotations
@@ -12,17 +19,25 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mechanics import force_scale, relax, require_rest, stable_step
+from harness import (
+    answer_case,
+    force_scale,
+    gravity_of,
+    march,
+    relax_with_rise,
+    require_rest,
+    stable_step,
+)
 
 LARGEST = 100_000  # cells; beyond, compiling the model does not end
 TOLERANCE, ENOUGH, MOST_STEPS = 1e-7, 1e-6, 200_000
-RISE = 2000  # steps over which what holds the body is moved to its place
+RISE = 2000  # steps over which what fixes the body is moved to its position
 
 
 class Flex:
     """One slide joint for each component of each free point."""
 
-    version, precision = mujoco.__version__, "float64"
+    tool, version, precision = "MuJoCo flex", mujoco.__version__, "float64"
 
     def __init__(self, job: dict[str, Any], time_step: float, gravity: Any) -> None:
         points, cells = job["points"], job["cells"]
@@ -32,7 +47,7 @@ class Flex:
         def text(values: Any) -> str:
             return " ".join(f"{v:.17g}" for v in np.ravel(values))
 
-        held = job["fixed"].all(axis=1) & ~job["prescribed_displacement"].any(axis=1)
+        pinned = job["fixed"].all(axis=1) & ~job["prescribed_displacement"].any(axis=1)
         self.model = mujoco.MjModel.from_xml_string(
             f"""<mujoco>
             <option timestep="{time_step:.17g}" gravity="{text(gravity)}">
@@ -45,14 +60,14 @@ class Flex:
                 poisson="{job["poissons_ratio"][0]:.17g}"
                 damping="{job.get("stiffness_damping", 0)}"/>
               <contact selfcollide="none" contype="0" conaffinity="0"/>
-              <pin id="{text(np.flatnonzero(held))}"/></flexcomp></worldbody></mujoco>"""
+              <pin id="{text(np.flatnonzero(pinned))}"/></flexcomp></worldbody></mujoco>"""
         )
         self.data = mujoco.MjData(self.model)
-        self.free = ~held
+        self.free = ~pinned
 
-    def at_points(self, values: Any, at_held: float) -> Any:
+    def at_points(self, values: Any, at_pinned: float) -> Any:
         """Values of the free points as rows of all."""
-        rows = np.full((len(self.free), 3), at_held)
+        rows = np.full((len(self.free), 3), at_pinned)
         rows[self.free] = np.array(values).reshape(-1, 3)
         return rows
 
@@ -61,50 +76,91 @@ class Steps(Flex):
     """Whole steps."""
 
     def __init__(self, job: dict[str, Any]) -> None:
-        gravity = job["external_force"].sum(axis=0) / job["lumped_mass"].sum()
-        super().__init__(job, float(job["time_step"]), gravity)
+        super().__init__(job, float(job["time_step"]), gravity_of(job))
+        self._device = str(job.get("device", ""))
+        if self._device:
+            self._put_on_device()
+            return
         self.data.qpos[:] = job["test_displacement"][self.free].ravel()
         mujoco.mj_forward(self.model, self.data)
         self.answer = {"force": self.at_points(-self.data.qfrc_passive, np.nan)}
         mujoco.mj_resetData(self.model, self.data)
 
-    def advance(self, num_steps: int) -> None:
-        """Whole mj_step calls."""
-        mujoco.mj_step(self.model, self.data, num_steps)
+    def _put_on_device(self) -> None:
+        import mujoco_warp
+        import warp as wp
+
+        wp.config.log_level = wp.LOG_WARNING
+        self.version, self.precision = f"{mujoco.__version__} (Warp {wp.__version__})", "float32"
+        # It never resets by itself, and refuses to be told so.
+        self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        mujoco.mj_forward(self.model, self.data)
+        self._warp, self._mujoco_warp = wp, mujoco_warp
+        with wp.ScopedDevice(self._device):
+            self._on_device = mujoco_warp.put_model(self.model)
+            self._state = mujoco_warp.put_data(self.model, self.data)
+            self._launch()  # compiles
+            self._graph = None
+            if wp.get_device().is_cuda:
+                with wp.ScopedCapture() as capture:
+                    self._launch()
+                self._graph = capture.graph
+
+    def _launch(self) -> None:
+        self._mujoco_warp.step(self._on_device, self._state)
+
+    def advance(self, num_steps: int) -> dict[str, Any]:
+        """Whole mj_step calls; on a device, to their end."""
+        if not self._device:
+            mujoco.mj_step(self.model, self.data, num_steps)
+            return {}
+        wp = self._warp
+        with wp.ScopedDevice(self._device):
+            for _ in range(num_steps):
+                if self._graph is None:
+                    self._launch()
+                else:
+                    wp.capture_launch(self._graph)
+            wp.synchronize_device()
+        return {"device": self._device}
 
 
-class Static(Flex):
-    """Stepped until it rests, its mass spread evenly over its points."""
-
-    tool = "MuJoCo flex"
+class Loaded(Flex):
+    """With forces on its free points, and what is fixed among them."""
 
     def __init__(self, job: dict[str, Any]) -> None:
         if str(job["strain"]) == "linear":
             raise ValueError("a flex knows Green strain only")
-        mass = np.full(len(job["points"]), job["lumped_mass"].mean())
-        super().__init__(job, 0.5 * stable_step(job, mass), np.zeros(3))
-        self._inertia = mass[0] / self.model.opt.timestep
-        self._held = job["fixed"][self.free].ravel() == 1
-        self._moved = job["prescribed_displacement"][self.free].ravel()
+        self.mass = np.full(len(job["points"]), job["lumped_mass"].mean())
+        # Of undamped motions half the stable step, which is for a law that stiffens.
+        beta, longest = float(job.get("stiffness_damping", 0.0)), stable_step(job, self.mass)
+        super().__init__(job, 0.5 * (np.hypot(longest, beta) - beta), np.zeros(3))
+        self.fixed = job["fixed"][self.free].ravel() == 1
         applied = job["external_force"][self.free].ravel()
-        self.data.qfrc_applied[:] = np.where(self._held, 0.0, applied)
-        self._scale = force_scale(job)
+        self.data.qfrc_applied[:] = np.where(self.fixed, 0.0, applied)
 
-    def _step(self, share: float) -> None:
-        """One step; what is held, but not pinned, is put where it belongs."""
+    def step(self, positions: Any = 0.0) -> None:
+        """One step; what is fixed, but not pinned, is put where it belongs."""
         mujoco.mj_step(self.model, self.data)
-        self.data.qpos[self._held] = share * self._moved[self._held]
-        self.data.qvel[self._held] = 0.0
+        self.data.qpos[self.fixed] = positions
+        self.data.qvel[self.fixed] = 0.0
+
+
+class Static(Loaded):
+    """Stepped until it rests, its mass spread evenly over its points."""
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        super().__init__(job)
+        self._moved = job["prescribed_displacement"][self.free].ravel()
+        self._scale = force_scale(job)
 
     def advance(self, _num_steps: int) -> dict[str, Any]:
         """From the undeformed body to rest."""
-        rise = RISE if self._moved.any() else 0
-        shares = iter(np.linspace(0.0, 1.0, rise) if rise else ())
-        for tolerance, most in ((-1.0, rise), (TOLERANCE, MOST_STEPS)):
-            num_steps, residual = relax(
-                lambda: self._step(next(shares, 1.0)), lambda: self.data.qvel, self._inertia,
-                self._scale, tolerance, most,
-            )  # fmt: skip
+        num_steps, residual = relax_with_rise(
+            lambda part: self.step(part * self._moved[self.fixed]), self._moved, RISE,
+            lambda: self.data.qvel, self.mass[0] / self.model.opt.timestep, self._scale,
+            TOLERANCE, MOST_STEPS,
+        )  # fmt: skip
         require_rest(residual, ENOUGH)
         self.answer = {"displacement": self.at_points(self.data.qpos, 0.0)}
         return {
@@ -114,7 +170,33 @@ class Static(Flex):
         }
 
 
-if __name__ == "__main__":
-    from harness import answer_case
+class Motion(Loaded):
+    """Stepped from output to output."""
 
-    answer_case(Static)
+    takes = ("stiffness damping",)
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        super().__init__(job)
+        self.model.dof_damping[:] = job["mass_damping"] * self.mass[0]
+        if "initial_velocity" in job:
+            velocity = job["initial_velocity"][self.free].ravel()
+            self.data.qvel[:] = np.where(self.fixed, 0.0, velocity)
+        self._times = job["output_times"]
+
+    def _step(self, time_step: float) -> None:
+        self.model.opt.timestep = time_step
+        self.step()
+
+    def advance(self, _num_steps: int) -> dict[str, Any]:
+        """From rest, or the initial velocity, to the end."""
+        states, time_step = march(
+            self._step, lambda: self.at_points(self.data.qpos, 0.0), self._times,
+            self.model.opt.timestep,
+        )  # fmt: skip
+        self.answer = {"displacement": states, "times": self._times}
+        scheme = {"integrator": "semi-implicit-euler", "time_step": time_step}
+        return {"method": "semi-implicit Euler", **scheme}
+
+
+if __name__ == "__main__":
+    answer_case(Static, Motion)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from mechanics import central_differences, lame, rest_shape
+from harness import central_differences, lame, rest_shape
 
 
 @numba.njit(fastmath=True, cache=False)  # type: ignore[untyped-decorator]

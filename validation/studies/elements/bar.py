@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle, groupby, pairwise
@@ -13,9 +14,9 @@ import numpy as np
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
-from palpate.meshes.field_norms import l2_norm
 from palpate.meshes.problem import Element, Material, Problem, Strain
 from palpate.reference.result import Formulation
+from palpate.validation.references.field_truth import STVK, FieldTruth, time_fastsim
 from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import (
     BLUE,
@@ -33,13 +34,6 @@ from palpate.validation.report.plots import (
 )
 from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress, Verdict, gravest
-from palpate.validation.studies.frontier import (
-    STVK,
-    Truth,
-    read_at,
-    run_installed,
-    time_fastsim,
-)
 
 WIDTH = 0.02  # m; four times as long
 TRACTION = 60.0  # Pa: the tip sinks by a fifth of the length
@@ -87,7 +81,7 @@ class Bars(NamedTuple):
     runs: Sequence[Run]
     truth_changes: Mapping[float, float]
     left_out: Sequence[str]
-    truths: Mapping[float, Truth] = MappingProxyType({})
+    truths: Mapping[float, FieldTruth] = MappingProxyType({})
 
     def of(self, poissons_ratio: float, who: str) -> list[Run]:
         """One curve, from the coarsest mesh on."""
@@ -109,12 +103,12 @@ def make_bar(
     return Problem(mesh, material, (held(side(mesh, 0, 0.0)),), (load,))
 
 
-def solve_truth(problem: Problem, progress: Progress) -> Truth:
+def solve_truth(problem: Problem, progress: Progress) -> FieldTruth:
     """Quadratic tetrahedra, with pressure among the unknowns where nearly incompressible."""
     is_mixed = problem.material.poissons_ratio >= NEARLY_INCOMPRESSIBLE
     form = Formulation.MIXED if is_mixed else Formulation.DISPLACEMENT
     state = solve_state(problem, Strain.GREEN, 2, progress, formulation=form)
-    return Truth(problem, state.displacement)
+    return FieldTruth(problem, state.displacement)
 
 
 def follow_bars(
@@ -137,9 +131,11 @@ def follow_bars(
     Raises:
         ReferenceFailedError: No FEniCSx, and so no truth.
     """
+    # Other simulators are found by name: studies import nothing of them.
+    run_installed = importlib.import_module("palpate.validation.peers.frontier").run_installed
     runs: list[Run] = []
     changes: dict[float, float] = {}
-    truths: dict[float, Truth] = {}
+    truths: dict[float, FieldTruth] = {}
     left_out: list[str] = []
 
     def leave_out(line: str) -> None:
@@ -150,9 +146,7 @@ def follow_bars(
     for nu in ratios:
         truth = truths[nu] = solve_truth(make_bar(truth_divisions, nu), progress)
         half = solve_truth(make_bar(truth_divisions // 2, nu), progress)
-        mesh = half.problem.mesh
-        finer = read_at(truth.problem.mesh, truth.displacement, mesh.points)
-        changes[nu] = l2_norm(mesh, half.displacement - finer) / l2_norm(mesh, finer)
+        changes[nu] = truth.change_of(half)
         plain: dict[int, Points] = {}
         for element, meshes in divisions.items():
             for n in meshes:

@@ -15,11 +15,11 @@ from palpate.meshes.errors import InvertedCellError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.quality import measure_quality
 from palpate.meshes.tet_mesh import signed_volumes
+from palpate.validation.references.field_truth import FieldTruth
 from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.elements.bar import WIDTH, make_bar
-from palpate.validation.studies.frontier import Truth
 
 DIVISIONS = 8
 SLIVER = 5.0  # degrees, the smallest dihedral angle of the distorted mesh
@@ -66,7 +66,7 @@ def distorted_bar(divisions: int, poissons_ratio: float) -> Problem:
 
 
 def follow_meshes(
-    truths: Mapping[float, Truth], progress: Progress, *, divisions: int = DIVISIONS
+    truths: Mapping[float, FieldTruth], progress: Progress, *, divisions: int = DIVISIONS
 ) -> tuple[list[Distortion], list[Pressures]]:
     """Both elements on both meshes, and the pressures on the regular one."""
     distortions, pressures = [], []

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from palpate.fastsim.statics import solve_static
 from palpate.meshes.problem import Element
+from palpate.validation.references.field_truth import FieldTruth
 from palpate.validation.report.estimates import expected_error
 from palpate.validation.report.plots import BLUE, RED, Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Table, judged
 from palpate.validation.states import Progress
 from palpate.validation.studies.elements.bar import make_bar
-from palpate.validation.studies.frontier import Truth
 
 THROUGH = (1, 2, 3, 4, 8)
 SLENDERNESS = (1, 2, 4)
@@ -42,7 +42,7 @@ class Thin(NamedTuple):
 
 
 def follow_thin(
-    truths: Mapping[float, Truth],
+    truths: Mapping[float, FieldTruth],
     progress: Progress,
     *,
     through: Sequence[int] = THROUGH,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,11 +18,10 @@ from palpate.meshes.bricks import brick_box, held, side
 from palpate.meshes.problem import Material, Problem, Strain
 from palpate.meshes.tet_mesh import signed_volumes
 from palpate.validation.candidates.candidate import outside_candidate
-from palpate.validation.candidates.interpreters import interpreter_with, interpreters
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.exchange.nodal_arrays import rest_arrays
 from palpate.validation.peers import adapters
-from palpate.validation.studies.frontier import ADAPTERS
+from palpate.validation.peers.registry import interpreters, read_peers
 
 FOLDER = Path(adapters.__file__).parent
 MESH = brick_box((3, 2, 2), (0.3, 0.2, 0.2), ragged=0.15)
@@ -36,8 +34,8 @@ BODY = Problem(MESH, Material(2e4, 0.3), (held(side(MESH, 0, 0.0)),), (PULL,))
 def quadratic(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """The module as adapters import it, from their own folder."""
     monkeypatch.syspath_prepend(str(FOLDER))
-    yield importlib.import_module("quadratic")
-    sys.modules.pop("quadratic", None)
+    yield importlib.import_module("nodes")
+    sys.modules.pop("nodes", None)
 
 
 def job_of(*loads: Load) -> dict[str, Any]:
@@ -104,17 +102,17 @@ def test_loads_that_cannot_be_told_apart_are_refused(quadratic: ModuleType) -> N
 
 
 @pytest.mark.dolfinx
-@pytest.mark.parametrize("name", [a.name for a in ADAPTERS if a.is_quadratic])
+@pytest.mark.parametrize("name", [peer.name for peer in read_peers() if peer.is_quadratic])
 def test_a_quadratic_adapter_gives_the_references_quadratic_answer(name: str) -> None:
     from palpate.validation.references.runs import solve_state
 
-    module = next(adapter.module for adapter in ADAPTERS if adapter.name == name)
-    interpreter = interpreter_with(module)
-    if interpreter is None or (name.startswith("calculix") and shutil.which("ccx") is None):
+    command = next(peer for peer in read_peers() if peer.name == name).command_line()
+    if command is None:
         pytest.skip(f"{name}: its tool is not installed in {interpreters()}")
     truth = solve_state(BODY, Strain.GREEN, 2, lambda _line: None).displacement
-    simulator = OutsideSimulator(f"{interpreter} {FOLDER / name}.py {{case}} {{result}}", 120.0)
-    found = outside_candidate(simulator).solve(BODY, Strain.GREEN, lambda _line: None)
+    found = outside_candidate(OutsideSimulator(command, 120.0)).solve(
+        BODY, Strain.GREEN, lambda _line: None
+    )
     # Four points of integration, where the reference has more: as far apart as that makes them.
     apart = np.abs(found.displacement - truth).max() / np.abs(truth).max()
     assert apart < 5e-3

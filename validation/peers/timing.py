@@ -1,7 +1,6 @@
 """Tools in processes of their own, timed in turns, each driven by its adapter.
 
-A tool may live in another Python environment: PALPATE_BENCH_PYTHON names interpreters to try
-besides this one, separated like PATH. One thread each unless its options say otherwise.
+One thread each unless its options say otherwise.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,45 +22,15 @@ from numpy.typing import NDArray
 
 from palpate.meshes.supervised import supervised
 from palpate.meshes.temporaries import scratch_folder
-from palpate.validation.candidates.interpreters import interpreters
-from palpate.validation.peers import adapters
+from palpate.validation.peers.registry import ADAPTERS, OURS, Tool, interpreters
 from palpate.validation.states import Progress
 
-FOLDER = Path(adapters.__file__).parent
-HARNESS = FOLDER / "harness.py"
+HARNESS = ADAPTERS / "harness.py"
 _THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "CCX_NPROC_EQUATION_SOLVER")
-OURS = "palpate"
 
 
 class ChildFailedError(RuntimeError):
     """A tool gave no answer; the message says how it ended."""
-
-
-@dataclass(frozen=True)
-class Tool:
-    """Who is timed.
-
-    Attributes:
-        name: In the rows; our own is "palpate".
-        adapter: Its file in the folder of adapters, without .py.
-        install: How to get it.
-        options: For its adapter, besides the job.
-        runs_everywhere: Whether it is timed in all interpreters that have another version of it.
-    """
-
-    name: str
-    adapter: str
-    install: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict)
-    runs_everywhere: bool = False
-
-
-DOLFINX = Tool(
-    "dolfinx",
-    "dolfinx_assembly",
-    "apt-get install python3-dolfinx, or pip install dolfinx-solver-real",
-    runs_everywhere=True,
-)
 
 
 @dataclass(frozen=True)
@@ -106,8 +75,8 @@ class Child:
         folder = self._ends.enter_context(scratch_folder("bench"))
         self._job, self._answer = folder / "job.npz", folder / "answer.npz"
         np.savez(self._job, **job, **tool.options)
-        file = FOLDER / f"{tool.adapter}.py"
-        self._command = [*map(str, (interpreter, HARNESS, file, task, self._job, self._answer))]
+        programs = (interpreter, HARNESS, ADAPTERS / f"{tool.adapter}.py")
+        self._command = [*map(str, (*programs, task, self._job, self._answer))]
 
     def start(self) -> None:
         """Set the tool up in a new process.

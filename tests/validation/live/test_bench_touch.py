@@ -9,8 +9,8 @@ import pytest
 from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.errors import InputError
 from palpate.meshes.kidney import shape_kidney
-from palpate.validation.peers import bench_touch as touch
-from palpate.validation.peers.bench_run import run_benchmark
+from palpate.validation.live import bench_touch as touch
+from palpate.validation.peers.bench import run_benchmark
 from palpate.validation.states import in_silence
 
 

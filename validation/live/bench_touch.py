@@ -18,16 +18,17 @@ from typing import Any
 
 import numpy as np
 
-from palpate.meshes.errors import InputError
+from palpate.fastsim.mesher import mesh_surface
 from palpate.meshes.files import write_mesh
+from palpate.meshes.kidney import shape_kidney
 from palpate.meshes.problem import Element, Strain
 from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.peers.bench_steps import KIDNEY
-from palpate.validation.peers.bench_steps import SIZES as BODIES
 from palpate.validation.states import Progress
 from palpate.validation.versions import version_of
 
 Row = dict[str, Any]
+# The kidney of `palpate bench steps`.
+KIDNEY = 20_000
 SIZES = (KIDNEY,)
 TABLE = (
     "processor_factor", "frames_per_second", "latency_ms", "worst_latency_ms",
@@ -58,21 +59,16 @@ region = { half_space = { point = [0.0, 0.0, -26.75], normal = [0.0, 0.0, -1.0] 
 """
 
 
-def rows(sizes: Sequence[int] | None, progress: Progress) -> list[Row]:
-    """A row for each size.
+def measure(_size: int, progress: Progress) -> list[Row]:
+    """One row.
 
     Raises:
-        InputError: No such size.
         TouchUnavailableError: `websockets` is not installed.
     """
-    if unknown := [size for size in sizes or () if size not in SIZES]:
-        raise InputError(f"benchmark touch has no size {unknown[0]}; it has {SIZES[0]}")
-    found = []
-    for size in sizes or SIZES:
-        progress(f"meshing a kidney of about {size} cells")
-        with tempfile.TemporaryDirectory(prefix="palpate-touch-") as name:
-            found.append(measured(BODIES[size](), Path(name), progress))
-    return found
+    progress(f"meshing a kidney of about {KIDNEY} cells")
+    with tempfile.TemporaryDirectory(prefix="palpate-touch-") as name:
+        mesh = mesh_surface(shape_kidney(edge_length=5.15e-3))
+        return [measured(mesh, Path(name), progress)]
 
 
 def summary(_rows: Sequence[Row]) -> list[str]:

@@ -1,9 +1,9 @@
-"""Quadratic tetrahedra on a case's mesh, for adapters of tools that have them.
+"""Nodes of linear or quadratic tetrahedra on a case's mesh, for adapters of tools that have both.
 
 Middle nodes lie halfway along straight edges. What a case says at its points is said for the nodes:
-a middle is held where it lies on the boundary between points that are held, a traction goes to the
-middles of its facets, and a body force to nodes as quadratic shape functions have it. The answer
-is given on the cells cut in eight, whose points are all of the nodes.
+a middle is fixed where it lies on the boundary between points that are fixed, a traction goes to
+the middles of its facets, and a body force to nodes as quadratic shape functions have it. The
+result is given on the cells cut in eight, whose points are all of the nodes.
 """
 
 from __future__ import annotations
@@ -27,6 +27,22 @@ _PARTS = np.array(
 _SAME = 1e-9
 
 
+def nodes_of(job: dict[str, Any]) -> Points | Quadratic:
+    """A job by its points, or with `degree` 2 by the nodes of quadratic tetrahedra."""
+    return Quadratic.of(job) if int(job.get("degree", 1)) == 2 else Points(job)
+
+
+class Points:
+    """A job by its points, as they are."""
+
+    def __init__(self, job: dict[str, Any]) -> None:
+        self.arrays = job
+
+    def answer(self, displacement: Any) -> dict[str, Any]:
+        """What a result file holds of their displacement [m]."""
+        return {"displacement": displacement}
+
+
 @dataclass(frozen=True, eq=False)
 class Quadratic:
     """A job by its nodes: the case's points, then the middles of edges.
@@ -34,8 +50,8 @@ class Quadratic:
     Attributes:
         points: [m], (num_nodes, 3).
         cells: Four corners and six middles, (num_cells, 10).
-        fixed: 1 where held, (num_nodes, 3).
-        prescribed: Where they are held [m].
+        fixed: 1 where fixed, (num_nodes, 3).
+        prescribed: Of what is fixed [m].
         force: [N].
         parts: Linear tetrahedra between the nodes, (8 num_cells, 4).
     """
@@ -67,7 +83,7 @@ class Quadratic:
         """Of arrays as in `rest.npz`, with `load_kinds`.
 
         Raises:
-            ValueError: Loads of more than one kind, whose parts at the points nobody can tell
+            ValueError: Loads of more than one kind, whose parts at the points cannot be told
                 apart, or a traction that varies.
         """
         points, cells = job["points"], job["cells"].astype(np.int64)
@@ -126,8 +142,8 @@ def _force(job: dict[str, Any], num_nodes: int, cells: Any, facets: Any, edges: 
         sides = points[cells[:, 1:4]] - points[cells[:, :1]]
         volumes = np.linalg.det(sides) / 6.0
         total = given.sum(axis=0) / volumes.sum()
-        shares = np.repeat([[-0.05] * 4 + [0.2] * 6], len(cells), axis=0) * volumes[:, None]
-        force += np.bincount(cells.ravel(), shares.ravel(), num_nodes)[:, None] * total
+        fractions = np.repeat([[-0.05] * 4 + [0.2] * 6], len(cells), axis=0) * volumes[:, None]
+        force += np.bincount(cells.ravel(), fractions.ravel(), num_nodes)[:, None] * total
     elif kinds == {"Traction"}:
         is_pushed = given.any(axis=1)
         pushed = facets[is_pushed[facets].all(axis=1)]

@@ -12,72 +12,38 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.fastsim.condensed import condense, solve_condensed
 from palpate.fastsim.forces import external_force
-from palpate.fastsim.statics import solve_static
 from palpate.meshes.arrays import Points
 from palpate.meshes.boundary_conditions import Traction
 from palpate.meshes.bricks import brick_box, held, side
-from palpate.meshes.field_norms import l2_norm
-from palpate.meshes.problem import Element, Material, Problem, Strain
-from palpate.meshes.tet_mesh import TetMesh
-from palpate.validation.candidates.interpreters import interpreter_with
+from palpate.meshes.problem import Material, Problem, Strain
 from palpate.validation.candidates.outside import OutsideSimulator
 from palpate.validation.exchange.placement import place
-from palpate.validation.exchange.point_location import locate
-from palpate.validation.peers import adapters
+from palpate.validation.peers.registry import read_peers
+from palpate.validation.references.field_truth import STVK, FieldTruth, time_fastsim
 from palpate.validation.references.runs import solve_state
 from palpate.validation.report.plots import Figure, Line, Panel, line_figure
 from palpate.validation.report.study_page import Finding, Page, Table, judged
 from palpate.validation.states import CandidateFailedError, Progress
-from palpate.validation.studies.study import Study
 from palpate.validation.versions import version_of
 
+TITLE = "Error against run time"
 SIZE = (0.08, 0.02, 0.02)
 DIVISIONS = (1, 2, 3, 4, 6)
 TRACTION = 150.0  # Pa, downward on the free end
 TIME_LIMIT = 120.0
-STVK = "Saint-Venant-Kirchhoff"
 LINEAR = "linear strain"
 # Responses of the condensed model that are timed together.
 _STEPS = 100
 # Largest distance from fastsim on the same mesh, over the largest displacement: seven digits of a
 # text file, or a motion that was stopped at a residual of 1e-7.
 SAME_MESH = 1e-4
-
-
-class Adapter(NamedTuple):
-    """A simulator of the folder of adapters.
-
-    Attributes:
-        name: Of its file.
-        module: That its interpreter must have.
-        most: Its largest number of divisions here.
-        is_quadratic: Whether it has quadratic tetrahedra on the mesh it is given.
-    """
-
-    name: str
-    module: str
-    most: int
-    is_quadratic: bool = False
-
-
-ADAPTERS = (
-    Adapter("numpy_dense", "numpy", 2),
-    Adapter("calculix", "numpy", 12),
-    Adapter("calculix_quadratic", "numpy", 8, is_quadratic=True),
-    Adapter("felupe_svk", "felupe", 6),
-    Adapter("felupe_quadratic", "felupe", 4, is_quadratic=True),
-    Adapter("mujoco_flex", "mujoco", 6),
-    Adapter("newton_neo_hookean", "newton", 4),
-)
 
 
 class Row(NamedTuple):
@@ -113,33 +79,14 @@ def make_problem(divisions: int) -> Problem:
     return Problem(mesh, Material(2e4, 0.3, 1000.0), (held(side(mesh, 0, 0.0)),), (load,))
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """What quadratic elements say, at the points of a mesh."""
-
-    problem: Problem
-    displacement: Points
-
-    def error_of(self, other: TetMesh, displacement: Points) -> float:
-        """Relative L2 distance of an answer on another mesh [-]."""
-        mesh = self.problem.mesh
-        there = read_at(other, displacement, mesh.points)
-        return l2_norm(mesh, there - self.displacement) / l2_norm(mesh, self.displacement)
-
-
-def read_at(mesh: TetMesh, displacement: Points, places: Points) -> Points:
-    """A linear field at places of its body [m]."""
-    return locate(mesh.points, mesh.cells, places).read(mesh.cells, displacement)
-
-
 def compute(progress: Progress) -> Runs:
     """Run everything that is installed."""
     problems = {n: make_problem(n) for n in DIVISIONS}
     finest, half = problems[DIVISIONS[-1]], problems[3]
-    truth = Truth(finest, solve_state(finest, Strain.GREEN, 2, progress).displacement)
-    coarser = solve_state(half, Strain.GREEN, 2, progress).displacement
-    at_coarser = read_at(finest.mesh, truth.displacement, half.mesh.points)
-    bar = l2_norm(half.mesh, coarser - at_coarser) / l2_norm(half.mesh, at_coarser)
+    truth, coarser = (
+        FieldTruth(problem, solve_state(problem, Strain.GREEN, 2, progress).displacement)
+        for problem in (finest, half)
+    )
     rows: list[Row] = []
     left_out: list[str] = []
 
@@ -157,13 +104,13 @@ def compute(progress: Progress) -> Runs:
         row for n, problem in problems.items() for row in time_condensed(problem, answers[n], truth)
     ]
     rows += run_installed(problems, answers, truth, progress, leave_out)
-    return Runs(rows, left_out, bar)
+    return Runs(rows, left_out, truth.change_of(coarser))
 
 
 def run_installed(
     problems: Mapping[int, Problem],
     answers: Mapping[int, Points],
-    truth: Truth,
+    truth: FieldTruth,
     progress: Progress,
     leave_out: Progress,
     quadratic: Mapping[int, Problem] | None = None,
@@ -172,44 +119,45 @@ def run_installed(
 
     Args:
         problems: By number of divisions.
-        answers: fastsim's with plain linear tetrahedra, likewise [m].
+        answers: fastsim's solutions with plain linear tetrahedra, likewise [m].
         truth: What errors are measured against.
         progress: Called before each run.
         leave_out: Called with what is not run to its end, and why.
         quadratic: Those for quadratic tetrahedra, likewise; the same ones where None.
     """
     rows = []
-    for name, module, most, is_quadratic in ADAPTERS:
-        interpreter = interpreter_with(module)
-        if interpreter is None:
-            leave_out(f"{name}: {module} is not installed (PALPATE_BENCH_PYTHON names others)")
+    for peer in read_peers():
+        if not peer.frontier:
             continue
-        file = Path(adapters.__file__).parent / f"{name}.py"
-        simulator = OutsideSimulator(f"{interpreter} {file} {{case}} {{result}}", TIME_LIMIT)
-        given = problems if quadratic is None or not is_quadratic else quadratic
+        command = peer.command_line()
+        if command is None:
+            leave_out(f"{peer.name}: {peer.why_missing()}")
+            continue
+        simulator = OutsideSimulator(command, TIME_LIMIT)
+        given = problems if quadratic is None or not peer.is_quadratic else quadratic
         for n, problem in given.items():
-            if n > most:
+            if n > peer.frontier:
                 break
-            ours = None if is_quadratic else answers[n]
+            ours = None if peer.is_quadratic else answers[n]
             try:
-                rows.append(_run_adapter(simulator, problem, ours, truth, progress))
+                rows.append(_run_peer(simulator, problem, ours, truth, progress))
             except CandidateFailedError as failure:
-                leave_out(f"{name}, {problem.mesh.num_cells} cells: {failure}")
+                leave_out(f"{peer.name}, {problem.mesh.num_cells} cells: {failure}")
                 break
     return rows
 
 
-def _run_adapter(
+def _run_peer(
     simulator: OutsideSimulator,
     problem: Problem,
     ours: Points | None,
-    truth: Truth,
+    truth: FieldTruth,
     progress: Progress,
 ) -> Row:
-    """`ours` is fastsim's answer on the same mesh, None where the equations are others."""
-    answer, seconds = simulator.run(problem, Strain.GREEN, progress)
-    about: Mapping[str, object] = answer.about
-    placed = place(answer, problem)
+    """`ours` is fastsim's solution on the same mesh, None where the equations are others."""
+    result, seconds = simulator.run(problem, Strain.GREEN, progress)
+    about: Mapping[str, object] = result.about
+    placed = place(result, problem)
     found = placed.displacement[0]
     if placed.own_mesh is None or placed.own_displacement is None:
         error = truth.error_of(problem.mesh, found)
@@ -228,24 +176,12 @@ def _run_adapter(
     )
 
 
-def time_fastsim(problem: Problem, element: Element = Element.LINEAR) -> tuple[float, Points]:
-    """Processor time of the fastest of three solves [s], one where slow; the displacement [m]."""
-    best, displacement = float("inf"), np.zeros_like(problem.mesh.points)
-    for _ in range(3):
-        start = time.process_time()
-        displacement = solve_static(problem, element=element).displacement
-        best = min(best, time.process_time() - start)
-        if best > 1.0:
-            break
-    return best, displacement
-
-
-def time_condensed(problem: Problem, green: Points, truth: Truth) -> list[Row]:
+def time_condensed(problem: Problem, green: Points, truth: FieldTruth) -> list[Row]:
     """The condensed linear model, made anew and ready: the second is a force on what is there.
 
     Args:
         problem: Its loads act through the compliance.
-        green: fastsim's answer by Green strain [m].
+        green: fastsim's solution by Green strain [m].
         truth: What errors are measured against.
     """
     begin = time.process_time()
@@ -269,7 +205,7 @@ def time_condensed(problem: Problem, green: Points, truth: Truth) -> list[Row]:
 
 
 def judge(runs: Runs) -> list[Finding]:
-    """Claims that the figure rests on; another law is told, and judged by nobody."""
+    """Claims that the figure rests on; another law is reported, and judged by nobody."""
     same_law = [row for row in runs.rows if row.law == STVK]
     apart, worst = max((row.same_mesh, row) for row in same_law if row.same_mesh is not None)
     findings = [
@@ -343,6 +279,3 @@ def draw(runs: Runs) -> Figure:
         "is halved: errors near it say nothing. Dashed: another material law.",
         shares_legend=False,
     )
-
-
-STUDY = Study("Error against run time", __doc__, compute, judge, present)

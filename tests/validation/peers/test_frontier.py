@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from palpate.validation.peers import frontier
+from palpate.validation.peers.frontier import Row, Runs, draw, judge
+from palpate.validation.references.field_truth import FieldTruth, time_fastsim
 from palpate.validation.states import Verdict
-from palpate.validation.studies import frontier
-from palpate.validation.studies.frontier import Row, Runs, draw, judge
 
 ROWS = [
     Row("fastsim", "1", frontier.STVK, "m", 24, 0.001, 0.7, 0.0),
@@ -43,8 +44,8 @@ def test_the_problems_share_one_body_and_one_load() -> None:
 
 def test_the_condensed_model_stands_apart_as_linear_strain() -> None:
     problem = frontier.make_problem(1)
-    seconds, green = frontier.time_fastsim(problem)
-    rows = frontier.time_condensed(problem, green, frontier.Truth(problem, green))
+    seconds, green = time_fastsim(problem)
+    rows = frontier.time_condensed(problem, green, FieldTruth(problem, green))
     anew, ready = rows
     assert {row.law for row in rows} == {frontier.LINEAR}
     assert anew.error == ready.error > 0.01

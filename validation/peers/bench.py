@@ -13,13 +13,8 @@ from typing import Any
 
 from palpate.fastsim.gpu.devices import CORE, check_device
 from palpate.meshes.errors import InputError
-from palpate.validation.peers.bench_children import (
-    OURS,
-    Child,
-    Schedule,
-    Tool,
-    timed,
-)
+from palpate.validation.peers.registry import OURS, Tool
+from palpate.validation.peers.timing import Child, Schedule, timed
 from palpate.validation.states import Progress, in_silence
 
 Row = dict[str, Any]
@@ -75,11 +70,14 @@ class Benchmark:
     remark: Callable[[list[Row], list[Row]], list[str]] = lambda _ours, _rivals: []
 
 
-# Names on the command line, and of modules with a `BENCHMARK`.
-NAMES = ("steps", "static", "truth", "delaunay", "mesh", "collision")
-# Ours alone, modules with `rows`, `summary` and `TABLE`: the live page's server under a client, and
-# the condensed model under a ball.
-ALONE = ("touch", "condensed")
+# Names on the command line, and modules. Each has a `BENCHMARK`; or, where ours is timed alone,
+# `SIZES`, `TABLE`, `measure` of a size and a summary of all rows: the live page's server under a
+# client, and the condensed model under a ball.
+_HERE = "palpate.validation.peers.bench"
+MODULES = {
+    name: f"{_HERE}_{name}"
+    for name in ("steps", "static", "truth", "delaunay", "mesh", "collision")
+} | {"touch": "palpate.validation.live.bench_touch", "condensed": f"{_HERE}_condensed"}
 
 
 def run_benchmark(
@@ -87,12 +85,12 @@ def run_benchmark(
     *,
     sizes: Sequence[int] | None = None,
     device: str = "cpu",
-    progress: Progress | None = None,
+    progress: Progress = in_silence,
 ) -> dict[str, Any]:
     """Time a benchmark.
 
     Args:
-        name: Of `NAMES` or `ALONE`.
+        name: Of `MODULES`.
         sizes: Problem sizes, of those the benchmark has; None times them all.
         device: On which ours is timed as well; "cpu" is the compiled core, which always is.
         progress: Called with one line per row.
@@ -105,47 +103,36 @@ def run_benchmark(
     Raises:
         InputError: No such benchmark, or it does not have such a size or runs on no device.
     """
-    if name in ALONE:
-        return _alone(name, sizes, device, progress or in_silence)
-    if name not in NAMES:
-        raise InputError(f"no benchmark {name!r}; there are {', '.join((*NAMES, *ALONE))}")
-    module = importlib.import_module(f"palpate.validation.peers.bench_{name}")
-    benchmark: Benchmark = module.BENCHMARK
+    if name not in MODULES:
+        raise InputError(f"no benchmark {name!r}; there are {', '.join(MODULES)}")
+    module = importlib.import_module(MODULES[name])
+    benchmark: Benchmark | None = getattr(module, "BENCHMARK", None)
     device = check_device(device)
     if device != CORE:
-        if not hasattr(module, "on_device"):
+        if benchmark is None or not hasattr(module, "on_device"):
             raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
         benchmark = module.on_device(benchmark, device)
-    if unknown := [size for size in sizes or () if size not in benchmark.sizes]:
-        known = ", ".join(map(str, benchmark.sizes))
-        raise InputError(f"benchmark {name} has no size {unknown[0]}; it has {known}")
-    rows = time_all(benchmark, sizes or benchmark.sizes, progress or in_silence)
-    timed = {row["tool"] for row in rows}
-    rivals = {tool.name: tool.install for tool in benchmark.tools if tool.name != OURS}
+    known = tuple(module.SIZES if benchmark is None else benchmark.sizes)
+    if unknown := [size for size in sizes or () if size not in known]:
+        there = ", ".join(map(str, known))
+        raise InputError(f"benchmark {name} has no size {unknown[0]}; it has {there}")
+    chosen, left_out = sizes or known, {}
+    if benchmark is None:
+        rows = [row for size in chosen for row in module.measure(size, progress)]
+        summary, table = module.summary(rows), module.TABLE
+    else:
+        rows = time_all(benchmark, chosen, progress)
+        summary, table = summarise(benchmark, rows), benchmark.table
+        timed = {row["tool"] for row in rows}
+        rivals = {tool.name: tool.install for tool in benchmark.tools if tool.name != OURS}
+        left_out = {tool: how for tool, how in rivals.items() if tool not in timed}
     return {
         "bench": name,
         "machine": describe_machine(),
         "rows": rows,
-        "left_out": {tool: how for tool, how in rivals.items() if tool not in timed},
-        "summary": summarise(benchmark, rows),
-        "table": list(benchmark.table),
-    }
-
-
-def _alone(
-    name: str, sizes: Sequence[int] | None, device: str, progress: Progress
-) -> dict[str, Any]:
-    module = importlib.import_module(f"palpate.validation.peers.bench_{name}")
-    if check_device(device) != CORE:
-        raise InputError(f"benchmark {name} runs on no device; --device goes with steps")
-    rows = module.rows(sizes, progress)
-    return {
-        "bench": name,
-        "machine": describe_machine(),
-        "rows": rows,
-        "left_out": {},
-        "summary": module.summary(rows),
-        "table": list(module.TABLE),
+        "left_out": left_out,
+        "summary": summary,
+        "table": list(table),
     }
 
 

@@ -1,0 +1,308 @@
+"""Simulators of others, one row each of `registry.toml`, and the Python environments they live in.
+
+Gate, frontier, benchmarks and scoreboard take theirs from here. How a row is run stands in its
+adapter. A tool may live in another Python environment: PALPATE_BENCH_PYTHON names interpreters to
+try besides this one, separated like PATH.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from palpate.meshes.errors import FileFormatError, InputError
+from palpate.meshes.material_law import Law
+from palpate.meshes.problem import Element
+from palpate.meshes.untrusted_text import UntrustedTextError, parse_toml, read_text
+from palpate.validation.peers import adapters
+
+FILE = Path(__file__).parent / "registry.toml"
+ADAPTERS = Path(adapters.__file__).parent
+VARIABLE = "PALPATE_BENCH_PYTHON"
+# The tool's name of our own rows in a benchmark.
+OURS = "palpate"
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Who is timed in a benchmark.
+
+    Attributes:
+        name: In the rows; our own is "palpate".
+        adapter: Its file in the folder of adapters, without .py.
+        install: How to get it.
+        options: For its adapter, besides the job.
+        runs_everywhere: Whether it is timed in all interpreters that have another version of it.
+    """
+
+    name: str
+    adapter: str
+    install: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    runs_everywhere: bool = False
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Setting(_Model):
+    """One choice that was made for a simulator, and who recommends it."""
+
+    what: str = Field(min_length=1)
+    source: str = Field(min_length=1)
+
+
+class Timing(_Model):
+    """A row's part in a benchmark: which one, and its tool there."""
+
+    of: str
+    tool: str
+    options: dict[str, Any] = Field(default_factory=dict)
+    install: str = ""
+    runs_everywhere: bool = False
+
+
+class Peer(_Model):
+    """A simulator, or another tool that is timed.
+
+    Attributes:
+        name: Short, of letters, digits and hyphens: its page and its column.
+        title: For people.
+        law: That it solves; a case's body follows it in the place of the case's own.
+        compiles: Whether its first run here compiles what later ones find.
+        is_quadratic: Whether it has quadratic tetrahedra on the case's mesh.
+        adapter: Its file in the folder of adapters, without .py.
+        options: For its adapter.
+        module: That its interpreter must have; "" for a program on the path.
+        packages: Whose versions its results depend on; those of the module where none is named.
+        program: That must be on the path.
+        install: How it is installed.
+        homepage: Of the project.
+        settings: Exact ones, with their sources.
+        better: How better results are got from it, a sentence each.
+        command: Of a simulator that is no adapter: "mysim {case} {result}".
+        element: Of fastsim, which is no outside simulator.
+        on_board: Whether it stands on the scoreboard.
+        frontier: Its largest number of divisions in the study frontier; 0 leaves it out there.
+        bench: The benchmarks that it is timed in.
+    """
+
+    name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")
+    title: str = Field(min_length=1)
+    law: Law = Law.SAINT_VENANT_KIRCHHOFF
+    is_quadratic: bool = False
+    compiles: bool = False
+    adapter: str = ""
+    options: dict[str, Any] = Field(default_factory=dict)
+    module: str = ""
+    packages: tuple[str, ...] = ()
+    program: str = ""
+    install: str = ""
+    homepage: str = ""
+    settings: tuple[Setting, ...] = ()
+    better: tuple[str, ...] = ()
+    command: str = ""
+    element: Element | None = None
+    on_board: bool = True
+    frontier: int = 0
+    bench: tuple[Timing, ...] = ()
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether it is somebody else's."""
+        return self.element is None
+
+    @property
+    def adapter_lines(self) -> int:
+        """How long its adapter is."""
+        return len((ADAPTERS / f"{self.adapter}.py").read_text("utf-8").splitlines())
+
+    def command_line(self) -> str | None:
+        """What is run; None where the simulator is not installed here."""
+        if self.command:
+            return self.command
+        if self.program and shutil.which(self.program) is None:
+            return None
+        interpreter = interpreter_with(self.module) if self.module else sys.executable
+        if interpreter is None:
+            return None
+        words = [interpreter, f"{ADAPTERS / self.adapter}.py", "{case}", "{result}"]
+        return " ".join([*words, *self._option_words])
+
+    @property
+    def _option_words(self) -> list[str]:
+        return [f"{name}={value}" for name, value in self.options.items()]
+
+    def why_missing(self) -> str:
+        """What a reader does to have it."""
+        where = "" if self.program else f" ({VARIABLE} names other interpreters)"
+        return f"not installed here: {self.install}{where}"
+
+    def sources_hash(self) -> str:
+        """SHA-256 over what runs it: its adapter and the parts that it shares, or a command.
+
+        Of a command also the files that it names; of an adapter the versions of what it runs.
+        """
+        if self.adapter:
+            texts = [*_texts_of(self.adapter), " ".join(self._option_words).encode()]
+        else:
+            files = [Path(word) for word in shlex.split(self.command)]
+            texts = [self.command.encode(), *(f.read_bytes() for f in files if f.is_file())]
+        return hashlib.sha256(b"\0".join([*texts, self.versions().encode()])).hexdigest()
+
+    def versions(self) -> str:
+        """What is installed here of it, in its own words."""
+        program = version_of_program(self.program) if self.program else ""
+        interpreter = interpreter_with(self.module) if self.module else None
+        if interpreter is None:
+            return program
+        return program + versions_with(interpreter, self.module, self.packages)
+
+
+@functools.cache
+def _texts_of(adapter: str) -> list[bytes]:
+    """An adapter's file and those of the folder that it imports, whoever imports them."""
+    found: dict[str, bytes] = {}
+    waiting = [adapter]
+    while waiting:
+        name = waiting.pop()
+        file = ADAPTERS / f"{name}.py"
+        if name in found or not file.is_file():
+            continue
+        found[name] = file.read_bytes()
+        for node in ast.walk(ast.parse(found[name])):
+            if isinstance(node, ast.Import):
+                waiting += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                waiting.append(node.module)
+    return [found[name] for name in sorted(found)]
+
+
+FASTSIM = tuple(
+    Peer(
+        name=f"fastsim-{element}",
+        title=f"fastsim, {element}",
+        element=element,
+        settings=(
+            Setting(
+                what="Newton's method to a relative residual of 1e-10; of motions, central "
+                "differences with the case's step, or its own stable one",
+                source="palpate's own",
+            ),
+        ),
+    )
+    for element in Element
+)
+
+
+def read_peers(path: Path = FILE) -> tuple[Peer, ...]:
+    """Every row of a registry, in its order, and fastsim's last.
+
+    Raises:
+        FileFormatError: Missing, no TOML, a key that is not known, or two of one name.
+    """
+    try:
+        given: dict[str, Any] = parse_toml(read_text(path))
+        rows = TypeAdapter(tuple[Peer, ...]).validate_python(given.get("peer", ()))
+    except (UntrustedTextError, ValidationError) as error:
+        raise FileFormatError(path, f"no table of simulators ({error})") from error
+    everybody = (*rows, *FASTSIM)
+    if len({peer.name for peer in everybody}) < len(everybody):
+        raise FileFormatError(path, "two simulators of one name")
+    return everybody
+
+
+def peers_on_board(names: Sequence[str] | None = None) -> tuple[Peer, ...]:
+    """Those on the scoreboard that are named, in their order; all of them where none is.
+
+    Raises:
+        InputError: A name that is not there.
+    """
+    everybody = tuple(peer for peer in read_peers() if peer.on_board)
+    known = {peer.name for peer in everybody}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"no entry {name!r} on the scoreboard; there are {', '.join(known)}")
+    return tuple(peer for peer in everybody if not names or peer.name in names)
+
+
+def tools_for(benchmark: str) -> tuple[Tool, ...]:
+    """The rivals of a benchmark, in the order of their rows."""
+    return tuple(
+        Tool(
+            timing.tool,
+            peer.adapter,
+            timing.install or peer.install,
+            {**peer.options, **timing.options},
+            timing.runs_everywhere,
+        )
+        for peer in read_peers()
+        for timing in peer.bench
+        if timing.of == benchmark
+    )
+
+
+def interpreters() -> list[str]:
+    """This interpreter, then those of PALPATE_BENCH_PYTHON, separated like PATH.
+
+    Raises:
+        InputError: One that is not there.
+    """
+    others = [other for other in os.environ.get(VARIABLE, "").split(os.pathsep) if other]
+    for other in others:
+        if shutil.which(other) is None:
+            raise InputError(f"{VARIABLE}: no program {other}; name interpreters, as in PATH")
+    return [sys.executable, *(other for other in others if other != sys.executable)]
+
+
+def interpreter_with(module: str) -> str | None:
+    """The first of them that can import a module; None where none can."""
+    return next((one for one in interpreters() if _imports(one, module)), None)
+
+
+@functools.cache
+def _imports(interpreter: str, module: str) -> bool:
+    command = [interpreter, "-P", "-c", f"import {module}"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+_VERSIONS = """
+import importlib.metadata, importlib.util, os, platform, sys
+module, *packages = sys.argv[1:]
+print("Python", platform.python_version())
+for package in packages:
+    print(package, importlib.metadata.version(package))
+if not packages:
+    found = os.stat(importlib.util.find_spec(module).origin)
+    print(module, found.st_size, found.st_mtime_ns)
+"""
+
+
+@functools.cache
+def versions_with(interpreter: str, module: str, packages: tuple[str, ...]) -> str:
+    """Of an interpreter and of packages that it has; of a module without one, size and date.
+
+    "" where it does not say.
+    """
+    command = [interpreter, "-P", "-c", _VERSIONS, module, *packages]
+    return subprocess.run(command, capture_output=True, check=False, text=True).stdout
+
+
+@functools.cache
+def version_of_program(program: str) -> str:
+    """What it says when it is asked for its version with -v."""
+    done = subprocess.run([program, "-v"], capture_output=True, check=False, text=True)
+    return done.stdout + done.stderr
