@@ -53,8 +53,8 @@ def touch(
     import webbrowser
 
     from palpate.validation.case import load_case
-    from palpate.validation.live.condensed_pane import condensed_words
     from palpate.validation.live.live_case import Touch, tool_table
+    from palpate.validation.live.panes import condensed_words
     from palpate.validation.live.server import PageServer
     from palpate.validation.states import Elements
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.meshes.arrays import Points
-from palpate.validation.live.protocol import unpack_frame
+from palpate.validation.live.frames import unpack_frame
 
 if TYPE_CHECKING:
     from websockets.sync.client import ClientConnection
@@ -71,7 +71,7 @@ class Client:
         """The first frame at a time of the bodies [s] or later."""
         return self.until(lambda heard: heard.get("time", -1.0) >= seconds)
 
-    def places(self, num_points: int) -> list[Points]:
+    def positions(self, num_points: int) -> list[Points]:
         """Of the surface's points in the last frame [mm], (num_points, 3) for each pane."""
         _, numbers, _ = unpack_frame(self._last, num_points)
         box = self.scene["box"]

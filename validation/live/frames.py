@@ -1,23 +1,81 @@
-"""Frames for the page: where the surfaces are, how they are coloured, how quick it all is."""
+"""Frames for the page: where the surfaces are, how they are coloured, how quick it all is.
+
+A frame is four bytes with the length of its head, the head as JSON, padded so that what follows
+begins at a multiple of 8, and then for each pane positions of the surface's points, 16 bits for
+each coordinate within a stated box, and shades, 8 bits a point.
+"""
 
 from __future__ import annotations
 
+import json
+import struct
 import time
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.meshes.arrays import Points
-from palpate.validation.live.condensed_pane import AnyPane
-from palpate.validation.live.protocol import Box, pack_frame
+from palpate.validation.live.panes import Pane
 
+_STEPS = 65535
+_ALIGNMENT = 8
 # Energies cost more than a look at the surface: every so many frames.
 _SELDOM = 6
 # The scale of colours ends at this part of the body's size, of 1, of Young's modulus or beyond.
 _LEAST = 1e-3
 # The pace is told over so long [s].
 _WHILE = 1.0
+
+
+class Box:
+    """A box in which coordinates are told in whole numbers from 0 to 65535.
+
+    Args:
+        points: Of the body at rest [mm], shape (n, 3); the box is three times as large, so that a
+            body may move by its own size.
+    """
+
+    def __init__(self, points: Points) -> None:
+        low, high = points.min(axis=0), points.max(axis=0)
+        side = float((high - low).max())
+        self.origin = (low + high - 3.0 * side) / 2.0
+        self.step = 3.0 * side / _STEPS
+
+    def packed(self, positions: Points) -> NDArray[np.uint16]:
+        """Whole numbers of positions [mm], shape (n, 3); what lies outside is on the box's side."""
+        numbers = np.rint((positions - self.origin) / self.step)
+        packed: NDArray[np.uint16] = np.clip(numbers, 0, _STEPS).astype("<u2")
+        return packed
+
+    def described(self) -> dict[str, Any]:
+        """For the page: position = origin + step * number [mm]."""
+        return {"origin": self.origin.tolist(), "step": self.step}
+
+
+def pack_frame(
+    head: dict[str, Any], panes: Sequence[tuple[NDArray[np.uint16], NDArray[np.uint8]]]
+) -> bytes:
+    """A frame from its head and each pane's numbers and shades (format above)."""
+    text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
+    text += b" " * (-(len(text) + 4) % _ALIGNMENT)
+    parts = [struct.pack("<I", len(text)), text]
+    parts += [numbers.astype("<u2").tobytes() for numbers, _ in panes]
+    parts += [shades.astype(np.uint8).tobytes() for _, shades in panes]
+    return b"".join(parts)
+
+
+def unpack_frame(
+    data: bytes, num_points: int
+) -> tuple[dict[str, Any], list[NDArray[np.uint16]], list[NDArray[np.uint8]]]:
+    """Head, numbers (num_points, 3) and shades (num_points,) of each pane: a client's side."""
+    (length,) = struct.unpack_from("<I", data)
+    head: dict[str, Any] = json.loads(data[4 : 4 + length])
+    begin, count = 4 + length, len(head["panes"])
+    numbers = np.frombuffer(data, "<u2", count * num_points * 3, begin)
+    shades = np.frombuffer(data, np.uint8, count * num_points, begin + numbers.nbytes)
+    return head, list(numbers.reshape(count, -1, 3)), list(shades.reshape(count, -1))
 
 
 class Pace:
@@ -50,7 +108,7 @@ class Pace:
         }
 
 
-class Look:
+class FrameMaker:
     """What is seen of the panes.
 
     Args:
@@ -84,7 +142,7 @@ class Look:
         """Colour by something else from now on."""
         self.colour, self._most = colour, 0.0
 
-    def frame(self, panes: Sequence[AnyPane], head: dict[str, Any]) -> bytes:
+    def frame(self, panes: Sequence[Pane], head: dict[str, Any]) -> bytes:
         """The next frame, with more for its head."""
         self.count += 1
         shades = [pane.shades(self.colour) for pane in panes]
@@ -94,15 +152,15 @@ class Look:
         )
         packed, told = [], []
         for pane, shade in zip(panes, shades, strict=True):
-            places = pane.places()
+            positions = pane.positions()
             if self.count % _SELDOM == 1 or pane.name not in self._energies:
                 self._energies[pane.name] = pane.strain_energy()
             parts = np.clip(shade * (255.0 / self._most), 0.0, 255.0).astype(np.uint8)
-            packed.append((self.box.packed(places * 1e3), parts))
+            packed.append((self.box.packed(positions * 1e3), parts))
             told.append(
                 {
                     "force": [_finite(f) for f in pane.mean_force() + pane.pull()],
-                    "volume": _finite(pane.volume_change(places)),
+                    "volume": _finite(pane.volume_change(positions)),
                     "energy": _finite(self._energies[pane.name]),
                     "det_f": _finite(pane.smallest_det_f),
                     "trouble": bool(pane.trouble),

@@ -1,18 +1,23 @@
-"""The hand: where the tool is sent, tick by tick, slow enough for the bodies to follow.
+"""The hand: where tool and anchor are sent, tick by tick, and whether bodies are at rest.
 
 Times are whole numbers of ticks, a tick a whole number of steps, and a step has 20 significant
 bits: products and quotients of them are exact, so that a recorded path gives every step the same
-pose again, bit for bit. Places are kept in the case's unit, as they will stand in the case file.
+pose again, bit for bit. Positions are kept in the case's unit, as they stand in the case file.
+
+With damping the last of a motion dies away geometrically: of the ways d1, d2 in two windows of
+time, one after the other, d2 q / (1 - q) with q = d2 / d1 is left (A. C. Aitken, Proc. Roy. Soc.
+Edinburgh 46, 1926). Heavy damping settles slower than 1 / damping: the motion itself is watched.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats
+from palpate.meshes.arrays import Floats, Points
 
 _BITS = 20
 # Where a body takes no more, the tool goes back so many times as fast as it may come.
@@ -54,10 +59,10 @@ class Hand:
         start: Outside of the body, in the case's unit, shape (3,).
         outwards: Unit vector away from the body there, shape (3,).
         largest_way: In a tick, in the case's unit.
-        digits: Of a place behind the point, in the case's unit.
+        digits: Of a position behind the point, in the case's unit.
 
     Attributes:
-        place: Where the tool is at the end of the present tick.
+        position: Where the tool is at the end of the present tick.
         is_held_back: The body took no more, and the tool went back a little.
     """
 
@@ -65,16 +70,16 @@ class Hand:
     outwards: Floats
     largest_way: float
     digits: int
-    place: Floats = field(init=False)
+    position: Floats = field(init=False)
     is_held_back: bool = False
     _goals: list[Floats] = field(default_factory=list)
     _behind: list[Floats] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.place = self.start.copy()
+        self.position = self.start.copy()
 
     def send(self, goal: Floats) -> None:
-        """Go to a place, in the case's unit."""
+        """Go to a position, in the case's unit."""
         self._goals = [goal]
 
     def stay(self) -> None:
@@ -83,10 +88,10 @@ class Hand:
 
     def withdraw(self) -> None:
         """Go out along the way back out, then to the start."""
-        out = float((self.start - self.place) @ self.outwards)
-        self._goals = [self.place + max(out, 0.0) * self.outwards, self.start.copy()]
+        out = float((self.start - self.position) @ self.outwards)
+        self._goals = [self.position + max(out, 0.0) * self.outwards, self.start.copy()]
 
-    def next_place(self, room: float = 1.0) -> Floats:
+    def next_position(self, room: float = 1.0) -> Floats:
         """Where the tool is to be at the end of the next tick.
 
         Args:
@@ -95,23 +100,99 @@ class Hand:
         """
         self.is_held_back = room <= 0.0 and bool(self._behind)
         if self.is_held_back:
-            *self._behind, self.place = self._behind[: 1 - RETREAT] or self._behind[:1]
+            *self._behind, self.position = self._behind[: 1 - RETREAT] or self._behind[:1]
             self._goals = []
-            return self.place
+            return self.position
         largest_way = self.largest_way * min(max(room, _SLOWEST), 1.0)
         while self._goals:
-            way = self._goals[0] - self.place
+            way = self._goals[0] - self.position
             length = float(np.linalg.norm(way))
             if length > largest_way:
-                self._step_to(self.place + way * (largest_way / length))
+                self._step_to(self.position + way * (largest_way / length))
                 break
             self._step_to(self._goals.pop(0))
             if length > 0.0:
                 break
-        return self.place
+        return self.position
 
-    def _step_to(self, place: Floats) -> None:
-        there = np.round(place, self.digits)
-        if not np.array_equal(there, self.place):
-            self._behind = [*self._behind[-255:], self.place]
-        self.place = there
+    def _step_to(self, position: Floats) -> None:
+        there = np.round(position, self.digits)
+        if not np.array_equal(there, self.position):
+            self._behind = [*self._behind[-255:], self.position]
+        self.position = there
+
+
+# Of the bodies' time [s]: a window, and all of it.
+_WINDOW, _LONGEST = 0.1, 10.0
+# Way that is left of the largest displacement [-]: a tenth of what the verdict can tell.
+_RESTS = 1e-3
+# Less than this part of the displacement in a window is rounding.
+_ROUNDING = 1e-7
+
+
+class Settling:
+    """One hold.
+
+    Args:
+        tick: Of the bodies' time between two looks [s], > 0.
+
+    Attributes:
+        to_go: Way that is left over the largest displacement, of the body that has farthest to go
+            [-]; infinite before the second window, and where the motion does not die away.
+    """
+
+    def __init__(self, tick: float) -> None:
+        self._each = max(1, round(_WINDOW / tick))
+        self._most = max(self._each, round(_LONGEST / tick))
+        self._ticks = 0
+        self._begin: list[Points] = []
+        self._ways: Floats = np.zeros(0)
+        self._before: Floats | None = None
+        self.to_go = math.inf
+
+    @property
+    def rests(self) -> bool:
+        """Whether every body has come to rest."""
+        return self.to_go <= _RESTS
+
+    @property
+    def is_over(self) -> bool:
+        """Whether they rest, or were waited for long enough."""
+        return self.rests or self._ticks >= self._most
+
+    @property
+    def says(self) -> str:
+        """How far from rest they are, in a sentence."""
+        if self.rests:
+            return f"settled: less than {_RESTS:.1%} of the largest displacement is still to go"
+        left = "it does not die away" if math.isinf(self.to_go) else f"{self.to_go:.1%} is to go"
+        return f"not at rest after {_LONGEST:g} s: of the largest displacement {left}"
+
+    def note(self, displacements: Sequence[Points]) -> bool:
+        """Look at the bodies once more [m], shape (num_points, 3) each.
+
+        Returns:
+            Whether a window ended with this look.
+        """
+        if not self._begin:
+            self._begin = [u.copy() for u in displacements]
+            self._ways = np.zeros(len(self._begin))
+        self._ticks += 1
+        ways = [np.abs(u - b).max() for u, b in zip(displacements, self._begin, strict=True)]
+        self._ways = np.maximum(self._ways, ways)
+        if self._ticks % self._each:
+            return False
+        if self._before is not None:
+            sizes = [float(np.abs(u).max()) for u in displacements]
+            rows = zip(self._before, self._ways, sizes, strict=True)
+            self.to_go = max(
+                _left(d1, d2) / size if d2 > _ROUNDING * size else 0.0 for d1, d2, size in rows
+            )
+        self._before, self._ways = self._ways, np.zeros(len(displacements))
+        self._begin = [u.copy() for u in displacements]
+        return True
+
+
+def _left(first: float, second: float) -> float:
+    """Way after two windows [m]; infinite where the second was no shorter."""
+    return second * max(1.0, second / (first - second)) if second < first else math.inf

@@ -11,21 +11,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Indices
-from palpate.meshes.atomic_write import atomic_path
-from palpate.meshes.errors import InputError
+from palpate.meshes.arrays import Indices
 from palpate.meshes.supervised import supervised
-from palpate.meshes.untrusted_text import parse_toml
 from palpate.reference import availability
-from palpate.validation.live.condensed_pane import AnyPane
-from palpate.validation.live.live_case import LiveCase
-from palpate.validation.live.recording import write_case
 from palpate.validation.live.verdict import ANSWERED, SAME_MESH, TRUTH
 from palpate.validation.report.viewer import packed
 
@@ -41,102 +35,6 @@ _COLOUR = {
 }
 # Progress is told so often at most [s].
 _BREATH = 0.5
-# Of the truth: a fifth of the smallest limit below.
-_BAR = 0.01
-# Less than this part of the body's size is no displacement worth a verdict.
-_NOTHING = 1e-6
-_CHECKS: list[dict[str, Any]] = [
-    {
-        "metric": "displacement_l2",
-        "against": "truth",
-        "limit": 0.05,
-        "reason": "a twentieth of the displacement: of 16 mm, an instrument is placed to one",
-    },
-    {
-        "metric": "smallest_det_f",
-        "against": "candidate",
-        "limit": 0.0,
-        "reason": "no cell may be inverted",
-    },
-]
-_FORCE_CHECK = {
-    "metric": "tool_force",
-    "against": "truth",
-    "limit": 0.07,
-    "reason": "a hand tells forces that differ by 7 to 10 % (L. A. Jones, Perception 18, 1989)",
-}
-
-
-def write_pose(
-    live: LiveCase,
-    place: Floats,
-    panes: Sequence[AnyPane],
-    forces: Sequence[Floats],
-    grip: dict[str, Any] | None,
-    folder: Path,
-    name: str,
-) -> tuple[Path, Path]:
-    """Write what is seen as a static case, with the answers of the panes beside it.
-
-    Args:
-        live: What is touched.
-        place: Of the tool, in the case's unit, shape (3,).
-        panes: As they stand.
-        forces: On the tool [N], shape (3,) for each pane.
-        grip: Table of a spring that holds the surface.
-        folder: Made where it is not there.
-        name: Of the case.
-
-    Returns:
-        The case file, and the .npz with displacements, forces, names and elements.
-
-    Raises:
-        InputError: Nothing acts on the body.
-    """
-    mesh = live.problem.mesh
-    size = float(np.ptp(mesh.points, axis=0).max())
-    moved = [np.array(pane.body.displacement) for pane in panes]
-    if max(float(np.abs(u).max()) for u in moved) < _NOTHING * size:
-        raise InputError("nothing acts on the body: press it first, and hold still")
-    data = live.with_path([place])
-    data.pop("time")
-    data["strain"] = "green"
-    data["title"] = f"{live.case.title}: held in a hand"
-    data.pop("load", None)
-    given = parse_toml(live.case.text).get("load")
-    if live.has_loads and given:
-        data["load"] = given
-    data.pop("spring", None)
-    springs = parse_toml(live.case.text).get("spring", []) if live.has_loads else []
-    if grip is not None:
-        springs = [*springs, grip]
-    if springs:
-        data["spring"] = springs
-    data["check"] = list(_CHECKS)
-    data["truth"] = {"bar": _BAR}
-    if any(np.any(force) for force in forces):
-        # From outside straight to where it is: without friction the way does not matter.
-        out = max(0.0, float((live.start - place) @ live.outwards))
-        pose = data["tool"][0]["pose"][0]
-        data["tool"][0]["pose"] = [
-            {**pose, "time": 0.0, "position": (place + out * live.outwards).tolist()},
-            {**pose, "time": 1.0, "position": place.tolist()},
-        ]
-        data["check"].insert(1, _FORCE_CHECK)
-    else:
-        data.pop("tool")
-    path = write_case(live.case, data, folder, name)
-    answers = folder / f"{name}.npz"
-    with atomic_path(answers) as temporary, temporary.open("wb") as file:
-        np.savez(
-            file,
-            displacement=np.array(moved),
-            force=np.array(forces),
-            names=np.array([pane.name for pane in panes]),
-            strain=np.array([pane.strain.value for pane in panes]),
-            element=np.array([pane.element.value for pane in panes]),
-        )
-    return path, answers
 
 
 class Judging(threading.Thread):

@@ -106,16 +106,16 @@ class LiveCase:
             "notes": list(self.notes),
         }
 
-    def with_path(self, places: list[Floats]) -> dict[str, Any]:
-        """The tables with the tool's places tick by tick, shape (3,) each, from the start."""
+    def with_path(self, positions: list[Floats]) -> dict[str, Any]:
+        """The tables with the tool's positions tick by tick, shape (3,) each, from the start."""
         data = copy.deepcopy(self.data)
         tick = self.clock.tick
         first = data["tool"][0]["pose"][0]
         data["tool"][0]["pose"] = [
-            {**first, "time": number * tick, "position": place.tolist()}
-            for number, place in enumerate(places)
+            {**first, "time": number * tick, "position": position.tolist()}
+            for number, position in enumerate(positions)
         ]
-        data["time"]["end_time"] = (len(places) - 1) * tick
+        data["time"]["end_time"] = (len(positions) - 1) * tick
         return data
 
 
@@ -263,8 +263,8 @@ def _free_side(problem: Problem) -> int:
     if not held:
         return 2
     low, high = points.min(axis=0), points.max(axis=0)
-    place = (points[np.concatenate(held)].mean(axis=0) - low) / (high - low)
-    return 2 if place[2] < 0.45 else int(np.argmin(place))
+    position = (points[np.concatenate(held)].mean(axis=0) - low) / (high - low)
+    return 2 if position[2] < 0.45 else int(np.argmin(position))
 
 
 def _begin_of(tool: ToolSpec, outwards: Floats) -> tuple[Floats, dict[str, Any] | None, Floats]:

@@ -1,23 +1,145 @@
-"""Motions and poses of the live page as cases: a file, and what it names beside it."""
+"""Grips, motions and poses of the live page as cases: a file, and what it names beside it."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from palpate.fastsim.springs import PatchSprings
 from palpate.meshes.arrays import Floats
 from palpate.meshes.atomic_write import atomic_path, write_text_atomically
 from palpate.meshes.errors import InputError
+from palpate.meshes.spring import AnchorPath, Spring
+from palpate.meshes.untrusted_text import parse_toml
 from palpate.validation.case import Case
+from palpate.validation.case.units import FORCE, LENGTH
 from palpate.validation.case.writing import case_text
-from palpate.validation.live.grip import Grip
+from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import LiveCase
+from palpate.validation.live.panes import ExplicitPane, Pane
+
+# Of the stiffest spring that the time step bears: two grips may lie over each other in a recording.
+_PART_OF_ROOM = 0.4
+# Grips of one recording, for that reason.
+MOST_GRIPS = 2
+
+
+@dataclass
+class Grip:
+    """One hold of the surface.
+
+    Attributes:
+        table: Of the spring in a case file, without path.
+        spring: The same in SI units, its anchor where the patch is.
+        hand: Moves the anchor, in the case's unit, from where the body is at rest.
+        first: Where the anchor was when the hand took hold, in the case's unit.
+        begin: Step at which it did.
+        end: At which it let go; None while it holds.
+        positions: Of the anchor at the end of each tick.
+    """
+
+    table: dict[str, Any]
+    spring: Spring
+    hand: Hand
+    first: Floats
+    begin: int
+    end: int | None = None
+    positions: list[Floats] = field(default_factory=list)
+
+    def recorded(self, clock_step: float, steps: int) -> dict[str, Any]:
+        """Its table with path and factors over time.
+
+        On and off within the step before: forces are found at whole steps.
+
+        Args:
+            clock_step: [s].
+            steps: In a tick.
+        """
+        path = [self.first, *self.positions]
+        table = dict(self.table)
+        table["path"] = [
+            {"time": (self.begin + number * steps) * clock_step, "displacement": position.tolist()}
+            for number, position in enumerate(path)
+        ]
+        factors: dict[int, float] = {}
+        if self.begin > 0:
+            factors |= {self.begin - 1: 0.0, self.begin: 1.0}
+        if self.end is not None:
+            factors |= {self.end - 1: 1.0, self.end: 0.0}
+        if factors:
+            table["amplitude"] = {
+                "times": [step * clock_step for step in sorted(factors)],
+                "factors": [factors[step] for step in sorted(factors)],
+            }
+        return table
+
+    def held(self) -> dict[str, Any]:
+        """Its table with the anchor as it is now, for statics."""
+        return {**self.table, "displacement": self.hand.position.tolist()}
+
+
+def take_hold(
+    live: LiveCase,
+    pane: ExplicitPane,
+    point: int,
+    radius: float,
+    *,
+    largest_way: float,
+    digits: int,
+) -> Grip:
+    """Take hold of the surface about one of its points.
+
+    The patch is as stiff as a rigid disc of that radius on a half space, 2 E r, or less where the
+    time step bears no more.
+
+    Args:
+        live: What is touched.
+        pane: Whose patch says where the anchor begins; it pulls there with no force.
+        point: Of the mesh.
+        radius: [m], > 0.
+        largest_way: Of the anchor in a tick, in the case's unit.
+        digits: Of positions behind the point, in the case's unit.
+
+    Raises:
+        InputError: No patch there.
+    """
+    units, mesh, body = live.case.spec.units, live.problem.mesh, pane.body
+    position = np.round(mesh.points[point] / live.unit, digits)
+    size = float(f"{radius / live.unit:.6g}")
+    center = units.place((position[0], position[1], position[2]))
+    none = AnchorPath(np.zeros(1), np.zeros((1, 3)))
+    soft = Spring.on(mesh, center, units.metres(size), 1.0, none)
+    patch = PatchSprings(mesh.points, (soft,))
+    if pane.trouble:
+        raise InputError("the body stands still; reset it first")
+    room = (4.0 / body.time_step**2 - 4.0 / body.critical_time_step**2) * body.mass
+    rows = patch.row_sums()
+    most = _PART_OF_ROOM * float((room[rows > 0.0] / rows[rows > 0.0]).min())
+    wanted = 2.0 * live.problem.material.youngs_modulus * radius
+    per_unit = FORCE[units.force] / LENGTH[units.length]
+    stiffness = float(f"{min(wanted, most) / per_unit:.3g}")
+    first = np.round(patch.mean_displacements(body.displacement)[0] / live.unit, digits)
+    anchor = np.array([units.place((first[0], first[1], first[2]))])
+    spring = Spring.on(
+        mesh,
+        center,
+        units.metres(size),
+        units.newtons_per_metre(stiffness),
+        AnchorPath(np.zeros(1), anchor),
+    )
+    table = {"center": position.tolist(), "radius": size, "stiffness": stiffness}
+    hand = Hand(first, np.zeros(3), largest_way, digits)
+    return Grip(table, spring, hand, first, body.steps)
+
 
 # States kept of a recorded motion, about so many a second.
 _OUTPUTS = 30.0
-_CHECKS: list[dict[str, Any]] = [
+_MOTION_CHECKS: list[dict[str, Any]] = [
     {
         "metric": "trajectory_l2",
         "against": "same_mesh",
@@ -39,19 +161,45 @@ _CHECKS: list[dict[str, Any]] = [
 ]
 
 
+# Of the truth: a fifth of the smallest limit below.
+_BAR = 0.01
+# Less than this part of the body's size is no displacement worth a verdict.
+_NOTHING = 1e-6
+_POSE_CHECKS: list[dict[str, Any]] = [
+    {
+        "metric": "displacement_l2",
+        "against": "truth",
+        "limit": 0.05,
+        "reason": "a twentieth of the displacement: of 16 mm, an instrument is placed to one",
+    },
+    {
+        "metric": "smallest_det_f",
+        "against": "candidate",
+        "limit": 0.0,
+        "reason": "no cell may be inverted",
+    },
+]
+_FORCE_CHECK = {
+    "metric": "tool_force",
+    "against": "truth",
+    "limit": 0.07,
+    "reason": "a hand tells forces that differ by 7 to 10 % (L. A. Jones, Perception 18, 1989)",
+}
+
+
 def ticks_of_output(tick: float, num_ticks: int) -> int:
     """Ticks between two states that are kept of a recording [-]."""
     return max(1, min(num_ticks, round(1.0 / (_OUTPUTS * tick))))
 
 
 def write_recording(
-    live: LiveCase, places: list[Floats], grips: Sequence[Grip], folder: Path, name: str
+    live: LiveCase, positions: list[Floats], grips: Sequence[Grip], folder: Path, name: str
 ) -> Path:
     """Write a recorded motion as a case, which repeats it step by step.
 
     Args:
         live: What was touched.
-        places: Of the tool in the case's unit at the end of each tick, from the start.
+        positions: Of the tool in the case's unit at the end of each tick, from the start.
         grips: Holds of the surface since then.
         folder: Made where it is not there.
         name: Of the case.
@@ -62,21 +210,93 @@ def write_recording(
     Raises:
         InputError: Nothing was recorded, or a file cannot be written.
     """
-    num_ticks = len(places) - 1
+    num_ticks = len(positions) - 1
     if num_ticks < 1:
         raise InputError("nothing was recorded: begin, move the tool, then end the recording")
     each = ticks_of_output(live.clock.tick, num_ticks)
     # The tool rests until the last state that is kept.
-    places = [*places, *[places[-1]] * (-num_ticks % each)]
-    data = live.with_path(places)
-    data["time"]["num_outputs"] = (len(places) - 1) // each
+    positions = [*positions, *[positions[-1]] * (-num_ticks % each)]
+    data = live.with_path(positions)
+    data["time"]["num_outputs"] = (len(positions) - 1) // each
     clock = live.clock
-    springs = [grip.recorded(clock.time_step, clock.steps) for grip in grips if grip.places]
+    springs = [grip.recorded(clock.time_step, clock.steps) for grip in grips if grip.positions]
     if springs:
         data["spring"] = [*data.get("spring", []), *springs]
     data["title"] = f"{live.case.title}: touched"
-    data["check"] = _CHECKS
+    data["check"] = _MOTION_CHECKS
     return write_case(live.case, data, folder, name)
+
+
+def write_pose(
+    live: LiveCase,
+    position: Floats,
+    panes: Sequence[Pane],
+    forces: Sequence[Floats],
+    grip: dict[str, Any] | None,
+    folder: Path,
+    name: str,
+) -> tuple[Path, Path]:
+    """Write what is seen as a static case, with the answers of the panes beside it.
+
+    Args:
+        live: What is touched.
+        position: Of the tool, in the case's unit, shape (3,).
+        panes: As they stand.
+        forces: On the tool [N], shape (3,) for each pane.
+        grip: Table of a spring that holds the surface.
+        folder: Made where it is not there.
+        name: Of the case.
+
+    Returns:
+        The case file, and the .npz with displacements, forces, names and elements.
+
+    Raises:
+        InputError: Nothing acts on the body.
+    """
+    mesh = live.problem.mesh
+    size = float(np.ptp(mesh.points, axis=0).max())
+    moved = [np.array(pane.displacement) for pane in panes]
+    if max(float(np.abs(u).max()) for u in moved) < _NOTHING * size:
+        raise InputError("nothing acts on the body: press it first, and hold still")
+    data = live.with_path([position])
+    data.pop("time")
+    data["strain"] = "green"
+    data["title"] = f"{live.case.title}: held in a hand"
+    data.pop("load", None)
+    given = parse_toml(live.case.text).get("load")
+    if live.has_loads and given:
+        data["load"] = given
+    data.pop("spring", None)
+    springs = parse_toml(live.case.text).get("spring", []) if live.has_loads else []
+    if grip is not None:
+        springs = [*springs, grip]
+    if springs:
+        data["spring"] = springs
+    data["check"] = list(_POSE_CHECKS)
+    data["truth"] = {"bar": _BAR}
+    if any(np.any(force) for force in forces):
+        # From outside straight to where it is: without friction the way does not matter.
+        out = max(0.0, float((live.start - position) @ live.outwards))
+        pose = data["tool"][0]["pose"][0]
+        data["tool"][0]["pose"] = [
+            {**pose, "time": 0.0, "position": (position + out * live.outwards).tolist()},
+            {**pose, "time": 1.0, "position": position.tolist()},
+        ]
+        data["check"].insert(1, _FORCE_CHECK)
+    else:
+        data.pop("tool")
+    path = write_case(live.case, data, folder, name)
+    answers = folder / f"{name}.npz"
+    with atomic_path(answers) as temporary, temporary.open("wb") as file:
+        np.savez(
+            file,
+            displacement=np.array(moved),
+            force=np.array(forces),
+            names=np.array([pane.name for pane in panes]),
+            strain=np.array([pane.strain.value for pane in panes]),
+            element=np.array([pane.element.value for pane in panes]),
+        )
+    return path, answers
 
 
 def write_case(case: Case, data: dict[str, Any], folder: Path, name: str) -> Path:

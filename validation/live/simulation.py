@@ -18,16 +18,19 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case
 from palpate.validation.live import protocol
-from palpate.validation.live.between_vertices import warn_between_vertices
-from palpate.validation.live.condensed_pane import all_panes
-from palpate.validation.live.frames import Look, Pace
-from palpate.validation.live.grip import MOST_GRIPS, Grip, take_hold
-from palpate.validation.live.hand import RETREAT, Hand
-from palpate.validation.live.judging import Judging, write_pose
+from palpate.validation.live.frames import FrameMaker, Pace
+from palpate.validation.live.hand import RETREAT, Hand, Settling
+from palpate.validation.live.judging import Judging
 from palpate.validation.live.live_case import Touch, live_case, patch_radius
-from palpate.validation.live.pane import Pane, Surface
-from palpate.validation.live.recording import free_name, write_recording
-from palpate.validation.live.settling import Settling
+from palpate.validation.live.panes import BetweenVertices, ExplicitPane, Surface, make_panes
+from palpate.validation.live.recording import (
+    MOST_GRIPS,
+    Grip,
+    free_name,
+    take_hold,
+    write_pose,
+    write_recording,
+)
 
 FRAME = 1.0 / 60.0
 # Of all frames together [bytes/s].
@@ -82,7 +85,7 @@ class Simulation(threading.Thread):
         self._unanswered: tuple[int, float] | None = None
         mesh = case.mesh.mesh
         rest = mesh.points[np.unique(mesh.boundary_facets)] * 1e3
-        self._look = Look(rest, case.problem.material.youngs_modulus)
+        self._frames = FrameMaker(rest, case.problem.material.youngs_modulus)
         self._build()
         self._pool = ThreadPoolExecutor(max(1, len(self.panes) - 1), thread_name_prefix="pane")
 
@@ -114,7 +117,7 @@ class Simulation(threading.Thread):
         live, milli = self.live, self._milli
         return {
             "kind": "scene",
-            "box": self._look.box.described(),
+            "box": self._frames.box.described(),
             "tool": {**live.data["tool"][0], "start": (live.start * milli).tolist()},
             "patch": self._patch * 1e3,
             "panes": [pane.name for pane in self.panes],
@@ -127,7 +130,9 @@ class Simulation(threading.Thread):
     def _build(self) -> None:
         live = live_case(self._case, self._touch, self._elements)
         surface = Surface(live.problem)
-        self.panes = all_panes(live.problem, surface, self._elements, self._touch.is_condensed)
+        self.panes = make_panes(
+            live.problem, surface, self._elements, is_condensed=self._touch.is_condensed
+        )
         self.live, self.surface, problem = live, surface, live.problem
         self._milli = self.live.unit * 1e3
         side = float(np.ptp(problem.mesh.points, axis=0).max())
@@ -151,7 +156,7 @@ class Simulation(threading.Thread):
         self._grip: Grip | None = None
         self._grips: list[Grip] = []
         self._pace = Pace(tick)
-        self._look.begin()
+        self._frames.begin()
         self._told: set[int] = set()
         self._settling: Settling | None = None
         self._due = time.perf_counter()
@@ -199,8 +204,8 @@ class Simulation(threading.Thread):
     def _tick(self) -> None:
         clock = self.live.clock
         room = min(pane.room for pane in self.panes)
-        place = self.hand.next_place(room)
-        metres = self._metres(place)
+        position = self.hand.next_position(room)
+        metres = self._metres(position)
         begin = time.perf_counter()
         anchor = self._next_anchor(room)
         others = [
@@ -221,7 +226,7 @@ class Simulation(threading.Thread):
         if self._unanswered is not None:
             self._answered, self._unanswered = self._unanswered, None
         if self._recorded is not None:
-            self._recorded.append(place.copy())
+            self._recorded.append(position.copy())
             if len(self._recorded) * clock.tick > _LONGEST_RECORDING:
                 self._end_recording()
 
@@ -229,12 +234,12 @@ class Simulation(threading.Thread):
         """Where what is held is pulled to [m]."""
         if self._grip is None:
             return None
-        place = self._grip.hand.next_place(room)
-        self._grip.places.append(place.copy())
-        return self._metres(place)
+        position = self._grip.hand.next_position(room)
+        self._grip.positions.append(position.copy())
+        return self._metres(position)
 
-    def _metres(self, place: Floats) -> Floats:
-        return np.array(self._case.spec.units.place((place[0], place[1], place[2])))
+    def _metres(self, position: Floats) -> Floats:
+        return np.array(self._case.spec.units.place((position[0], position[1], position[2])))
 
     def _show(self) -> int:
         """Send a frame; returns its size [bytes]."""
@@ -243,8 +248,8 @@ class Simulation(threading.Thread):
         grip = self._grip
         head = {
             "time": self._ticks * self.live.clock.tick,
-            "tool": (self.hand.place * self._milli).tolist(),
-            "grip": None if grip is None else (grip.hand.place * self._milli).tolist(),
+            "tool": (self.hand.position * self._milli).tolist(),
+            "grip": None if grip is None else (grip.hand.position * self._milli).tolist(),
             "held_back": self.hand.is_held_back or (grip is not None and grip.hand.is_held_back),
             "paused": self._is_paused,
             "recording": self._recorded is not None,
@@ -253,8 +258,8 @@ class Simulation(threading.Thread):
             **self._pace.described(),
         }
         self._answered = (number, 0.0)
-        frame = self._look.frame(self.panes, head)
-        self._send((self._look.count, frame))
+        frame = self._frames.frame(self.panes, head)
+        self._send((self._frames.count, frame))
         return len(frame)
 
     def _say(self, text: str, **more: Any) -> None:
@@ -262,10 +267,13 @@ class Simulation(threading.Thread):
 
     def _obey(self, message: protocol.Message, received: float) -> None:
         match message:
-            case protocol.ToolTo() | protocol.Withdraw() | protocol.Grab() | protocol.Pull() if (
-                self._settling is not None
-            ):
-                pass  # the hand is held still
+            case (
+                protocol.ToolTo()
+                | protocol.Grab()
+                | protocol.Pull()
+                | protocol.Order(kind="withdraw")
+            ) if self._settling is not None:
+                pass  # the hand stays still
             case protocol.ToolTo(number=number, to=to):
                 self.hand.send(np.array(to) / self._milli)
                 self._unanswered = (number, received)
@@ -274,28 +282,28 @@ class Simulation(threading.Thread):
             case protocol.Pull(number=number, by=by) if self._grip is not None:
                 self._grip.hand.send(self._grip.first + np.array(by) / self._milli)
                 self._unanswered = (number, received)
-            case protocol.LetGo():
+            case protocol.Order(kind="let_go"):
                 self._let_go()
-            case protocol.Withdraw():
+            case protocol.Order(kind="withdraw"):
                 self._let_go()
                 self.hand.withdraw()
-            case protocol.Pause(on=on):
-                self._is_paused = on
-            case protocol.Reset():
+            case protocol.Order(kind="reset"):
                 self._recorded = None
                 self._reset()
-            case protocol.ColourBy(by=by):
-                self._look.colour_by(by)
-            case protocol.CaseLoads(on=on):
+            case protocol.Order(kind="judge"):
+                self._begin_to_judge()
+            case protocol.Switch(kind="pause", on=on):
+                self._is_paused = on
+            case protocol.Switch(kind="loads", on=on):
                 self._recorded = None
                 self._with_loads(on)
-            case protocol.Record(on=True):
+            case protocol.Switch(kind="record", on=True):
                 self._reset()
-                self._recorded = [self.hand.place.copy()]
-            case protocol.Record(on=False):
+                self._recorded = [self.hand.position.copy()]
+            case protocol.Switch(kind="record", on=False):
                 self._end_recording()
-            case protocol.JudgeThis():
-                self._begin_to_judge()
+            case protocol.ColourBy(by=by):
+                self._frames.colour_by(by)
 
     def _grab(self, point: int, radius: float) -> None:
         self._let_go()
@@ -303,7 +311,9 @@ class Simulation(threading.Thread):
             self._say(f"a recording takes {MOST_GRIPS} grips; end it first")
             return
         used = self.surface.used
-        green = next(p for p in self.panes if isinstance(p, Pane) and p.strain is Strain.GREEN)
+        green = next(
+            p for p in self.panes if isinstance(p, ExplicitPane) and p.strain is Strain.GREEN
+        )
         try:
             grip = take_hold(
                 self.live,
@@ -346,7 +356,7 @@ class Simulation(threading.Thread):
 
     def _settle(self, settling: Settling) -> None:
         """Watch the bodies; forces are means of the last window or less."""
-        if settling.note([pane.body.displacement for pane in self.panes]) and not settling.is_over:
+        if settling.note([pane.displacement for pane in self.panes]) and not settling.is_over:
             for pane in self.panes:
                 pane.mean_force()
 
@@ -358,7 +368,7 @@ class Simulation(threading.Thread):
             name = free_name(self._folder, f"held-{self._case.name}")
             held = None if self._grip is None else self._grip.held()
             case, answers = write_pose(
-                self.live, self.hand.place, self.panes, forces, held, self._folder, name
+                self.live, self.hand.position, self.panes, forces, held, self._folder, name
             )
         except (InputError, OSError) as error:
             self._is_paused = False
@@ -366,9 +376,9 @@ class Simulation(threading.Thread):
             self._send({**note, "verdicts": [], "errors": []})
             return
         self._say(settled.says)
-        moved = [pane.body.displacement for pane in self.panes]
-        metres = self._metres(self.hand.place)
-        if warning := warn_between_vertices(self.live.problem, metres, moved):
+        moved = [pane.displacement for pane in self.panes]
+        metres = self._metres(self.hand.position)
+        if warning := BetweenVertices(self.live.problem).warning(metres, moved):
             self._say(warning)
         self._judging = Judging(case, answers, self.surface.used, self._send)
         self._judging.start()
@@ -384,15 +394,15 @@ class Simulation(threading.Thread):
         self._send(self.scene())
 
     def _end_recording(self) -> None:
-        places, self._recorded = self._recorded, None
-        self.recorded_grips = [grip for grip in self._grips if grip.places]
-        if places is None:
+        positions, self._recorded = self._recorded, None
+        self.recorded_grips = [grip for grip in self._grips if grip.positions]
+        if positions is None:
             return
         try:
             name = free_name(self._folder, f"touched-{self._case.name}")
-            path = write_recording(self.live, places, self._grips, self._folder, name)
+            path = write_recording(self.live, positions, self._grips, self._folder, name)
         except (InputError, OSError) as error:
             self._say(f"not recorded: {error}")
             return
-        seconds = (len(places) - 1) * self.live.clock.tick
+        seconds = (len(positions) - 1) * self.live.clock.tick
         self._say(f"{seconds:.3g} s recorded: palpate gate {path} --live", recorded=str(path))

@@ -138,17 +138,17 @@ def same_mesh_references(
     failures: dict[tuple[str, Strain], str] = {}
     for pane in panes:
         strain, element = pane.strain, pane.element
-        place = (OF_ELEMENT[element], strain)
-        if place in states or place in failures:
+        position = (OF_ELEMENT[element], strain)
+        if position in states or position in failures:
             continue
         try:
-            states[place] = solve_state(
+            states[position] = solve_state(
                 case.problem, strain, 1, progress, element=element, start=pane.displacement
             )
         except ReferenceUnavailableError:
             raise
         except ReferenceFailedError as error:
-            failures[place] = f"{place[0]}: {error}"
+            failures[position] = f"{position[0]}: {error}"
     return ReferenceSet(states, {}, "the same mesh, solved here", failures)
 
 
@@ -201,9 +201,9 @@ def with_bars_of_two(problem: Problem, found: ReferenceSet) -> ReferenceSet:
         return found
     if len(record["cells"]) != 2 or record["ended"].startswith(LOST):
         return found
-    places = {(LINEAR, Strain.GREEN): linear, (QUADRATIC, Strain.GREEN): truth}
-    rough = estimate_bars(problem, places)
-    told = {place: bar for place, bar in found.bars.items() if math.isfinite(bar)}
+    positions = {(LINEAR, Strain.GREEN): linear, (QUADRATIC, Strain.GREEN): truth}
+    rough = estimate_bars(problem, positions)
+    told = {position: bar for position, bar in found.bars.items() if math.isfinite(bar)}
     return replace(found, bars={**found.bars, **rough, **told})
 
 

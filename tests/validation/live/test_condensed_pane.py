@@ -13,10 +13,9 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element
 from palpate.validation.case import load_case
 from palpate.validation.live.client import connected
-from palpate.validation.live.condensed_pane import all_panes, condensed_words
-from palpate.validation.live.grip import take_hold
 from palpate.validation.live.live_case import Touch, live_case
-from palpate.validation.live.pane import Pane, Surface
+from palpate.validation.live.panes import ExplicitPane, Surface, condensed_words, make_panes
+from palpate.validation.live.recording import take_hold
 from palpate.validation.live.server import PageServer
 
 Serving = Callable[..., AbstractContextManager[PageServer]]
@@ -26,28 +25,28 @@ BALL = {"shape": "sphere", "radius": 16.0}
 @pytest.mark.parametrize("element", list(Element))
 def test_it_is_where_the_linear_pane_comes_to_rest(element: Element) -> None:
     live = live_case(load_case("block"), Touch(BALL, mass_damping=100.0), (element,))
-    panes = all_panes(live.problem, Surface(live.problem), (element,), is_condensed=True)
+    panes = make_panes(live.problem, Surface(live.problem), (element,), is_condensed=True)
     linear, green, condensed = panes
     assert "condensed" in condensed.name
-    assert isinstance(green, Pane)
-    place = 1e-3 * (live.start - [5.0, 1.0, 0.0])
+    assert isinstance(green, ExplicitPane)
+    position = 1e-3 * (live.start - [5.0, 1.0, 0.0])
     anchor = 1e-3 * np.array([1.0, -2.0, 1.5])
     spring = take_hold(live, green, 3, 0.014, largest_way=1.0, digits=6).spring
     for pane in (linear, condensed):
         pane.hold(spring)
         for _ in range(400):
-            pane.advance(place, anchor, live.clock.steps)
+            pane.advance(position, anchor, live.clock.steps)
     linear.mean_force()
-    linear.advance(place, anchor, live.clock.steps)
-    u = condensed.body.displacement
-    assert np.abs(linear.body.displacement - u).max() < 1e-9 * np.abs(u).max()
+    linear.advance(position, anchor, live.clock.steps)
+    u = condensed.displacement
+    assert np.abs(linear.displacement - u).max() < 1e-9 * np.abs(u).max()
     for same in (
         lambda pane: pane.mean_force(),
         lambda pane: pane.pull(),
-        lambda pane: pane.places(),
+        lambda pane: pane.positions(),
         lambda pane: pane.shades("displacement"),
         lambda pane: pane.shades("stress"),
-        lambda pane: pane.volume_change(pane.places()),
+        lambda pane: pane.volume_change(pane.positions()),
         lambda pane: pane.strain_energy(),
     ):
         expected = np.asarray(same(linear))
@@ -56,7 +55,7 @@ def test_it_is_where_the_linear_pane_comes_to_rest(element: Element) -> None:
     assert condensed.mean_force()[0] > 0.1
     condensed.reset()
     condensed.advance(1e-3 * live.start, None, 1)
-    assert not condensed.body.displacement.any()
+    assert not condensed.displacement.any()
     assert not condensed.pull().any()
 
 
@@ -86,7 +85,7 @@ def test_a_support_that_moves_is_refused() -> None:
     (support,) = problem.supports
     moved = dataclasses.replace(support, displacement=(1e-3, 0.0, 0.0))
     with pytest.raises(InputError, match="supports stand still"):
-        all_panes(
+        make_panes(
             dataclasses.replace(problem, supports=(moved,)),
             Surface(problem),
             (Element.LINEAR,),

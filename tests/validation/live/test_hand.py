@@ -1,4 +1,4 @@
-"""The hand keeps to its speed, its grid of times and places, and goes back where it must."""
+"""The hand keeps to its speed, its grid of times and positions, and goes back where it must."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def test_the_tool_goes_no_faster_than_it_may_and_arrives() -> None:
     one = hand()
     goal = np.array([3.0, 0.0, 6.123456789])
     one.send(goal)
-    last = one.place
+    last = one.position
     for _ in range(20):
-        place = one.next_place()
-        assert np.linalg.norm(place - last) <= 0.5 + 1e-6
-        last = place
-    np.testing.assert_array_equal(one.place, np.round(goal, 6))
+        position = one.next_position()
+        assert np.linalg.norm(position - last) <= 0.5 + 1e-6
+        last = position
+    np.testing.assert_array_equal(one.position, np.round(goal, 6))
 
 
 def test_the_tool_slows_down_where_there_is_little_room() -> None:
     one = hand()
     one.send(np.array([0.0, 0.0, 0.0]))
-    ways = -np.diff([one.next_place(room)[2] for room in (1.0, 1.0, 0.5, 0.2, 0.01, 7.0)])
+    ways = -np.diff([one.next_position(room)[2] for room in (1.0, 1.0, 0.5, 0.2, 0.01, 7.0)])
     np.testing.assert_allclose(ways, [0.5, 0.25, 0.1, 0.05, 0.5], atol=1e-6)
     assert not one.is_held_back
 
@@ -47,12 +47,12 @@ def test_the_tool_slows_down_where_there_is_little_room() -> None:
 def test_the_tool_goes_back_on_its_way_while_a_body_takes_no_more() -> None:
     one = hand()
     one.send(np.array([0.0, 0.0, 0.0]))
-    way = [one.next_place().copy() for _ in range(9)]
-    back = [one.next_place(0.0).copy() for _ in range(2)]
+    way = [one.next_position().copy() for _ in range(9)]
+    back = [one.next_position(0.0).copy() for _ in range(2)]
     # Five times as fast as it came, and not beyond where it began.
     np.testing.assert_array_equal(back, [way[3], [0.0, 0.0, 10.0]])
     assert one.is_held_back
-    one.next_place()
+    one.next_position()
     assert not one.is_held_back
 
 
@@ -60,8 +60,8 @@ def test_a_tool_that_is_withdrawn_leaves_along_the_way_out_before_it_goes_aside(
     one = hand()
     one.send(np.array([4.0, 0.0, 2.0]))
     for _ in range(40):
-        one.next_place()
+        one.next_position()
     one.withdraw()
-    places = np.array([one.next_place().copy() for _ in range(40)])
-    assert (np.abs(places[:16, 0] - 4.0) < 1e-6).all()
-    np.testing.assert_array_equal(places[-1], [0.0, 0.0, 10.0])
+    positions = np.array([one.next_position().copy() for _ in range(40)])
+    assert (np.abs(positions[:16, 0] - 4.0) < 1e-6).all()
+    np.testing.assert_array_equal(positions[-1], [0.0, 0.0, 10.0])

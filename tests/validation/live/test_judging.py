@@ -15,9 +15,9 @@ from palpate.meshes.problem import Element, Strain
 from palpate.reference.result import LOST
 from palpate.validation.case import load_case
 from palpate.validation.live import verdict
-from palpate.validation.live.between_vertices import BetweenVertices
 from palpate.validation.live.judging import LIMITS, Judging
 from palpate.validation.live.live_case import Touch, live_case
+from palpate.validation.live.panes import BetweenVertices
 from palpate.validation.references.reference_set import SAME_MESH, TRUTH, ReferenceSet
 
 # Answers on the same mesh, then does what stands in LATER.

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.validation.live import protocol
-from palpate.validation.live.protocol import Box, MessageError, read_message
+from palpate.validation.live.frames import Box, pack_frame, unpack_frame
+from palpate.validation.live.protocol import MessageError, read_message
 
 PROPER: list[dict[str, Any]] = [
     {"kind": "tool", "number": 3, "to": [1.5, -2, 0.0]},
@@ -87,10 +87,10 @@ def test_a_frame_comes_back_as_it_was() -> None:
     numbers = [chance.integers(0, 65536, (7, 3)).astype(np.uint16) for _ in range(2)]
     shades = [chance.integers(0, 256, 7).astype(np.uint8) for _ in range(2)]
     head = {"frame": 5, "panes": [{}, {}]}
-    data = protocol.pack_frame(head, list(zip(numbers, shades, strict=True)))
+    data = pack_frame(head, list(zip(numbers, shades, strict=True)))
     (length,) = np.frombuffer(data[:4], "<u4")
     assert (4 + length) % 8 == 0
-    read, places, colours = protocol.unpack_frame(data, 7)
+    read, positions, colours = unpack_frame(data, 7)
     assert read == head
-    np.testing.assert_array_equal(places, numbers)
+    np.testing.assert_array_equal(positions, numbers)
     np.testing.assert_array_equal(colours, shades)

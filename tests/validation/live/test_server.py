@@ -109,7 +109,7 @@ def test_a_thousand_malformed_messages_harm_nothing(
         head = client.until_time(begin + 0.3)
         assert head["tool"] == pytest.approx([x - 6.0, y, z], abs=1e-3)
         assert not any(pane["trouble"] for pane in head["panes"])
-        assert np.isfinite(client.places(len(server.simulation.surface.used))).all()
+        assert np.isfinite(client.positions(len(server.simulation.surface.used))).all()
 
 
 def raw(server: PageServer, path: str = "socket") -> socket.socket:

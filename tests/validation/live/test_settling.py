@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.validation.live.settling import Settling
+from palpate.validation.live.hand import Settling
 
 TICK = 0.01
 

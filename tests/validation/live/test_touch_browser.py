@@ -108,11 +108,11 @@ def test_the_hand_pushes_bodies_that_push_back(browser: Any, page: PageServer) -
     dragged(browser, -120, 0)
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => f[0] > 0.01)")
     assert np.abs(picture(browser) - whole).mean() > 1e-3
-    held = page.simulation.hand.place.copy()
+    held = page.simulation.hand.position.copy()
     browser.find_element("css selector", ".stage canvas").send_keys(Keys.ARROW_RIGHT * 3)
     browser.find_element("id", "withdraw").click()
     wait(browser, "JSON.parse(document.body.dataset.forces).every((f) => Math.hypot(...f) === 0)")
-    assert page.simulation.hand.place[0] > held[0]
+    assert page.simulation.hand.position[0] > held[0]
     # Taken hold of in the middle and drawn to the right, the bodies pull back to the left.
     browser.execute_script("document.getElementById('keep').checked = true")
     browser.find_element("id", "mode-drag").click()

@@ -20,7 +20,7 @@ from palpate.validation.judging.judge import judge_case
 from palpate.validation.live.client import Client, connected
 from palpate.validation.live.hand import Hand
 from palpate.validation.live.live_case import Touch, live_case, problem_of
-from palpate.validation.live.pane import Pane, Surface
+from palpate.validation.live.panes import ExplicitPane, Surface
 from palpate.validation.live.server import PageServer
 from palpate.validation.live.simulation import Simulation
 from palpate.validation.solving import solve
@@ -56,8 +56,8 @@ def test_the_force_on_the_hand_is_that_of_statics(serving: Serving) -> None:
             # The tool is pushed back, out of the body.
             assert expected[0] > 0.05
             assert np.linalg.norm(force - expected) < 0.02 * np.linalg.norm(expected)
-        places = client.places(len(server.simulation.surface.used))
-        moved = places[1] - live.problem.mesh.points[server.simulation.surface.used] * 1e3
+        positions = client.positions(len(server.simulation.surface.used))
+        moved = positions[1] - live.problem.mesh.points[server.simulation.surface.used] * 1e3
         assert moved[:, 0].min() == pytest.approx(-2.0, abs=0.05)
         assert heads[-1]["panes"][1]["volume"] < 0.0
 
@@ -105,18 +105,18 @@ def test_a_tool_that_is_driven_through_the_body_is_held_back(radius: float) -> N
     """A ball towards the clamp: a small one parts the vertices, a large one inverts cells."""
     ball = {"shape": "sphere", "radius": radius}
     live = live_case(load_case("block"), Touch(ball, mass_damping=100.0), (Element.LINEAR,))
-    pane = Pane(live.problem, Surface(live.problem), Strain.GREEN, Element.LINEAR)
+    pane = ExplicitPane(live.problem, Surface(live.problem), Strain.GREEN, Element.LINEAR)
     hand = Hand(live.start, live.outwards, 40.0 * live.clock.tick, digits=6)
     hand.send(live.start - 30.0 * live.outwards)
     held = 0
     for _ in range(150):
-        place = hand.next_place(pane.room)
+        position = hand.next_position(pane.room)
         held += hand.is_held_back
-        pane.advance(place * 1e-3, None, live.clock.steps)
+        pane.advance(position * 1e-3, None, live.clock.steps)
         assert not pane.trouble
     assert held
     assert pane.smallest_det_f > 0.2
-    assert hand.place[0] > 40.0
+    assert hand.position[0] > 40.0
     assert pane.mean_force()[0] > 0.0
 
 
@@ -207,7 +207,7 @@ def test_what_was_recorded_passes_its_gate_and_a_spoiled_answer_does_not(
 
 
 def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
-    """The case's run against the pane's own body, sent from place to place as it was."""
+    """The case's run against the pane's own body, sent from position to position as it was."""
     case = load_case(path)
     span = case.problem.time
     assert span is not None
@@ -226,12 +226,12 @@ def replay_is_the_motion(simulation: Simulation, path: Path) -> None:
             if grip.end is not None and step == grip.end:
                 pane.let_go()
             if grip.begin <= step < (grip.end or 10**9):
-                x, y, z = grip.places[(step - grip.begin) // clock.steps]
+                x, y, z = grip.positions[(step - grip.begin) // clock.steps]
                 anchor = np.array(case.spec.units.place((x, y, z)))
             pane.advance(np.array(case.spec.units.place(pose.position)), anchor, each)
             if (number + 1) * each % (whole.num_steps // span.num_outputs) == 0:
                 forces.append(pane.mean_force())
         assert not pane.trouble
-        np.testing.assert_array_equal(pane.body.displacement, whole.displacements[-1])
+        np.testing.assert_array_equal(pane.displacement, whole.displacements[-1])
         assert np.abs(whole.displacements[-1]).max() > 1e-3
         assert np.abs(whole.tools[0].mean_forces[1:] - forces).max() < 1e-9 * np.abs(forces).max()

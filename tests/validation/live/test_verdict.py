@@ -10,11 +10,10 @@ import pytest
 
 from palpate.meshes.problem import Element, Strain
 from palpate.validation.case import Case, load_case
-from palpate.validation.live.grip import take_hold
-from palpate.validation.live.judging import write_pose
+from palpate.validation.live.hand import Settling
 from palpate.validation.live.live_case import Touch, live_case, patch_radius
-from palpate.validation.live.pane import Surface, make_panes
-from palpate.validation.live.settling import Settling
+from palpate.validation.live.panes import Surface, make_panes
+from palpate.validation.live.recording import take_hold, write_pose
 from palpate.validation.live.verdict import (
     SAME_MESH,
     TRUTH,
@@ -48,7 +47,7 @@ def pressed(
     while not settling.is_over:
         for pane in panes:
             pane.advance(np.array(case.spec.units.place((x, y, z))), None, live.clock.steps)
-        if settling.note([pane.body.displacement for pane in panes]) and not settling.is_over:
+        if settling.note([pane.displacement for pane in panes]) and not settling.is_over:
             for pane in panes:
                 pane.mean_force()
     forces = [pane.mean_force() for pane in panes]
@@ -98,10 +97,10 @@ def dragged(folder: Path) -> tuple[Case, list[PoseOfPane]]:
     x, y, z = live.start
     away, settling = np.array(case.spec.units.place((x, y, z))), Settling(live.clock.tick)
     while not settling.is_over:
-        x, y, z = grip.hand.next_place()
+        x, y, z = grip.hand.next_position()
         for pane in panes:
             pane.advance(away, np.array(case.spec.units.place((x, y, z))), live.clock.steps)
-        settling.note([pane.body.displacement for pane in panes])
+        settling.note([pane.displacement for pane in panes])
     nothing = [np.zeros(3)] * len(panes)
     path, answers = write_pose(live, live.start, panes, nothing, grip.held(), folder, "held")
     return load_case(path), read_pose(answers)

@@ -1,0 +1,507 @@
+"""The simulators of the page: bodies that are stepped under one hand, and what is read of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.fastsim.body import Body
+from palpate.fastsim.cell_stress import cauchy_stress
+from palpate.fastsim.condensed import (
+    CondensedModel,
+    CondensedSteps,
+    UnsettledContactError,
+    condense,
+    condensed_size,
+)
+from palpate.fastsim.contact.contact_law import half_thickness
+from palpate.fastsim.contact.tool_contact import POSE, ToolContact, gaps_at
+from palpate.fastsim.errors import FastsimError
+from palpate.fastsim.explicit_body import ExplicitBody
+from palpate.fastsim.springs import PatchSprings
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Inclusion, Problem, Strain
+from palpate.meshes.rigid_tool import ToolError
+from palpate.meshes.spring import Spring
+from palpate.meshes.tet_mesh import TetMesh
+
+STRAIN_NAMES = {Strain.LINEAR: "linear strain", Strain.GREEN: "Green strain"}
+# A cell of less than this part of its volume takes no more: soon the law softens, and such a cell
+# inverts within a few ticks. From so much above it on the tool goes slower and slower.
+_LEAST_DET_F, _SLOWER = 0.45, 0.4
+# The gap between vertices is checked every so many ticks.
+_CHECK_EVERY = 6
+# The surface may be so deep in the tool, of half its thickness, unmentioned; deeper than the
+# second, the tool is on its way through the surface.
+_DEEP, _THROUGH = 0.1, 0.5
+
+
+class Surface:
+    """What is seen of a body, and the cells behind it.
+
+    Attributes:
+        used: Points of the boundary, ascending, shape (n,).
+        facets: Boundary facets in their numbering, shape (m, 3).
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        mesh = problem.mesh
+        self.used, inverse = np.unique(mesh.boundary_facets, return_inverse=True)
+        self.facets: Indices = inverse.reshape(-1, 3).astype(np.int32)
+        cells = np.flatnonzero(np.isin(mesh.cells, self.used).sum(axis=1) >= 3)
+        self._points, corners = np.unique(mesh.cells[cells], return_inverse=True)
+        self._corners = corners.reshape(-1, 4)
+        self._problem = Problem(
+            TetMesh(mesh.points[self._points], self._corners.astype(np.int32)),
+            problem.material,
+            (),
+            (),
+            inclusions=tuple(
+                Inclusion(rows.astype(np.int32), inclusion.material)
+                for inclusion in problem.inclusions
+                if len(rows := np.flatnonzero(np.isin(cells, inclusion.cells)))
+            ),
+        )
+        self._shown = np.searchsorted(self._points, self.used)
+        self._counts = np.bincount(corners.reshape(-1), minlength=len(self._points))
+
+    def body(self, strain: Strain) -> Body:
+        """Of the cells behind the surface alone."""
+        return Body.of(self._problem, strain)
+
+    def equivalent(self, body: Body, displacement: Points, *, of_strain: bool) -> Floats:
+        """Equivalent strain [-] or von Mises stress [Pa] at the surface's points.
+
+        Means over the cells that meet at a point, of those behind the surface.
+        """
+        own = displacement[self._points]
+        if of_strain:
+            gradient = body.displacement_gradients(own)
+            tensor = 0.5 * (gradient + gradient.transpose(0, 2, 1))
+            if body.strain is Strain.GREEN:
+                tensor = tensor + 0.5 * np.einsum("cki,ckj->cij", gradient, gradient)
+            factor = 2.0 / 3.0
+        else:
+            tensor, factor = cauchy_stress(body, own), 1.5
+        mean = np.trace(tensor, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+        of_cells = np.sqrt(factor * np.sum((tensor - mean) ** 2, axis=(1, 2)))
+        total = np.bincount(
+            self._corners.reshape(-1), np.repeat(of_cells, 4), minlength=len(self._counts)
+        )
+        at_points: Floats = (total / self._counts)[self._shown]
+        return at_points
+
+    def volume(self, points: Points) -> float:
+        """Enclosed by the surface with its points at these positions, shape (n, 3)."""
+        a, b, c = (points[self.facets[:, k]] for k in range(3))
+        return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
+
+
+class BetweenVertices:
+    """Depth of a body's flat facets in the first tool of a problem, which only vertices touch.
+
+    Args:
+        problem: With the tool, turned as it is at the start.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._mesh = problem.mesh
+        self._shape = ToolContact(problem, problem.tools[0]).shape
+        self._thickness = half_thickness(problem.tools[0].shape)
+        self._pose = np.zeros(1, POSE)
+        self._pose["rotation"] = problem.tools[0].path.pose_at(0.0)[1]
+
+    def depth(self, position: Floats, displacement: Points) -> float:
+        """Of the deepest middle of an edge or a facet [m], >= 0.
+
+        Args:
+            position: Of the tool [m], shape (3,).
+            displacement: Of the body [m], shape (num_points, 3).
+        """
+        corners = (self._mesh.points + displacement)[self._mesh.boundary_facets]
+        middles = 0.5 * (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3)
+        self._pose["position"] = position
+        gaps = gaps_at(self._shape, np.vstack([middles, corners.mean(axis=1)]), self._pose)
+        return max(0.0, -float(gaps.distances.min()))
+
+    def is_through(self, depth: float) -> bool:
+        """Whether the tool has parted the vertices, and would go through the surface."""
+        return depth > _THROUGH * self._thickness
+
+    def warning(self, position: Floats, displacements: Sequence[Points]) -> str:
+        """What to say where facets of one of the bodies are deep in the tool; else nothing."""
+        deepest = max(self.depth(position, displacement) for displacement in displacements)
+        if deepest <= _DEEP * self._thickness:
+            return ""
+        return (
+            f"between its vertices the surface is up to {1e3 * deepest:.2g} mm inside the tool, "
+            "which only vertices touch: tissue would not let it in, so the truth will be far off, "
+            "or none be found; take a finer mesh or a larger tool"
+        )
+
+
+class Pane(ABC):
+    """A body under the hand: one tool, and at most one spring that pulls at the surface.
+
+    Args:
+        problem: With one tool, whose path is its start, and a time span of one tick.
+        surface: Of its mesh.
+        strain: Linear or Green.
+        element: Linear or smoothed tetrahedra.
+        name: For people.
+
+    Attributes:
+        trouble: Why it stands still; nothing while it goes.
+        smallest_det_f: Lately; 1 under linear strain, which does not know it.
+        largest_speed: Of the tool, up to which vertices can follow [m/s].
+        seconds: That the last tick took [s].
+        cpu_seconds: The same of this thread's processor.
+    """
+
+    largest_speed = float("inf")
+
+    def __init__(
+        self, problem: Problem, surface: Surface, strain: Strain, element: Element, name: str
+    ) -> None:
+        self.name, self.strain, self.element = name, strain, element
+        self.trouble, self.smallest_det_f = "", 1.0
+        self.seconds = self.cpu_seconds = 0.0
+        self._surface, self._skin = surface, surface.body(strain)
+        self._rest = problem.mesh.points[surface.used]
+        self._volume = surface.volume(self._rest)
+
+    @property
+    def room(self) -> float:
+        """Part of its speed that the tool may have [-]; 0 or less: the body takes no more."""
+        return 1.0
+
+    @property
+    @abstractmethod
+    def displacement(self) -> Points:
+        """Of all points [m], shape (num_points, 3)."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """To rest, at time 0, the tool at its start."""
+
+    @abstractmethod
+    def hold(self, spring: Spring) -> None:
+        """Let a spring pull besides the problem's own."""
+
+    @abstractmethod
+    def let_go(self) -> None:
+        """Let it pull no more."""
+
+    @abstractmethod
+    def pull(self) -> Floats:
+        """Of the body on the hand that holds it by a spring, now [N], shape (3,)."""
+
+    @abstractmethod
+    def mean_force(self) -> Floats:
+        """Of the body on the tool since it was last asked for [N], shape (3,)."""
+
+    @abstractmethod
+    def strain_energy(self) -> float:
+        """[J]."""
+
+    @abstractmethod
+    def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None: ...
+
+    def advance(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
+        """One tick: tool [m] and anchor [m] go to their positions, shape (3,) each."""
+        if self.trouble:
+            return
+        begin, cpu = time.perf_counter(), time.thread_time()
+        try:
+            self._step(position, anchor, num_steps)
+        except (FastsimError, ToolError) as error:
+            self.trouble = str(error)
+        self.seconds = time.perf_counter() - begin
+        self.cpu_seconds = time.thread_time() - cpu
+
+    def _moved(self) -> Points:
+        """Displacement of the surface's points [m]."""
+        return self.displacement[self._surface.used]
+
+    def positions(self) -> Points:
+        """Of the surface's points [m], shape (n, 3)."""
+        positions: Points = self._rest + self._moved()
+        return positions
+
+    def shades(self, by: str) -> Floats:
+        """What the surface is coloured by, at its points [m], [-] or [Pa], shape (n,)."""
+        if by == "displacement":
+            length: Floats = np.linalg.norm(self._moved(), axis=1)
+            return length
+        return self._surface.equivalent(self._skin, self.displacement, of_strain=by == "strain")
+
+    def volume_change(self, positions: Points) -> float:
+        """Of its volume at rest [-]."""
+        return self._surface.volume(positions) / self._volume - 1.0
+
+
+class ExplicitPane(Pane):
+    """A body that is stepped in time."""
+
+    def __init__(
+        self, problem: Problem, surface: Surface, strain: Strain, element: Element
+    ) -> None:
+        smoothed = " (smoothed)" if element is Element.SMOOTHED else ""
+        super().__init__(problem, surface, strain, element, f"{STRAIN_NAMES[strain]}{smoothed}")
+        self.body = ExplicitBody(problem, strain=strain, element=element)
+        self._first = self.body.springs
+        self._between = BetweenVertices(problem)
+        if self.body.tools is not None:
+            self.largest_speed = min(self.body.tools.largest_speeds)
+        self.reset()
+
+    @property
+    def displacement(self) -> Points:
+        """See `Pane`."""
+        return self.body.displacement
+
+    @property
+    def room(self) -> float:
+        """See `Pane`: less near the end of a cell, none on the way through the surface."""
+        return 0.0 if self._is_through else (self.smallest_det_f - _LEAST_DET_F) / _SLOWER
+
+    def reset(self) -> None:
+        """See `Pane`."""
+        self._is_grabbed = False
+        self.body.change_springs(self._first.anew())
+        points = self.body.problem.mesh.points
+        start = self.body.problem.initial_velocity
+        self.body.set_state(np.zeros_like(points), None if start is None else start.at(points))
+        self.trouble, self.smallest_det_f = "", 1.0
+        self._is_through = self._touches = False
+        self._ticks = 0
+        self._impulse, self._since, self._force = np.zeros(3), 0.0, np.zeros(3)
+        self.seconds = self.cpu_seconds = 0.0
+
+    def hold(self, spring: Spring) -> None:
+        """See `Pane`."""
+        self.body.change_springs(self.body.springs.with_spring(spring))
+        self._is_grabbed = True
+
+    def let_go(self) -> None:
+        """See `Pane`."""
+        if self._is_grabbed:
+            self.body.change_springs(self.body.springs.without_spring(len(self.body.springs) - 1))
+            self._is_grabbed = False
+
+    def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
+        body = self.body
+        body.move_tool(0, position)
+        if self._is_grabbed and anchor is not None:
+            end = (body.steps + num_steps) * body.time_step
+            body.springs.send(len(body.springs) - 1, anchor, body.time, end)
+        body.step(num_steps)
+        record = body.take_tool_records()[0]
+        self._touches = bool(np.any(record["impulse"]))
+        self._impulse += record["impulse"]
+        self._since += num_steps * body.time_step
+        if self.strain is Strain.GREEN:
+            self.smallest_det_f = body.elastic.smallest_det_f(body.displacement)[0]
+        self._ticks += 1
+        if self._ticks % _CHECK_EVERY == 0:
+            depth = self._between.depth(position, body.displacement) if self._touches else 0.0
+            self._is_through = self._between.is_through(depth)
+
+    def pull(self) -> Floats:
+        """See `Pane`."""
+        if not self._is_grabbed:
+            return np.zeros(3)
+        pulled = self.body.springs.resultants(self.body.displacement, self.body.time)
+        back: Floats = -pulled[-1]
+        return back
+
+    def mean_force(self) -> Floats:
+        """See `Pane`."""
+        if self._since:
+            self._force = self._impulse / self._since
+            self._impulse, self._since = np.zeros(3), 0.0
+        return self._force
+
+    def strain_energy(self) -> float:
+        """See `Pane`."""
+        return self.body.elastic.strain_energy(self.displacement)
+
+
+class CondensedSpring:
+    """A spring over a patch of a condensed body: K (d - u) with the patch's own compliance C.
+
+    With u = u' + C f and u' what all else does, (1 + K C) f = K (d - u').
+
+    Args:
+        model: The body.
+        spring: Over the patch; its path is not read.
+
+    Attributes:
+        rows: Of the model's touched points, where it pulls.
+        force: There [N], shape (len(rows), 3).
+    """
+
+    def __init__(self, model: CondensedModel, spring: Spring) -> None:
+        mesh = model.problem.mesh
+        self.patch = PatchSprings(mesh.points, (spring,))
+        row = np.full(mesh.num_points, -1, dtype=np.int32)
+        row[model.touched] = np.arange(len(model.touched))
+        corners = np.unique(self.patch.facets)
+        # Points that are fixed in all components take no force.
+        points = corners[row[corners] >= 0]
+        self.rows: Indices = row[points]
+        count = len(points)
+        own = np.full(mesh.num_points, -1)
+        own[points] = np.arange(count)
+        stiffness = np.zeros((count, count))
+        for facet, numbers in zip(own[self.patch.facets], self.patch.stiffnesses, strict=True):
+            free = np.flatnonzero(facet >= 0)
+            stiffness[np.ix_(facet[free], facet[free])] += numbers.reshape(3, 3)[np.ix_(free, free)]
+        self._stiffness = np.kron(stiffness, np.eye(3))
+        self._sums = self.patch.row_sums()[points]
+        self._seen = self.rows + len(model.seen) - len(model.touched)
+        columns = []
+        for k in range(3 * count):
+            unit = np.zeros((len(model.touched), 3))
+            unit[self.rows[k // 3], k % 3] = 1.0
+            columns.append(model.compliance.response(unit)[self._seen].ravel())
+        self._compliance = np.array(columns).T
+        self._solve = np.linalg.inv(np.eye(3 * count) + self._stiffness @ self._compliance)
+        self.force = np.zeros((count, 3))
+
+    def pull(self, anchor: Floats, displacement: Points) -> None:
+        """Find its force.
+
+        Args:
+            anchor: How far it is moved [m], shape (3,).
+            displacement: Of the seen points under the present force and all else [m].
+        """
+        others = displacement[self._seen].ravel() - self._compliance @ self.force.ravel()
+        right = np.outer(self._sums, anchor).ravel() - self._stiffness @ others
+        self.force = (self._solve @ right).reshape(-1, 3)
+
+
+class CondensedPane(Pane):
+    """The condensed linear model: an equilibrium under the hand each tick, no inertia.
+
+    Where contact does not settle, the body stays as it was. Where tool and spring both act, each
+    follows the other a tick later.
+
+    Raises:
+        InputError: The problem has loads, springs or moved supports; or as of `condense` and
+            `CondensedSteps`.
+    """
+
+    def __init__(self, problem: Problem, surface: Surface, element: Element) -> None:
+        if problem.loads or problem.springs:
+            raise InputError("the condensed body bears the hand alone: leave the case's loads out")
+        smoothed = ", smoothed" if element is Element.SMOOTHED else ""
+        name = f"{STRAIN_NAMES[Strain.LINEAR]} (condensed{smoothed})"
+        super().__init__(problem, surface, Strain.LINEAR, element, name)
+        self._model = condense(problem, element=element, seen=surface.used, keep_inside=True)
+        if self._model.terms:
+            raise InputError("the condensed body's supports stand still: this case moves one")
+        self._steps = CondensedSteps(self._model)
+        self._elastic = Body.of(problem, self.strain, element=element)
+        self._rotation = problem.tools[0].path.pose_at(0.0)[1]
+        row = np.zeros(problem.mesh.num_points, dtype=np.int32)
+        row[self._model.seen] = np.arange(len(self._model.seen))
+        self._used = row[surface.used]
+        self.reset()
+
+    @property
+    def displacement(self) -> Points:
+        """See `Pane`; points inside follow those of the surface."""
+        return self._model.whole_displacement(self._steps.contact_forces + self._spring_forces())
+
+    def reset(self) -> None:
+        """See `Pane`."""
+        self._spring: CondensedSpring | None = None
+        self._anchor = np.zeros(3)
+        self._steps.clear()
+        self._steps.set_base()
+        self._seen = np.zeros((len(self._model.seen), 3))
+        self._force = np.zeros(3)
+        self.seconds = self.cpu_seconds = 0.0
+
+    def hold(self, spring: Spring) -> None:
+        """See `Pane`."""
+        self._spring = CondensedSpring(self._model, spring)
+        self._anchor = np.array(spring.path.end)
+
+    def let_go(self) -> None:
+        """See `Pane`."""
+        self._spring = None
+        self._steps.set_base()
+
+    def _step(self, position: Floats, anchor: Floats | None, num_steps: int) -> None:
+        del num_steps  # there is one equilibrium
+        if self._spring is not None:
+            self._anchor = self._anchor if anchor is None else anchor
+            self._spring.pull(self._anchor, self._seen)
+            self._steps.set_base(self._spring_forces())
+        try:
+            state = self._steps.step([(position, self._rotation)])
+        except UnsettledContactError:
+            return
+        self._seen, self._force = state.displacement, state.forces[0]
+
+    def _moved(self) -> Points:
+        return self._seen[self._used]
+
+    def pull(self) -> Floats:
+        """See `Pane`."""
+        if self._spring is None:
+            return np.zeros(3)
+        moved = np.zeros_like(self._model.problem.mesh.points)
+        moved[self._model.seen] = self._seen
+        pulled = self._spring.patch.resultants(moved, self._anchor[None], np.ones(1))
+        back: Floats = -pulled[0]
+        return back
+
+    def mean_force(self) -> Floats:
+        """See `Pane`."""
+        return self._force
+
+    def strain_energy(self) -> float:
+        """See `Pane`."""
+        return self._elastic.strain_energy(self.displacement)
+
+    def _spring_forces(self) -> Points:
+        forces = np.zeros((len(self._model.touched), 3))
+        if self._spring is not None:
+            forces[self._spring.rows] = self._spring.force
+        return forces
+
+
+def condensed_words(problem: Problem, element: Element) -> str:
+    """What the condensed pane of a case's body will take, said without taking it."""
+    bare = dataclasses.replace(problem, loads=(), springs=(), tools=(), time=None)
+    seen = np.unique(problem.mesh.boundary_facets)
+    return f"condensing: {condensed_size(bare, element=element, seen=seen, keep_inside=True)}"
+
+
+def make_panes(
+    problem: Problem,
+    surface: Surface,
+    elements: tuple[Element, ...],
+    *,
+    is_condensed: bool = False,
+) -> list[Pane]:
+    """Linear beside Green strain, then what else is asked for.
+
+    Green strain by the further elements, and the condensed model with the first element.
+    """
+    kinds = [(strain, elements[0]) for strain in (Strain.LINEAR, Strain.GREEN)]
+    kinds += [(Strain.GREEN, element) for element in elements[1:]]
+    panes: list[Pane] = [
+        ExplicitPane(problem, surface, strain, element) for strain, element in kinds
+    ]
+    if is_condensed:
+        panes.append(CondensedPane(problem, surface, elements[0]))
+    return panes
