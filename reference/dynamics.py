@@ -1,43 +1,49 @@
 """Implicit dynamics on FEniCSx: the truth of motion, second order in time.
 
-The generalised-alpha method (J. Chung, G. M. Hulbert, J. Appl. Mech. 60 (1993) 371-375) for
+The generalised-alpha method for
 
     M a'' + lambda M a' + R(a) = F(t),
 
-balanced at t + (1 - alpha_f) dt, accelerations at t + (1 - alpha_m) dt, with Newmark's formulas
-
-    u' = u + dt v + dt^2 ((1/2 - beta) a + beta a'),   v' = v + dt ((1 - gamma) a + gamma a').
-
-With stiffness damping R has the forces of a viscous stress too, R(a, a'): see `viscosity`.
-
-Its one parameter, the spectral radius at infinite frequency, says how much of a wave too short
-for the mesh is left after a step: 1 leaves all, 0 nothing.
+whose formulas stand in `schemes`; with stiffness damping R has the forces of a viscous stress too,
+R(a, a'): see `motion`. Its one parameter, the spectral radius at infinite frequency, says how much
+of a wave too short for the mesh is left after a step: 1 leaves all, 0 nothing.
 """
 
 from __future__ import annotations
 
+import functools
+import math
+import sys
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 
-from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Problem, Strain
-from palpate.reference.availability import versions
-from palpate.reference.discrete_problem import ElasticBody
+from palpate.reference import fenicsx
+from palpate.reference.contact.implicit_tools import ImplicitTools, step_length
 from palpate.reference.errors import ReferenceStepError
-from palpate.reference.fenicsx import PETSc
-from palpate.reference.generalised_alpha import AlphaMethod, Motion, State, StepLostError
-from palpate.reference.loads_over_time import Amplitudes, LoadsOverTime
-from palpate.reference.mesh_transfer import TransferredSpace, create_space, transfer
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.linear_solver import (
+    LARGEST_FALLBACK,
+    LaggedFactors,
+    LinearSolveError,
+    LinearSolver,
+)
+from palpate.reference.motion import Amplitudes, Field, MovingBody, StepLostError
 from palpate.reference.result import ImplicitResult
-from palpate.reference.stated_steps import stated_steps
-
-Field: TypeAlias = Points | Callable[[Points], Points] | None
+from palpate.reference.schemes import AlphaMethod, State, Stencil, stated_steps, stencil_of
 
 # A step that does not converge is cut in two, so often at most.
 _MAX_HALVINGS = 6
+_MAX_ITERATIONS = 25
+# Of the residual, what may be left by an iteration with the tangent of an earlier one. To assemble
+# and factor it costs as much as ten solves or more by factors that are there.
+_SLOW = 0.3
+# Nodes come and go, and multipliers follow them.
+_MOST_WITH_TOOLS = 40
 
 
 def simulate_implicit(
@@ -92,29 +98,20 @@ def simulate_implicit(
         raise InputError(f"degree = {degree}: needs 1, 2 or 3")
     if is_mass_lumped and degree > 1:
         raise InputError("row sums of a quadratic mass matrix are negative; lump degree 1 only")
-    body = ElasticBody(
-        create_space(transfer(problem.mesh), degree),
-        problem.material,
-        Strain(strain),
-        problem.inclusions,
-    )
-    loads = LoadsOverTime(body, problem, amplitude, support_amplitude)
+    method = AlphaMethod(spectral_radius)
     motion = Motion(
         problem,
-        body,
-        loads,
-        AlphaMethod(spectral_radius),
+        strain,
+        degree=degree,
+        loads_by=amplitude,
+        supports_by=support_amplitude,
         is_mass_lumped=is_mass_lumped,
-        tolerance=relative_tolerance,
     )
+    motion.prepare(method, relative_tolerance)
+    body = motion.body
     tell = progress or (lambda _line: None)
-    tell(f"{3 * motion.body.space.num_global_blocks} degrees of freedom, {motion.solver.name}")
-    space = body.space
-    speed = body.to_local(_flat(space, velocity))
-    if velocity is None and problem.initial_velocity is not None:
-        speed = body.to_local(_flat(space, problem.initial_velocity.at))
-        speed[loads.held] = 0.0
-    state = motion.start(body.to_local(_flat(space, displacement)), speed)
+    tell(f"{3 * body.space.num_global_blocks} degrees of freedom, {motion.solver.name}")
+    state = motion.begin(displacement, velocity)
     motion.tools.require_outside(state.u)
     states, smallest_det_f = [state], motion.sampler.smallest(state.u)
     felt = [motion.tools.mean_forces(0.0)]
@@ -131,26 +128,17 @@ def simulate_implicit(
         displacements=np.array([body.at_points(s.u) for s in states]),
         velocities=np.array([body.at_points(s.v) for s in states]),
         kinetic_energies=np.array([motion.kinetic_energy(s.v) for s in states]),
-        strain_energies=np.array([motion.body.strain_energy(s.u) for s in states]),
+        strain_energies=np.array([body.strain_energy(s.u) for s in states]),
         external_works=np.array([s.external_work for s in states]),
         damping_works=np.array([s.damping_work for s in states]),
         smallest_det_f=smallest_det_f,
-        strain=motion.body.strain,
+        strain=body.strain,
         degree=degree,
         time_step=dt,
         newton_iterations=motion.iterations,
         tool_forces=np.array(felt).swapaxes(0, 1),
-        versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
+        versions=fenicsx.versions(),
     )
-
-
-def _flat(space: TransferredSpace, given: Field) -> Floats:
-    if given is None:
-        return np.zeros(3 * space.num_blocks)
-    if not callable(given):
-        return space.from_points(given)
-    values: Points = np.asarray(given(space.coordinates), dtype=np.float64).ravel()
-    return values
 
 
 def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int) -> State:
@@ -163,3 +151,211 @@ def _advance(motion: Motion, state: State, time: float, dt: float, halvings: int
             raise ReferenceStepError(time, dt, str(error), at_points) from None
     half = _advance(motion, state, time, 0.5 * dt, halvings - 1)
     return _advance(motion, half, time + 0.5 * dt, 0.5 * dt, halvings - 1)
+
+
+class Motion(MovingBody):
+    """A body with its tools, and a step of the generalised-alpha method by Newton's method.
+
+    Attributes:
+        method: Of the steps.
+        tolerance: Relative residual of a step [-].
+        tools: Those of the problem.
+        solver: Of the linear systems.
+        iterations: Linear solves so far.
+    """
+
+    iterations = 0
+    # Factors of mass, stiffness and viscosity, and the matrix that they gave last.
+    _cached: tuple[tuple[float, float, float], Any] | None = None
+
+    def prepare(self, method: AlphaMethod, tolerance: float) -> None:
+        """Compile the tangent, and choose what solves with it."""
+        self.method, self.tolerance = method, tolerance
+        body, space = self.body, self.body.space
+        du = ufl.TrialFunction(space.space)
+        mesh = space.transferred.mesh
+        self._mass_factor, self._stiffness_factor = (
+            fem.Constant(mesh, PETSc.ScalarType(0.0)) for _ in range(2)
+        )
+        tangent = self._stiffness_factor * body.work_change(du)
+        if self.row_sums is None:
+            mass = self.density * ufl.inner(du, body.v) * self.mass_measure
+            tangent += self._mass_factor * mass
+        self._tangent = fenicsx.form(tangent)
+        self._matrix = fenicsx.create_matrix(self._tangent)
+        self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.tools = ImplicitTools(self.problem, space, self.held, tolerance)
+        # Multigrid does badly by contact, and factors serve many steps.
+        is_direct = bool(self.tools) or 3 * space.num_global_blocks < LARGEST_FALLBACK
+        self.solver: LinearSolver | LaggedFactors = (
+            LaggedFactors(is_symmetric=self.is_symmetric)
+            if is_direct
+            else LinearSolver(
+                space.coordinates, is_symmetric=self.is_symmetric, to_local=body.to_local
+            )
+        )
+        is_linear = body.strain is Strain.LINEAR
+        # Part of the residual that an iteration with an earlier tangent may leave. Multigrid is set
+        # up anew for every matrix: then a new one costs little more.
+        self._slow = math.inf if is_linear else _SLOW if is_direct else 0.0
+
+    def _solve(
+        self,
+        u: Floats,
+        rhs: Floats,
+        factors: tuple[float, float, float],
+        time: float,
+        touching: Floats | None = None,
+        *,
+        is_fresh: bool = True,
+    ) -> Floats:
+        """Solve (mass M + stiffness K(u) + rate D(u)) du = rhs, du = 0 where held.
+
+        D that of the last viscous force, K with what it has of the displacement.
+        With the stiffness of contact where the tools touch the body of another displacement.
+        Where it need not be fresh, K and D of an earlier displacement, if they are cached.
+        """
+        mass, stiffness, _ = factors
+        if self._cached is None or self._cached[0] != factors or is_fresh:
+            self._assemble(u, factors)
+        else:
+            same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+            self._cached[1].copy(self._matrix, structure=same)
+        if stiffness:
+            self.add_load_tangent(self._matrix, stiffness, time)
+        if self.row_sums is not None:
+            diagonal = self._matrix.getDiagonal()
+            diagonal.array[:] += mass * self.row_sums
+            self._matrix.setDiagonal(diagonal)
+            diagonal.destroy()
+        if touching is not None:
+            self.tools.add_tangent(self._matrix, touching)
+        self.iterations += 1
+        frames = self.body.frames
+        matrix = self._matrix if frames is None else frames.turned(self._matrix)
+        still = np.zeros(len(self.held))
+        return self.solver.solve(matrix, rhs, self.held, still, tolerance=0.1 * self.tolerance)
+
+    def _assemble(self, u: Floats, factors: tuple[float, float, float]) -> None:
+        """Without followers, lumped mass and tools; for later too."""
+        mass, stiffness, rate = factors
+        self.body.set_displacement(u)
+        self._mass_factor.value, self._stiffness_factor.value = mass, stiffness
+        self._matrix.zeroEntries()
+        fenicsx.assemble_into_matrix(self._matrix, self._tangent)
+        if self.viscosity is not None and rate:
+            self.viscosity.add_tangent(self._matrix, stiffness, rate)
+        if self._cached is not None:
+            self._cached[1].destroy()
+            # Contact changes a few nodes at a time: then old factors serve many iterations.
+            is_new = self._cached[0] != factors or not self.tools
+            if is_new and isinstance(self.solver, LaggedFactors):
+                self.solver.forget()
+        if self._slow > 0.0:  # else nothing comes back to it
+            self._cached = factors, self._matrix.copy()
+
+    def begin(self, displacement: Field, velocity: Field) -> State:
+        """The state at time 0, with the acceleration that balances it."""
+        u, v = self.start(displacement, velocity)
+        force = self.force(u, v, 0.0) - self.damping * self.inertia(v)
+        return State(u, v, self._solve(u, force, (1.0, 0.0, 0.0), 0.0))
+
+    def step(self, state: State, time: float, dt: float) -> State:
+        """The state a time step later.
+
+        Raises:
+            StepLostError: Newton's method found no solution.
+        """
+        m, held, tools = self.method, self.held, self.tools
+        stencil = stencil_of(m, state, dt)
+        factors = stencil.A + self.damping * stencil.B, stencil.theta, stencil.B
+        new = self.at_supports(state.u + dt * state.v + 0.5 * dt**2 * state.a, time + dt)
+        if not self.is_sound(new):
+            new = self.at_supports(state.u, time + dt)
+        tools.begin_step(time, dt, m, factors[0])
+        most = _MOST_WITH_TOOLS if tools else _MAX_ITERATIONS
+        rounding, last, is_lost = 0.0, sys.float_info.max, False
+        for iteration in range(most + 1):
+            forces = self.balance(stencil, new, time)
+            left = forces.lacking + tools.force(new)
+            norm, scale = fenicsx.norm(left[self.free]), forces.scale()
+            if not math.isfinite(norm):
+                raise StepLostError("the residual is not finite")
+            is_settled = tools.settle(new, norm / scale if scale else 0.0)
+            is_balanced = norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding)
+            if is_settled and is_balanced and tools.are_balanced(new, self.tolerance, rounding):
+                break
+            if iteration == most:
+                raise StepLostError(f"no convergence in {most} iterations")
+            is_fresh = is_lost or norm > self._slow * last
+            last = norm
+            # Multipliers taken over have changed the forces.
+            residual = forces.lacking + tools.force(new)
+            solve = functools.partial(
+                self._solve,
+                stencil.middle(new),
+                factors=factors,
+                time=time + stencil.theta * dt,
+                touching=new,
+            )
+            try:
+                du, ways = tools.solve_with_driven(solve, new, residual, is_fresh=is_fresh)
+            except LinearSolveError as error:
+                raise StepLostError(str(error)) from None
+            rounding = self.rounding_error(float(self._matrix.norm()), new)
+            if tools:
+                length = self._length(stencil, new, (du, ways), time, residual)
+                du, ways = length * du, length * ways
+            is_lost = not self.is_sound(new + du)
+            if is_lost and is_fresh:
+                raise StepLostError("a cell would invert")
+            if not is_lost:
+                new = new + du
+                tools.go_to(tools.ways + ways)
+        moved = new - state.u
+        # What holds the supports does work too: all that is out of balance there.
+        work = float((forces.external + tools.force(new)) @ moved)
+        work -= float(left[held] @ moved[held])
+        lost = float(self.inertia(forces.damped) @ moved) if self.damping else 0.0
+        if forces.viscous is not None:
+            lost += float(forces.viscous @ moved)
+
+        def momentum(dv: Floats, da: Floats) -> Floats:
+            # Over steps, M v = impulses + (alpha_f - 1/2) dt M a.
+            return self.inertia(dv + (0.5 - m.alpha_f) * dt * da)
+
+        end = stencil.after(new)
+        v, a = tools.end_step(new, end.v, end.a, dt, 0.5 - m.alpha_f, momentum)
+        return State(
+            new,
+            v,
+            a,
+            external_work=state.external_work + float(fenicsx.total(work)),
+            damping_work=state.damping_work + float(fenicsx.total(lost)),
+        )
+
+    def _length(
+        self,
+        stencil: Stencil,
+        new: Floats,
+        step: tuple[Floats, Floats],
+        time: float,
+        residual: Floats,
+    ) -> float:
+        """How much of a Newton step of body and driven tools to take; these stay where they are."""
+        (du, ways), tools = step, self.tools
+        start = tools.ways
+
+        def along(length: float) -> float | None:
+            further = new + length * du
+            if not self.is_sound(further):
+                return None
+            tools.go_to(start + length * ways)
+            here = self.balance(stencil, further, time).lacking + tools.force(further)
+            of_tools = float(tools.lacking(further)[0] @ ways)
+            return float(fenicsx.total(float(here @ du))) + of_tools
+
+        first = float(fenicsx.total(float(residual @ du)))
+        length = step_length(along, first + float(tools.lacking(new)[0] @ ways))
+        tools.go_to(start)
+        return length

@@ -1,22 +1,21 @@
-"""Everything that differs between dolfinx 0.5 and 0.11, and nothing else.
+# ruff: noqa: E402 (the wheel must be found before its parts are imported)
+"""Everything that differs between dolfinx 0.5 and 0.11, and what the ranks tell each other.
 
 The rest of the room reads the same on both. Import dolfinx only through this module:
 
     from palpate.reference.fenicsx import PETSc, fem, ufl
 
 Under mpirun every rank runs the same lines. A flat vector of the room holds the entries its rank
-owns; what is summed or compared over a whole body goes through `total`, `smallest` or `largest`.
-
-What the ranks of mpirun tell each other, besides the sums of `fenicsx`.
-
-Every rank calls these together, like anything that sums over a body. A decision that one rank takes
-by its own numbers alone leaves the others waiting: take it by `is_anywhere`.
+owns; what is summed or compared over a whole body goes through `total`, `smallest` or `largest`,
+which every rank calls together. A decision that one rank takes by its own numbers alone leaves the
+others waiting: take it by `is_anywhere`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import logging
 import re
 import time
@@ -25,17 +24,23 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Points
+from palpate.reference import availability
+from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
+
+availability.require_available()
+if importlib.util.find_spec("dolfinx_solver"):
+    # The PyPI wheel: finds libmpi and PETSc for the imports below.
+    import dolfinx_solver  # noqa: F401
 import dolfinx
 import dolfinx.fem.petsc
 import dolfinx.jit
-import numpy as np
 import ufl as ufl
 from dolfinx import fem as fem
 from mpi4py import MPI as MPI
 from petsc4py import PETSc as PETSc
-
-from palpate.meshes.arrays import Floats, Points
-from palpate.reference.jit_cache import cache_folder, compiled_in, locked, remove_unfinished
 
 # "0.11.0.post0" reads (0, 11).
 VERSION: tuple[int, int] = tuple(int(n) for n in re.findall(r"\d+", dolfinx.__version__)[:2])  # type: ignore[assignment]
@@ -103,6 +108,11 @@ def _compiler(folder: Path, patience: int) -> Iterator[None]:
             logging.disable(disabled)
             root.setLevel(level)
             root.handlers[:] = handlers
+
+
+def versions() -> dict[str, str]:
+    """Of Python, of the parts of FEniCSx and of PETSc, as text."""
+    return {**availability.versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))}
 
 
 def give_back_dropped() -> None:

@@ -23,12 +23,16 @@ before, which is that from the last state to this.
 Projective dynamics, XPBD, vertex block descent and other minimisers of an incremental potential
 are backward Euler, solved more or less well.
 
-An implicit scheme is one balance for the displacement at the end of a step.
+The truth of motions is by the generalised-alpha method (J. Chung, G. M. Hulbert, J. Appl. Mech. 60
+(1993) 371-375): forces at t + (1 - alpha_f) dt, accelerations at t + (1 - alpha_m) dt, with
+Newmark's formulas
 
-With u+ that displacement and lumped M:
+    u+ = u + dt v + dt^2 ((1/2 - beta) a + beta a+),   v+ = v + dt ((1 - gamma) a + gamma a+).
 
-    M (acceleration(u+) + lambda velocity(u+)) = F(t + theta dt, u_f) - R(u_f),
-    u_f = theta u+ + (1 - theta) u,   acceleration = A u+ - p,   velocity = B u+ - q,
+A step of any implicit scheme is one balance for the displacement u+ at its end,
+
+    M (acceleration + lambda velocity) = F(t + theta dt, u_f) - R(u_f),
+    u_f = theta u+ + (1 - theta) u,   acceleration = A (u+ - u) - p,   velocity = B (u+ - u) - q,
 
 R that of the velocity too where stiffness damping adds to it.
 """
@@ -44,7 +48,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.meshes.errors import InputError
-from palpate.meshes.problem import Problem
+from palpate.meshes.problem import Problem, TimeSpan
 
 
 class Integrator(StrEnum):
@@ -104,6 +108,29 @@ class Steps:
         if problem.time is None:
             raise InputError(f"{self}: a case without [time] takes no steps; leave them out")
         return replace(problem, time=replace(problem.time, time_step=self.time_step))
+
+
+def stated_steps(problem: Problem, method: str) -> tuple[TimeSpan, float, int]:
+    """Time span, time step [s], and whole steps from one output to the next.
+
+    Args:
+        problem: With a time span and its time step.
+        method: Who needs them, for the message.
+
+    Raises:
+        InputError: No time step, or outputs that are not whole steps apart.
+    """
+    span = problem.time
+    if span is None or span.time_step is None:
+        raise InputError(f"{method} needs a time span with its time_step given")
+    dt = span.time_step
+    per_output = round(span.end_time / span.num_outputs / dt)
+    if per_output < 1 or abs(per_output * dt * span.num_outputs - span.end_time) > 1e-9 * dt:
+        raise InputError(
+            f"{span.num_outputs} outputs to {span.end_time:g} s are not whole steps of {dt:g} s "
+            "apart; choose end_time as num_outputs times a multiple of time_step"
+        )
+    return span, dt, per_output
 
 
 def read_integrator(name: str) -> Integrator:
@@ -180,74 +207,122 @@ def frequency_ratio(integrator: Integrator, omega_dt: float) -> float:
     return float(np.angle(amplification(integrator, omega_dt))) / omega_dt
 
 
+@dataclass(frozen=True)
+class AlphaMethod:
+    """The parameters of the generalised-alpha method.
+
+    Args:
+        spectral_radius: At infinite frequency [-], 0 to 1 (eq. 25 of Chung and Hulbert).
+    """
+
+    spectral_radius: float = 0.8
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.spectral_radius <= 1.0:
+            raise InputError(f"spectral_radius = {self.spectral_radius:g}: needs 0 to 1")
+
+    @property
+    def alpha_m(self) -> float:
+        """Where accelerations are taken."""
+        return (2.0 * self.spectral_radius - 1.0) / (self.spectral_radius + 1.0)
+
+    @property
+    def alpha_f(self) -> float:
+        """Where forces are balanced."""
+        return self.spectral_radius / (self.spectral_radius + 1.0)
+
+    @property
+    def gamma(self) -> float:
+        """Newmark's gamma: second order (eq. 17)."""
+        return 0.5 - self.alpha_m + self.alpha_f
+
+    @property
+    def beta(self) -> float:
+        """Newmark's beta: most damping at high frequencies (eq. 20)."""
+        return 0.25 * (1.0 - self.alpha_m + self.alpha_f) ** 2
+
+
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a motion is: flat displacement [m], velocity [m/s] and acceleration [m/s2].
+    """Where a motion is, all flat.
 
     Attributes:
-        u: Displacement.
-        v: Velocity.
-        a: Acceleration, damping included; read by the trapezoidal rule.
+        u: Displacement [m].
+        v: Velocity [m/s].
+        a: Acceleration [m/s2], damping included.
         before: The state a step earlier; None at the start.
+        external_work: Since the start [J].
+        damping_work: Likewise.
     """
 
     u: Floats
     v: Floats
     a: Floats
     before: State | None = None
+    external_work: float = 0.0
+    damping_work: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Stencil:
-    """The numbers and vectors of the balance above; `after` makes the state from its solution."""
+    """The numbers and vectors of the balance above, of a step from a state.
 
+    `alpha_m` is where the acceleration is taken: 0 at the end of the step, or for good.
+    """
+
+    state: State
+    time_step: float
     theta: float
     A: float
     p: Floats
     B: float
-    q: Floats
-    integrator: Integrator
-    state: State
-    time_step: float
+    q: Floats | float
+    alpha_m: float = 0.0
 
     def acceleration(self, u: Floats) -> Floats:
         """Rate of the velocity that the balance has where forces act [m/s2]."""
-        return self.A * u - self.p
+        return self.A * (u - self.state.u) - self.p
 
     def velocity(self, u: Floats) -> Floats:
         """That damping acts on [m/s]."""
-        return self.B * u - self.q
+        return self.B * (u - self.state.u) - self.q
 
-    def place(self, u: Floats) -> Floats:
+    def middle(self, u: Floats) -> Floats:
         """The displacement where forces act [m]."""
         return u if self.theta == 1.0 else self.theta * u + (1.0 - self.theta) * self.state.u
 
     def after(self, u: Floats) -> State:
         """The state at the end of the step from its displacement."""
-        old, velocity = self.state, self.velocity(u)
-        if self.integrator is Integrator.IMPLICIT_MIDPOINT:
-            velocity = 2.0 * velocity - old.v
-        last = State(old.u, old.v, old.a)  # no longer a history than a scheme reads
-        return State(u, velocity, self.acceleration(u), last)
+        old, theta, alpha_m = self.state, self.theta, self.alpha_m
+        v = (self.velocity(u) - (1.0 - theta) * old.v) / theta
+        a = (self.acceleration(u) - alpha_m * old.a) / (1.0 - alpha_m)
+        # No longer a history than a scheme reads.
+        return State(u, v, a, State(old.u, old.v, old.a))
 
 
-def stencil_of(integrator: Integrator, state: State, time_step: float) -> Stencil:
+def stencil_of(scheme: Integrator | AlphaMethod, state: State, time_step: float) -> Stencil:
     """A step of an implicit scheme from a state; the equations stand above."""
-    u, v, dt = state.u, state.v, time_step
+    v, a, dt = state.v, state.a, time_step
     old = state.before
-    match integrator:
+    match scheme:
+        case AlphaMethod():
+            alpha_m, theta, beta, gamma = (
+                scheme.alpha_m, 1.0 - scheme.alpha_f, scheme.beta, scheme.gamma,
+            )  # fmt: skip
+            # a+ = (u+ - u) / (beta dt^2) - known.
+            known = v / (beta * dt) + (0.5 / beta - 1.0) * a
+            A, B = (1.0 - alpha_m) / (beta * dt**2), theta * gamma / (beta * dt)
+            p = (1.0 - alpha_m) * known - alpha_m * a
+            q = theta * dt * (gamma * known - (1.0 - gamma) * a) - v
+            return Stencil(state, dt, theta, A, p, B, q, alpha_m)
         case Integrator.BDF2 if old is not None:
-            B, q = 1.5 / dt, (4.0 * u - old.u) / (2.0 * dt)
-            given = 1.0, 1.5 * B / dt, 1.5 * q / dt + (4.0 * v - old.v) / (2.0 * dt), B, q
+            B, q = 1.5 / dt, (state.u - old.u) / (2.0 * dt)
+            p = 1.5 * q / dt + (4.0 * v - old.v) / (2.0 * dt)
+            return Stencil(state, dt, 1.0, 1.5 * B / dt, p, B, q)
         case Integrator.BACKWARD_EULER | Integrator.BDF2:
-            B, q = 1.0 / dt, u / dt
-            given = 1.0, B / dt, (q + v) / dt, B, q
+            return Stencil(state, dt, 1.0, 1.0 / dt**2, v / dt, 1.0 / dt, 0.0)
         case Integrator.TRAPEZOIDAL:
-            B, q = 2.0 / dt, 2.0 * u / dt + v
-            given = 1.0, 2.0 * B / dt, 2.0 * (q + v) / dt + state.a, B, q
+            return Stencil(state, dt, 1.0, 4.0 / dt**2, 4.0 * v / dt + a, 2.0 / dt, v)
         case Integrator.IMPLICIT_MIDPOINT:
-            B, q = 1.0 / dt, u / dt
-            given = 0.5, 2.0 * B / dt, 2.0 * (q + v) / dt, B, q
-        case _:
-            raise ValueError(f"{integrator} solves no equations")
-    return Stencil(*given, integrator, state, dt)
+            return Stencil(state, dt, 0.5, 2.0 / dt**2, 2.0 * v / dt, 1.0 / dt, 0.0)
+    raise ValueError(f"{scheme} solves no equations")

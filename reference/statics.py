@@ -14,7 +14,6 @@ from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain
 from palpate.meshes.rigid_modes import require_supported
 from palpate.reference import fenicsx
-from palpate.reference.availability import versions
 from palpate.reference.contact.tool_path import follow_tools, go_on_at_end, press
 from palpate.reference.deformed_state import (
     DetFSampler,
@@ -25,7 +24,6 @@ from palpate.reference.deformed_state import (
 )
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.fenicsx import PETSc
 from palpate.reference.load_stepping import LoadPath, follow_load
 from palpate.reference.mixed_form import MixedProblem
 from palpate.reference.newton import Newton
@@ -145,7 +143,7 @@ class Equilibrium:
             strain_energy=state.strain_energy,
             newton_iterations=self.path.iterations,
             load_steps=self.path.load_factors,
-            versions={**versions(), "petsc": ".".join(map(str, PETSc.Sys.getVersion()))},
+            versions=fenicsx.versions(),
             tools=self.tools,
             formulation=discrete.formulation,
             element=discrete.element,

@@ -184,7 +184,7 @@ class ImplicitTask:
 
 @dataclass(frozen=True)
 class ExplicitTask(_OfElement):
-    """`palpate.reference.explicit.simulate_explicit`, from rest."""
+    """`palpate.reference.stepping.simulate_explicit`, from rest."""
 
     strain: Strain = Strain.GREEN
     element: Element = Element.LINEAR
@@ -194,14 +194,14 @@ class ExplicitTask(_OfElement):
     def __call__(self, problem: Problem, progress: Progress) -> ExplicitResult:
         """Step."""
         del progress
-        from palpate.reference.explicit import simulate_explicit
+        from palpate.reference.stepping import simulate_explicit
 
         return simulate_explicit(problem, **vars(self))
 
 
 @dataclass(frozen=True)
 class SteppedTask(_OfElement):
-    """`palpate.reference.integrators.stepping.simulate_by`, from rest."""
+    """`palpate.reference.stepping.simulate_by`, from rest."""
 
     integrator: Integrator
     strain: Strain = Strain.GREEN
@@ -212,7 +212,7 @@ class SteppedTask(_OfElement):
 
     def __call__(self, problem: Problem, progress: Progress) -> SteppedResult:
         """Step."""
-        from palpate.reference.integrators.stepping import simulate_by
+        from palpate.reference.stepping import simulate_by
 
         return simulate_by(problem, **vars(self), progress=progress)
 

@@ -31,7 +31,7 @@ its own force and the one before, or it would be of another time by a part of th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -41,10 +41,7 @@ from palpate.meshes.problem import Problem
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import HeldNodes, ToolContact, create_contacts
 from palpate.reference.mesh_transfer import TransferredSpace
-
-if TYPE_CHECKING:
-    from palpate.reference.generalised_alpha import AlphaMethod
-
+from palpate.reference.schemes import AlphaMethod, State, stencil_of
 
 # Of the force along a step, what may be left at its end.
 _NEARLY = 0.5
@@ -90,19 +87,20 @@ class DrivenTool:
         assert drive is not None
         self.contact, self.direction, self.mass = contact, np.array(drive.direction), drive.mass
         self._drive = drive
-        self.way, self._speed = 0.0, 0.0
-        self._acceleration = self._push(0.0) / self.mass
-        self._kept = self.way
+        self.way = 0.0
+        pushed = np.array([self._push(0.0)])
+        self._state = State(np.zeros(1), np.zeros(1), pushed / self.mass)
         self._pushed = 0.0
 
     def _push(self, time: float) -> float:
         return self._drive.force * self._drive.amplitude(time)
 
     def begin_step(self, time: float, dt: float, method: AlphaMethod) -> None:
-        """Go on from the last step that was kept, by a guess; arguments as of `Motion.step`."""
-        self._dt, self._method = dt, method
+        """Go on from the end of the last step, by a guess; arguments as of `Motion.step`."""
+        state = self._state
+        self._stencil = stencil_of(method, state, dt)
         self._pushed = self._push(time + (1.0 - method.alpha_f) * dt)
-        self.go_to(self._kept + dt * self._speed + 0.5 * dt**2 * self._acceleration)
+        self.go_to(float((state.u + dt * state.v + 0.5 * dt**2 * state.a)[0]))
 
     def go_to(self, way: float) -> None:
         """Put the tool so far along its line [m]."""
@@ -112,24 +110,14 @@ class DrivenTool:
     def lacking(self, displacement: Floats) -> tuple[float, float]:
         """The force that is out of balance, and the largest of those in it [N]."""
         felt = float(self.contact.state(displacement).force @ self.direction)
-        m = self._method
-        ahead = (1.0 - m.alpha_m) * self._ends_at()[1] + m.alpha_m * self._acceleration
-        inertia = self.mass * ahead
+        inertia = self.mass * float(self._stencil.acceleration(np.array([self.way]))[0])
         return self._pushed + felt - inertia, max(abs(self._pushed), abs(felt), abs(inertia))
-
-    def _ends_at(self) -> tuple[float, float]:
-        """Speed [m/s] and acceleration [m/s2] at the end of the step, by Newmark's formulas."""
-        m, dt, a = self._method, self._dt, self._acceleration
-        gone = self.way - self._kept - dt * self._speed
-        new = gone / (m.beta * dt**2) - (0.5 / m.beta - 1.0) * a
-        return self._speed + dt * ((1.0 - m.gamma) * a + m.gamma * new), new
 
     def stiffness(self, displacement: Floats) -> tuple[Floats, float]:
         """K_c d of the body's unknowns, flat, and m f + d . K_c d [N/m]."""
-        m = self._method
         coupling = self.contact.derivative_of_force(displacement, self.direction)
         own = float(fenicsx.total(float(coupling.reshape(-1, 3).sum(axis=0) @ self.direction)))
-        return coupling, self.mass * (1.0 - m.alpha_m) / (m.beta * self._dt**2) + own
+        return coupling, self.mass * self._stencil.A + own
 
     def end_step(
         self, held: HeldNodes, v: Points, a: Points, inertia: Callable[[Points], Floats]
@@ -148,15 +136,15 @@ class DrivenTool:
         still = np.zeros_like(held.normals)
         carried = held.change(np.zeros_like(v), still + self.direction)
         whole = self.mass + float(inertia(carried) @ self.direction)
-        changes = []
-        ends = []
-        for of_nodes, of_tool in zip((v, a), self._ends_at(), strict=True):
+        changes, ends = [], []
+        here = np.array([self.way])
+        own = self._stencil.after(here)
+        for of_nodes, of_tool in ((v, own.v), (a, own.a)):
             stopped = held.change(of_nodes, still)
             end = (self.mass * of_tool - float(inertia(stopped) @ self.direction)) / whole
             changes.append(stopped + end * carried)
             ends.append(end)
-        self._speed, self._acceleration = ends
-        self._kept = self.way
+        self._state = State(here, *ends)
         return changes[0], changes[1]
 
 

@@ -67,7 +67,7 @@ def test_trajectory_is_that_of_the_explicit_reference(
     make_box: MakeBox, strain: Strain, follower: bool
 ) -> None:
     """1 000 steps with supports, damping, weight, point and surface loads."""
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
     mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     problem = shaken(mesh, TimeSpan(5.0, 5e-3, mass_damping=2.0, num_outputs=10), follower)
@@ -82,7 +82,7 @@ def test_trajectory_is_that_of_the_explicit_reference(
 
 @BOTH
 def test_a_thousand_steps_of_the_kidney_are_those_of_the_explicit_reference(strain: Strain) -> None:
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
     from palpate.validation.case import load_case
 
     problem = load_case("kidney").problem
@@ -100,7 +100,7 @@ def test_a_thousand_steps_of_the_kidney_are_those_of_the_explicit_reference(stra
 def test_moving_supports_and_loads_over_time_are_those_of_the_explicit_reference(
     make_box: MakeBox, strain: Strain
 ) -> None:
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
     mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     problem = shaken(mesh, TimeSpan(5.0, 5e-3, mass_damping=1.0, num_outputs=10), follower=True)
@@ -123,7 +123,7 @@ def test_moving_supports_and_loads_over_time_are_those_of_the_explicit_reference
 def test_a_thrown_and_bent_start_is_that_of_the_explicit_reference(
     make_box: MakeBox, strain: Strain
 ) -> None:
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
     mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     span = TimeSpan(1.0, 5e-3, mass_damping=0.5, num_outputs=20)

@@ -84,7 +84,7 @@ def bar(mesh: TetMesh, law: Law, span: TimeSpan | None) -> Problem:
 def test_trajectory_is_that_of_the_explicit_reference(
     make_box: MakeBox, law: Law, element: Element
 ) -> None:
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
     mesh = make_box((4, 1, 1), (2.0, 0.5, 0.5), ragged=0.1)
     problem = bar(mesh, law, TimeSpan(5.0, 5e-3, mass_damping=2.0, num_outputs=10))

@@ -15,11 +15,11 @@ from palpate.reference.availability import is_available
 from palpate.reference.errors import ReferenceStepError
 
 if is_available():
-    from palpate.reference import generalised_alpha
-    from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.generalised_alpha import AlphaMethod, Motion
+    from palpate.reference import dynamics
+    from palpate.reference.dynamics import Motion, simulate_implicit
+    from palpate.reference.schemes import AlphaMethod
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 
@@ -137,7 +137,7 @@ def test_earlier_tangents_find_the_same_motion(box, monkeypatch):
     )
 
     def run(slow):
-        monkeypatch.setattr(generalised_alpha, "_SLOW", slow)
+        monkeypatch.setattr(dynamics, "_SLOW", slow)
         assembled.clear()
         moved = simulate_implicit(problem, relative_tolerance=1e-10).displacements
         return moved, len(assembled)

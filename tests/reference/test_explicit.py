@@ -15,7 +15,7 @@ from palpate.reference.availability import is_available
 from palpate.reference.errors import ReferenceBlowUpError
 
 if is_available():
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

@@ -16,7 +16,7 @@ from palpate.reference.errors import ReferenceBlowUpError, ReferenceTimeoutError
 from palpate.reference.tasks import ExplicitTask
 
 if is_available():
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

@@ -11,9 +11,9 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference.explicit import simulate_explicit
     from palpate.reference.materials import lame_parameters
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

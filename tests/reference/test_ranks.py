@@ -192,7 +192,7 @@ import numpy as np
 from palpate.meshes.errors import InputError
 from palpate.meshes.problem_files import load_problem
 from palpate.reference.errors import ReferenceBlowUpError, ReferenceNotConvergedError
-from palpate.reference.explicit import simulate_explicit
+from palpate.reference.stepping import simulate_explicit
 from palpate.reference.fenicsx import COMM
 from palpate.reference.statics import solve_static
 

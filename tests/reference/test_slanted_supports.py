@@ -20,9 +20,9 @@ from palpate.reference.availability import is_available
 
 if is_available():
     from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.explicit import simulate_explicit
     from palpate.reference.result import Formulation
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

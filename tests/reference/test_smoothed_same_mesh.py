@@ -17,8 +17,8 @@ from palpate.validation.case import load_case
 
 if is_available():
     from palpate.reference.discrete_problem import internal_force
-    from palpate.reference.explicit import simulate_explicit
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

@@ -27,11 +27,10 @@ from palpate.reference.availability import is_available
 if is_available():
     from palpate.reference.audit import audit_displacement
     from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.integrators.stepping import simulate_by
     from palpate.reference.result import Formulation
     from palpate.reference.schemes import Integrator
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_by, simulate_explicit
 
 SIZE = (1.0, 0.6, 0.5)
 SOFT = Material(1e4, 0.35, 1000.0)

@@ -18,10 +18,9 @@ from palpate.reference.schemes import Integrator
 from palpate.validation.diagnosis.law_simulators import example_material
 
 if is_available():
-    from palpate.reference import generalised_alpha
+    from palpate.reference import dynamics
     from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.integrators.stepping import simulate_by
+    from palpate.reference.stepping import simulate_by, simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 
@@ -116,7 +115,7 @@ def test_a_thousand_steps_are_those_of_fastsim(box, law, element, strain):
 
 @pytest.mark.parametrize("strain", list(Strain))
 def test_implicit_steps_follow_the_explicit_ones(box, strain, monkeypatch):
-    monkeypatch.setattr(generalised_alpha, "_SLOW", 0.0)  # a tangent of its own each time
+    monkeypatch.setattr(dynamics, "_SLOW", 0.0)  # a tangent of its own each time
     mesh = box((4, 1, 1), (2.0, 0.5, 0.5))
     apart = []
     for dt in (8e-3, 4e-3):

@@ -120,7 +120,7 @@ class OutsideSimulator:
         """
         if self.time_step is None:
             return problem
-        from palpate.reference.stated_steps import stated_steps
+        from palpate.reference.schemes import stated_steps
 
         steps = Steps(self.integrator or Integrator.CENTRAL_DIFFERENCES, self.time_step)
         given = steps.of(problem)

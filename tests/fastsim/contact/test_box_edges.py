@@ -112,7 +112,7 @@ def test_steps_press_them_down(margin: float, form: ContactForm) -> None:
 @pytest.mark.parametrize("ratio", [0.0, 0.4])
 @pytest.mark.parametrize("margin", [-1e-2, *MARGINS])
 def test_steps_are_those_of_the_reference(margin: float, ratio: float) -> None:
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
     problem = pressed(margin, 0.05, ratio, time=TimeSpan(0.4, 1e-3, 20.0, 10), aside=0.05)
     ours, theirs = simulate(problem), simulate_explicit(problem)

@@ -21,7 +21,7 @@ from palpate.meshes.rigid_tool import (
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference.explicit import simulate_explicit
+    from palpate.reference.stepping import simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

@@ -20,8 +20,7 @@ from palpate.reference.schemes import (
 )
 
 if is_available():
-    from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.integrators.stepping import simulate_by
+    from palpate.reference.stepping import simulate_by, simulate_explicit
 
 STEPPED = [i for i in Integrator if i is not Integrator.CENTRAL_DIFFERENCES]
 

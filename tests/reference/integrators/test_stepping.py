@@ -23,9 +23,8 @@ from palpate.validation.diagnosis.law_simulators import example_material
 
 if is_available():
     from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.explicit import simulate_explicit
-    from palpate.reference.integrators.stepping import simulate_by
     from palpate.reference.statics import solve_static
+    from palpate.reference.stepping import simulate_by, simulate_explicit
 
 pytestmark = pytest.mark.dolfinx
 

@@ -139,6 +139,6 @@ def test_a_body_without_tools_has_its_truth_the_same_way(
 @pytest.mark.dolfinx
 def test_tools_press_where_everything_else_is_balanced() -> None:
     """Elsewhere a tool that slides would push the body by a part of its way in a step."""
-    from palpate.reference.generalised_alpha import AlphaMethod
+    from palpate.reference.schemes import AlphaMethod
 
     assert AlphaMethod(runs._WITH_TOOLS).alpha_f == 0.0

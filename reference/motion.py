@@ -1,0 +1,402 @@
+"""What moves a body: its mass, loads, springs and supports over time, and viscous forces.
+
+Stiffness damping is the forces of a viscous stress on the rate of strain,
+
+    S_v = beta C : dE/dt,   R_v(u; v) = integral of F S_v : grad v,
+
+C Hooke's at rest whatever the body's law, E its strain measure with dE/dt = sym(F^T grad u'), and
+F = I under linear strain: Kelvin and Voigt's solid, as on E by J. C. Simo, T. J. R. Hughes,
+Computational Inelasticity, 1998, section 10.1. About rest it is Rayleigh's beta K u'. The power
+that it takes, the integral of dE/dt : beta C : dE/dt, is never below 0, and no turn is resisted:
+a tangent stiffness in the place of C would do neither in a stressed body, nor K of the rest state
+in one that has turned. Smoothed tetrahedra average dE/dt as they do E, and their stress as Hooke's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain
+from palpate.reference import fenicsx
+from palpate.reference.deformed_state import DetFSampler
+from palpate.reference.discrete_problem import ElasticBody
+from palpate.reference.fenicsx import PETSc, fem, ufl
+from palpate.reference.laws import second_piola_kirchhoff_stress, strain_tensor
+from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
+from palpate.reference.materials import by_cell
+from palpate.reference.mesh_transfer import create_space, transfer
+from palpate.reference.schemes import Stencil
+from palpate.reference.smoothed import Smoothing, smoothing_of
+from palpate.reference.supports import hold
+
+Amplitude: TypeAlias = Callable[[float], float]
+Amplitudes: TypeAlias = Amplitude | Sequence[Amplitude | None] | None
+Field: TypeAlias = Points | Callable[[Points], Points] | None
+_EPS = float(np.finfo(float).eps)
+
+
+class MovingBody:
+    """Mass, forces and supports of a problem in motion; each load by its own factor over time.
+
+    Args:
+        problem: With its time span.
+        strain: Strain measure.
+        degree: Of the displacement.
+        element: Of the tetrahedra.
+        loads_by: Factor over time [-] on all loads, or one for each (None is 1); None takes each
+            load's own.
+        supports_by: The same for the supports' displacements.
+        is_mass_lumped: Row sums instead of the consistent mass.
+        is_viscous_by_change: See `Viscosity`; of changes from step to step.
+
+    Attributes:
+        held: Degrees of freedom that supports hold.
+        free: The others of this rank.
+        damping: lambda [1/s].
+        row_sums: Of the mass [kg], flat; None where that is consistent.
+
+    Raises:
+        InputError: A load, support or element that cannot be used, or a wrong number of factors.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        strain: Strain,
+        *,
+        degree: int = 1,
+        element: Element = Element.LINEAR,
+        loads_by: Amplitudes = None,
+        supports_by: Amplitudes = None,
+        is_mass_lumped: bool = True,
+        is_viscous_by_change: bool = False,
+    ) -> None:
+        span = problem.time
+        assert span is not None
+        space = create_space(transfer(problem.mesh), degree)
+        self.body = body = ElasticBody(
+            space, problem.material, Strain(strain), problem.inclusions, element=Element(element)
+        )
+        self.problem = problem
+        self.row_sums = row_sums_of_mass(body, problem) if is_mass_lumped else None
+        self._dead: list[tuple[Amplitude, Floats]] = []
+        self._followers: list[tuple[Amplitude, FollowerLoad]] = []
+        own: Amplitudes = [load.amplitude for load in problem.loads]
+        factors = _one_each(own if loads_by is None else loads_by, len(problem.loads), "loads")
+        self._supports = hold(space, problem.supports)
+        self.held: Indices = self._supports.dofs
+        self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), self.held)
+        body.frames = self._supports.frames
+        du = ufl.TrialFunction(space.space)
+        for load, factor in zip(problem.loads, factors, strict=True):
+            applied = apply_loads(space, [load], body.u, body.v, body.strain)
+            self._dead.append((factor, body.to_local(applied.dead)))
+            for work in applied.followers:
+                follower = FollowerLoad(space.transferred.mesh, work, body.u, du)
+                self._followers.append((factor, follower))
+        self._springs = spring_forces(
+            space, problem.springs, u=body.u, v=body.v, unknown=body.u, trial=du
+        )
+        own = [support.amplitude for support in problem.supports]
+        self._support_factors = _one_each(
+            own if supports_by is None else supports_by, len(problem.supports), "supports"
+        )
+        self.damping, beta = span.mass_damping, span.stiffness_damping
+        self.viscosity: Viscosity | None = None
+        if beta:
+            factor_of_strain = beta / (span.time_step or 1.0) if is_viscous_by_change else beta
+            self.viscosity = Viscosity(body, factor_of_strain, is_by_change=is_viscous_by_change)
+
+    @cached_property
+    def sampler(self) -> DetFSampler:
+        """Measures det F."""
+        return DetFSampler(self.body)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether the tangent is: no load's direction follows the body, and no viscous stress."""
+        is_viscous = self.viscosity is not None and self.body.strain is Strain.GREEN
+        return not (self._followers or is_viscous)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the derivative of the forces by the displacement is always the same."""
+        is_linear = self.body.strain is Strain.LINEAR and not self._followers
+        return is_linear and all(spring.is_steady for spring in self._springs)
+
+    def start(self, displacement: Field, velocity: Field) -> tuple[Floats, Floats]:
+        """Displacement [m] and velocity [m/s] at time 0, flat; the velocity of the problem if None.
+
+        Args:
+            displacement: At the mesh's points, linear between them; or a function of rest points.
+            velocity: Likewise.
+        """
+        v = self._flat(velocity)
+        if velocity is None and self.problem.initial_velocity is not None:
+            v = self._flat(self.problem.initial_velocity.at)
+            v[self.held] = 0.0
+        return self.at_supports(self._flat(displacement), 0.0), v
+
+    def _flat(self, given: Field) -> Floats:
+        space = self.body.space
+        if given is None:
+            return np.zeros(self.body.num_dofs)
+        if not callable(given):
+            return self.body.to_local(space.from_points(given))
+        return self.body.to_local(np.asarray(given(space.coordinates), dtype=np.float64).ravel())
+
+    def load(self, displacement: Floats, time: float) -> Floats:
+        """Nodal forces of all loads and springs [N], flat."""
+        force = np.zeros_like(displacement)
+        for factor, dead in self._dead:
+            force += factor(time) * dead
+        if self._followers or self._springs:
+            self.body.set_displacement(displacement)
+        for factor, follower in self._followers:
+            force += factor(time) * self.body.to_local(follower.force())
+        for spring in self._springs:
+            spring.move_to(time)
+            force += spring.factor(time) * self.body.to_local(spring.force())
+        return force
+
+    def add_load_tangent(self, matrix: Any, weight: float, time: float) -> None:
+        """Add minus the derivative of the loads, times a weight, where the body is."""
+        for factor, follower in self._followers:
+            follower.add_tangent(matrix, weight * factor(time))
+        for spring in self._springs:
+            spring.add_tangent(matrix, weight * spring.factor(time))
+
+    def internal(self, displacement: Floats, other: Floats) -> tuple[Floats, Floats | None]:
+        """Internal forces, and their viscous part if there is any [N], flat.
+
+        Args:
+            displacement: [m].
+            other: The velocity, or the earlier displacement: see `Viscosity.force`.
+        """
+        force = self.body.internal_force(displacement)
+        if self.viscosity is None:
+            return force, None
+        viscous = self.viscosity.force(displacement, other)
+        return force + viscous, viscous
+
+    def inertia(self, acceleration: Floats) -> Floats:
+        """M a [N], flat."""
+        if self.row_sums is not None:
+            force: Floats = self.row_sums * acceleration
+            return force
+        field, form = self._inertia
+        field.x.array[: len(acceleration)] = self.body.to_global(acceleration)
+        field.x.scatter_forward()
+        return self.body.to_local(fenicsx.assemble_vector(form))
+
+    @cached_property
+    def density(self) -> Any:
+        """Of each cell [kg/m3], as a function."""
+        transferred, problem = self.body.space.transferred, self.problem
+        return by_cell(transferred, problem.material, problem.inclusions, lambda m: m.density)
+
+    @cached_property
+    def mass_measure(self) -> Any:
+        """Of the volume, exact for the consistent mass."""
+        space = self.body.space
+        degree = 2 * space.degree
+        return ufl.dx(domain=space.transferred.mesh, metadata={"quadrature_degree": degree})
+
+    @cached_property
+    def _inertia(self) -> tuple[Any, Any]:
+        field = fem.Function(self.body.space.space)
+        work = self.density * ufl.inner(field, self.body.v) * self.mass_measure
+        return field, fenicsx.form(work)
+
+    def kinetic_energy(self, velocity: Floats) -> float:
+        """Half of v . M v [J]."""
+        return 0.5 * float(fenicsx.total(float(velocity @ self.inertia(velocity))))
+
+    def balance(self, stencil: Stencil, u: Floats, time: float) -> Balance:
+        """The forces in a step that begins at a time, with a displacement at its end."""
+        middle, velocity = stencil.middle(u), stencil.velocity(u)
+        external = self.load(middle, time + stencil.theta * stencil.time_step)
+        internal, viscous = self.internal(middle, velocity)
+        damped = self.damping * velocity
+        inertial = self.inertia(stencil.acceleration(u) + damped)
+        return Balance(external, internal, inertial, damped, viscous)
+
+    def force(self, displacement: Floats, other: Floats, time: float) -> Floats:
+        """F(t) - R [N], flat; see `internal`."""
+        return self.load(displacement, time) - self.internal(displacement, other)[0]
+
+    def at_supports(self, displacement: Floats, time: float) -> Floats:
+        """The displacement with its held components where they are at that time [m]."""
+        moved = displacement.copy()
+        moved[self.held] = self._supports.at([factor(time) for factor in self._support_factors])
+        return moved
+
+    def is_sound(self, displacement: Floats) -> bool:
+        """Whether no cell is inverted, or its strain does not know of it."""
+        return self.body.strain is Strain.LINEAR or self.sampler.smallest(displacement) > 0.0
+
+    def rounding_error(self, matrix_norm: float, displacement: Floats) -> float:
+        """Norm of the nodal forces that rounding alone can leave [N], by that of the tangent."""
+        source = self.body.space.transferred.source
+        cell = (source.volume / source.num_cells) ** (1.0 / 3.0)
+        largest = fenicsx.largest(float(np.max(np.abs(displacement), initial=0.0)))
+        return float(4.0 * _EPS * matrix_norm * max(largest, cell))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """Forces where a step has them in balance [N], flat.
+
+    Attributes:
+        external: Of loads and springs.
+        internal: Of the body, the viscous ones too.
+        inertial: Mass damping included.
+        damped: lambda times the velocity there [m/s2].
+        viscous: What stiffness damping makes of the internal forces; None without it.
+    """
+
+    external: Floats
+    internal: Floats
+    inertial: Floats
+    damped: Floats
+    viscous: Floats | None
+
+    @property
+    def lacking(self) -> Floats:
+        """What is out of balance."""
+        return self.external - self.internal - self.inertial
+
+    def scale(self, among: Any = slice(None)) -> float:
+        """Norm of the largest of the three, of some entries."""
+        parts = (self.internal, self.external, self.inertial)
+        return max(fenicsx.norm(part[among]) for part in parts)
+
+
+class StepLostError(Exception):
+    """A step's equations have no solution that was found; the message says why."""
+
+
+def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:
+    """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
+    transferred = body.space.transferred
+    mesh = transferred.mesh
+    rho = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.density)
+    one = ufl.as_vector([1.0, 1.0, 1.0])
+    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 1})
+    return fenicsx.assemble_vector(fenicsx.form(rho * ufl.inner(one, body.v) * dx))
+
+
+def _one_each(given: Amplitudes, count: int, what: str) -> list[Amplitude]:
+    if given is None or callable(given):
+        return [given or _always] * count
+    if len(given) != count:
+        raise InputError(f"{len(given)} amplitudes for {count} {what}; give one for each, or one")
+    return [factor or _always for factor in given]
+
+
+def _always(_time: float) -> float:
+    return 1.0
+
+
+class Viscosity:
+    """Viscous forces of a body, by rates or by finite changes of its strain.
+
+    Args:
+        body: Whose displacement, moduli at rest, strain measure and element these are.
+        factor: beta [s]; by changes beta over the time step [-].
+        is_by_change: Take E(u) - E(w) for an earlier displacement w in the place of the rate of E
+            along a velocity w.
+    """
+
+    def __init__(self, body: ElasticBody, factor: float, *, is_by_change: bool = False) -> None:
+        self._body, self._factor, space = body, factor, body.space
+        self._mesh = space.transferred.mesh
+        is_green = body.strain is Strain.GREEN
+        self._w = w = fem.Function(space.space)
+        # A factor, so that the tangent of smoothed cells has a form also where F is I.
+        turns = self._constant(is_green)
+        F = ufl.Identity(3) + turns * ufl.grad(body.u)
+        if is_by_change:
+            strains = strain_tensor(body.u, body.strain) - strain_tensor(w, body.strain)
+        else:
+            strains = ufl.sym((F.T if is_green else ufl.Identity(3)) * ufl.grad(w))
+        degree = (4 if is_green else 2) * (space.degree - 1)
+        self._dx = dx = ufl.dx(domain=self._mesh, metadata={"quadrature_degree": degree})
+        self._smoothing: Smoothing | None = None
+        if body.element is Element.SMOOTHED:
+            self._smoothing = smoothing_of(space, body.lame)
+            self._tensors = fenicsx.cell_tensor_space(self._mesh)
+            self._stress = stress = fem.Function(self._tensors)
+            self._integrals = ufl.inner(strains, ufl.TestFunction(self._tensors)) * dx
+            self._strains = fenicsx.form(self._integrals)
+        else:
+            stress = factor * second_piola_kirchhoff_stress(strains, *body.lame)
+        self._work = ufl.inner(F * stress, ufl.grad(body.v)) * dx
+        self._force = fenicsx.form(self._work)
+        self._weights = [self._constant(0.0) for _ in range(2)]
+        self._tangents: list[tuple[Any, Any]] = []
+
+    def _constant(self, value: float) -> Any:
+        return fem.Constant(self._mesh, PETSc.ScalarType(value))
+
+    def force(self, displacement: Floats, other: Floats) -> Floats:
+        """Nodal forces, a part of the internal ones [N], flat.
+
+        Args:
+            displacement: Flat [m].
+            other: The velocity [m/s], or the earlier displacement.
+        """
+        body = self._body
+        body.set_displacement(displacement)
+        self._w.x.array[: len(other)] = body.to_global(other)
+        self._w.x.scatter_forward()
+        if self._smoothing is not None:
+            found = self._smoothing.stress(fenicsx.assemble_vector(self._strains))
+            self._stress.x.array[:] = self._factor * found
+        return body.to_local(fenicsx.assemble_vector(self._force))
+
+    def add_tangent(self, matrix: Any, by_displacement: float, by_rate: float) -> None:
+        """Add the derivative of the last force, along x, y, z; under Green strain not symmetric.
+
+        Args:
+            matrix: The body's tangent, a PETSc matrix.
+            by_displacement: Weight of the derivative by the displacement.
+            by_rate: Of that by the velocity.
+        """
+        if not self._tangents:
+            self._compile()
+        for constant, weight in zip(self._weights, (by_displacement, by_rate), strict=True):
+            constant.value = weight
+        for form, of in self._tangents:
+            of.zeroEntries()
+            fenicsx.assemble_into_matrix(of, form)
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        part = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
+        matrix.axpy(1.0, self._tangents[0][1], structure=part if self._smoothing else same)
+        if self._smoothing is not None:
+            averaged = self._smoothing.stiffness(*(of for _, of in self._tangents[1:]))
+            matrix.axpy(self._factor, averaged, structure=part)
+            averaged.destroy()
+
+    def _compile(self) -> None:
+        body = self._body
+        du = ufl.TrialFunction(body.space.space)
+        forms = [self._along(self._work, du)]
+        if self._smoothing is not None:
+            own = strain_tensor(body.u, body.strain)
+            integrals = ufl.inner(own, ufl.TestFunction(self._tensors)) * self._dx
+            forms += [ufl.derivative(integrals, body.u, du), self._along(self._integrals, du)]
+        compiled = [fenicsx.form(form) for form in forms]
+        self._tangents = [(form, fenicsx.create_matrix(form)) for form in compiled]
+
+    def _along(self, of: Any, du: Any) -> Any:
+        by_displacement, by_rate = self._weights
+        along_u, along_w = (ufl.derivative(of, x, du) for x in (self._body.u, self._w))
+        return by_displacement * along_u + by_rate * along_w

@@ -1,0 +1,362 @@
+"""Motion of tetrahedra of degree 1 with lumped mass, by the scheme and step of who is judged.
+
+Every step is solved. What an implicit simulator differs by from this is its solver's: iterations
+that it did not do, and equations that are not those it states. What this differs by from the motion
+itself is the scheme's.
+
+Central differences of M a'' + D a' + R(a) = F(t) with lumped M and D = lambda M are the explicit
+steps by which fast ones are judged. Expanding the paper's eq. 11 gives, for each free degree of
+freedom,
+
+    (m/dt^2 + d/(2 dt)) a(t+dt) = F - R(a(t)) + (2/dt^2) m a(t) - (m/dt^2 - d/(2 dt)) a(t-dt)
+
+(its eq. 12 prints R inside a bracket multiplied by a), started by
+a(-dt) = a(0) - dt a'(0) + dt^2/2 a''(0) (its eq. 13). Stiffness damping adds to R(a(t)) the forces
+of the viscous stress beta C : (E(a(t)) - E(a(t-dt))) / dt (see `Viscosity`). Everything is
+assembled from UFL, the row sums of the mass matrix included; time is given by the caller, never
+chosen. The other schemes stand in `schemes`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from palpate.meshes.arrays import Floats, Points
+from palpate.meshes.errors import InputError
+from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
+from palpate.reference import fenicsx
+from palpate.reference.availability import versions
+from palpate.reference.contact.explicit_tools import SteppedTools
+from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError
+from palpate.reference.fenicsx import PETSc, ufl
+from palpate.reference.linear_solver import LinearSolveError, LinearSolver
+from palpate.reference.motion import Amplitudes, MovingBody, StepLostError
+from palpate.reference.result import ExplicitResult, SteppedResult
+from palpate.reference.schemes import (
+    Integrator,
+    State,
+    Stencil,
+    read_integrator,
+    stated_steps,
+    stencil_of,
+)
+
+_MAX_ITERATIONS = 60
+# A Newton step is cut in two, so often at most, while a cell would invert or the forces along it
+# push back harder than they pulled.
+_MAX_CUTS = 12
+
+
+def simulate_explicit(
+    problem: Problem,
+    *,
+    strain: Strain = Strain.GREEN,
+    displacement: Points | None = None,
+    velocity: Points | None = None,
+    amplitude: Amplitudes = None,
+    support_amplitude: Amplitudes = None,
+    element: Element = Element.LINEAR,
+) -> ExplicitResult:
+    """Step a problem through its time span.
+
+    Args:
+        problem: With `time` set, its `time_step` too: the outputs lie whole steps apart.
+        strain: Strain measure.
+        displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
+        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of held components
+            it is not read.
+        amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
+            takes each load's own.
+        support_amplitude: The same for the supports' displacements.
+        element: SMOOTHED averages strains over edges and nodes; not under mpirun.
+
+    Returns:
+        The trajectory; every number in it is finite.
+
+    Raises:
+        InputError: No time span or step, outputs that are not whole steps apart, or a load,
+            support or tool that cannot be used.
+        ReferenceBlowUpError: A value stopped being finite; carries the last good state.
+
+    Note:
+        Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
+        Conditionally stable: dt < 2 / omega_max, with stiffness damping beta
+        dt < sqrt((2 / omega_max)^2 + beta^2) - beta.
+    """
+    span, dt, per_output = stated_steps(problem, "an explicit run")
+    run = MovingBody(
+        problem,
+        strain,
+        element=element,
+        loads_by=amplitude,
+        supports_by=support_amplitude,
+        is_viscous_by_change=True,
+    )
+    body, mass, half = run.body, run.row_sums, 0.5 * span.mass_damping * dt
+    assert mass is not None
+    now, speed = run.start(displacement, velocity)
+    speed[run.held] = 0.0
+    acceleration = run.force(now, now - dt * speed, 0.0) / mass - span.mass_damping * speed
+    before = now - dt * speed + 0.5 * dt**2 * acceleration
+    before[run.held] = now[run.held]
+    tools = SteppedTools(problem, body.space, run.held, dt**2 / (mass * (1.0 + half)))
+    tools.require_outside(now)
+    states, energies = [body.at_points(now)], [body.strain_energy(now)]
+    felt = [tools.mean_forces()]
+    for step in range(per_output * span.num_outputs):
+        force = run.force(now, before, step * dt)
+        ahead = (dt**2 * force / mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
+        ahead = tools.keep_out(now, run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt, dt)
+        if fenicsx.is_anywhere(not np.isfinite(ahead).all()):
+            raise ReferenceBlowUpError(step, step * dt, body.at_points(now))
+        now, before = ahead, now
+        if (step + 1) % per_output == 0:
+            states.append(body.at_points(now))
+            energies.append(body.strain_energy(now))
+            felt.append(tools.mean_forces())
+    return ExplicitResult(
+        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+        displacements=np.array(states),
+        strain_energies=np.array(energies),
+        time_step=dt,
+        num_steps=per_output * span.num_outputs,
+        tool_forces=np.array(felt).swapaxes(0, 1),
+    )
+
+
+def simulate_by(
+    problem: Problem,
+    integrator: Integrator,
+    *,
+    strain: Strain = Strain.GREEN,
+    element: Element = Element.LINEAR,
+    displacement: Points | None = None,
+    velocity: Points | None = None,
+    amplitude: Amplitudes = None,
+    support_amplitude: Amplitudes = None,
+    relative_tolerance: float = 1e-10,
+    progress: Callable[[str], None] | None = None,
+) -> SteppedResult:
+    """Step a problem through its time span by a scheme.
+
+    Args:
+        problem: With `time` set, its `time_step` too: the outputs lie whole steps apart. Of any
+            law that the element knows.
+        integrator: The scheme; its equations stand in `schemes`. For central differences see
+            `simulate_explicit`.
+        strain: Strain measure.
+        element: SMOOTHED averages strains over edges and nodes; not under mpirun.
+        displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
+        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of held components
+            it is not read.
+        amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
+            takes each load's own.
+        support_amplitude: The same for the supports' displacements.
+        relative_tolerance: Of each step's equations: norm of the free out-of-balance nodal forces
+            over the largest of those of internal, external and inertial ones [-].
+        progress: Called with one line of text now and then.
+
+    Returns:
+        The trajectory at the outputs; every number in it is finite.
+
+    Raises:
+        InputError: No time span or step, outputs that are not whole steps apart, a tool, central
+            differences, or a load, support or element that cannot be used.
+        ReferenceStepError: A step's equations have no solution; carries the last good state.
+        ReferenceBlowUpError: Semi-implicit Euler left the finite numbers; likewise.
+
+    Note:
+        Degree 1 with lumped mass, as simulators have it. A step is never cut: of what it does not
+        resolve, the scheme's result is the result. Where the equations of a long step have several
+        solutions, this is the one that Newton's method finds from u + dt v.
+    """
+    integrator = read_integrator(integrator)
+    if integrator is Integrator.CENTRAL_DIFFERENCES:
+        raise InputError("central differences are stepped by the explicit reference: leave these")
+    require_no_tools(problem, f"the reference by {integrator}")
+    span, dt, per_output = stated_steps(problem, f"a motion by {integrator}")
+    run = SteppedBody(
+        problem,
+        strain,
+        element=element,
+        loads_by=amplitude,
+        supports_by=support_amplitude,
+    )
+    run.tolerance = relative_tolerance
+    tell = progress or (lambda _line: None)
+    body = run.body
+    state = run.begin(displacement, velocity)
+    states = [state]
+    for step in range(per_output * span.num_outputs):
+        time = step * dt
+        if integrator.is_implicit:
+            try:
+                state = run.solve(stencil_of(integrator, state, dt), time)
+            except StepLostError as error:
+                at_points = body.at_points(state.u)
+                raise ReferenceStepError(time, dt, str(error), at_points) from None
+        else:
+            new = run.step_semi_implicitly(state, time, dt)
+            if not math.isfinite(fenicsx.norm(new.u)):
+                raise ReferenceBlowUpError(step, time, body.at_points(state.u))
+            state = new
+        if (step + 1) % per_output == 0:
+            states.append(state)
+            tell(f"t = {time + dt:.4g} s of {span.end_time:g} s")
+    return SteppedResult(
+        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
+        displacements=np.array([body.at_points(s.u) for s in states]),
+        velocities=np.array([body.at_points(s.v) for s in states]),
+        kinetic_energies=np.array([run.kinetic_energy(s.v) for s in states]),
+        strain_energies=np.array([body.strain_energy(s.u) for s in states]),
+        integrator=integrator,
+        time_step=dt,
+        num_steps=per_output * span.num_outputs,
+        newton_iterations=run.iterations,
+        largest_residual=run.largest_residual,
+        strain=body.strain,
+        element=body.element,
+        versions=versions(),
+    )
+
+
+class SteppedBody(MovingBody):
+    """A body with lumped mass, and Newton's method for the equations of an implicit step.
+
+    Attributes:
+        tolerance: Relative residual of a step [-].
+        iterations: Linear solves so far.
+        largest_residual: Relative, of the steps so far [-].
+    """
+
+    tolerance = 1e-10
+    iterations = 0
+    largest_residual = 0.0
+    # The last matrix and its factors; that of a linear body changes with the stencil only.
+    _last: tuple[tuple[float, float, float], Any] | None = None
+    _matrix_norm = 0.0
+
+    @property
+    def mass(self) -> Floats:
+        """Row sums [kg], flat."""
+        assert self.row_sums is not None
+        return self.row_sums
+
+    @functools.cached_property
+    def _system(self) -> tuple[Any, Any, LinearSolver]:
+        """Form of the stiffness, its matrix, and what solves; semi-implicit steps need none."""
+        form = fenicsx.form(self.body.work_change(ufl.TrialFunction(self.body.space.space)))
+        matrix = fenicsx.create_matrix(form)
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        solver = LinearSolver(
+            self.body.space.coordinates,
+            is_symmetric=self.is_symmetric,
+            to_local=self.body.to_local,
+        )
+        return form, matrix, solver
+
+    def begin(self, displacement: Points | None, velocity: Points | None) -> State:
+        """The state at time 0: at rest and still, where nothing else is given."""
+        u, v = self.start(displacement, velocity)
+        v[self.held] = 0.0
+        a = self.force(u, v, 0.0) / self.mass - self.damping * v
+        a[self.held] = 0.0
+        return State(u, v, a)
+
+    def step_semi_implicitly(self, state: State, time: float, dt: float) -> State:
+        """Velocity by the forces at the start, displacement by the velocity at the end."""
+        v: Floats = (state.v + dt * self.force(state.u, state.v, time) / self.mass) / (
+            1.0 + self.damping * dt
+        )
+        u = self.at_supports(state.u + dt * v, time + dt)
+        v[self.held] = (u[self.held] - state.u[self.held]) / dt
+        return State(u, v, (v - state.v) / dt)
+
+    def solve(self, stencil: Stencil, time: float) -> State:
+        """The state at the end of a step.
+
+        Args:
+            stencil: Its equations.
+            time: At its start [s].
+
+        Raises:
+            StepLostError: Newton's method found no solution.
+        """
+        dt, free, held = stencil.time_step, self.free, self.held
+        u = self.at_supports(stencil.state.u + dt * stencil.state.v, time + dt)
+        if not self.is_sound(stencil.middle(u)):
+            u = self.at_supports(stencil.state.u, time + dt)
+        residual, scale = self._residual(stencil, u, time)
+        rounding, last, still = 0.0, math.inf, np.zeros(len(held))
+        for _ in range(_MAX_ITERATIONS):
+            norm = fenicsx.norm(residual[free])
+            if not math.isfinite(norm):
+                raise StepLostError("the residual is not finite")
+            if norm <= self.tolerance * scale or (norm > 0.5 * last and norm <= rounding):
+                self.largest_residual = max(self.largest_residual, norm / scale if scale else 0.0)
+                return stencil.after(u)
+            last = norm
+            try:
+                du = self._newton_step(stencil, u, time, residual, still)
+            except LinearSolveError as error:
+                raise StepLostError(str(error)) from None
+            rounding = self.rounding_error(self._matrix_norm, u)
+            u, residual, scale = self._along(stencil, u, du, time, residual)
+        raise StepLostError(f"no convergence in {_MAX_ITERATIONS} iterations")
+
+    def _residual(self, stencil: Stencil, u: Floats, time: float) -> tuple[Floats, float]:
+        """What is out of balance [N], flat, and the largest of its parts."""
+        forces = self.balance(stencil, u, time)
+        return forces.lacking, forces.scale(self.free)
+
+    def _newton_step(
+        self, stencil: Stencil, u: Floats, time: float, residual: Floats, still: Floats
+    ) -> Floats:
+        self.iterations += 1
+        body, held = self.body, self.held
+        form, matrix, solver = self._system
+        factors = stencil.A + self.damping * stencil.B, stencil.theta, stencil.B
+        if self._last is not None and self.is_linear and self._last[0] == factors:
+            matrix = self._last[1]
+            return solver.solve(matrix, residual, held, still, tolerance=1e-4, is_same_matrix=True)
+        body.set_displacement(stencil.middle(u))
+        matrix.zeroEntries()
+        fenicsx.assemble_into_matrix(matrix, form)
+        self.add_load_tangent(matrix, 1.0, time + stencil.theta * stencil.time_step)
+        matrix = body.with_smoothing(matrix)
+        matrix.scale(stencil.theta)
+        if self.viscosity is not None:
+            self.viscosity.add_tangent(matrix, stencil.theta, stencil.B)
+        if body.frames is not None:
+            matrix = body.frames.turned(matrix)
+        diagonal = matrix.getDiagonal()
+        diagonal.array[:] += factors[0] * self.mass
+        matrix.setDiagonal(diagonal)
+        diagonal.destroy()
+        self._last = factors, matrix
+        self._matrix_norm = float(matrix.norm())
+        return solver.solve(matrix, residual, held, still, tolerance=1e-4)
+
+    def _along(
+        self, stencil: Stencil, u: Floats, du: Floats, time: float, residual: Floats
+    ) -> tuple[Floats, Floats, float]:
+        """As far along a Newton step as no cell inverts and the forces do not push back harder.
+
+        Those of dead loads have a potential, the incremental one, of which this is the slope.
+        """
+        first = abs(float(fenicsx.total(float(residual @ du))))
+        length = 1.0
+        for _ in range(_MAX_CUTS):
+            further = u + length * du
+            if self.is_sound(stencil.middle(further)):
+                left, scale = self._residual(stencil, further, time)
+                # NaN, of a law beyond its end, is cut as well.
+                if abs(float(fenicsx.total(float(left @ du)))) <= first:
+                    return further, left, scale
+            length *= 0.5
+        raise StepLostError("a cell would invert, or no part of a Newton step balances better")
