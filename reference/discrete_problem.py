@@ -1,7 +1,4 @@
-"""The discrete balance of forces R(u, t) = internal(u) - t external(u) of a problem.
-
-Internal forces from UFL, node for node.
-"""
+"""The discrete balance of forces R(u, t) = internal(u) - t external(u) of a problem."""
 
 from __future__ import annotations
 
@@ -12,24 +9,107 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
+from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Inclusion, Material, Problem, Strain
 from palpate.meshes.tet_mesh import TetMesh
 from palpate.reference import fenicsx, laws
-from palpate.reference.contact.tool_contact import create_contacts
+from palpate.reference.contact.tool_contact import Unknowns, create_contacts
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.laws import (
     deformation_gradient,
+    lame_parameters,
     second_piola_kirchhoff_stress,
     strain_energy_density,
     strain_tensor,
 )
-from palpate.reference.loads import FollowerLoad, SpringForce, apply_loads, spring_forces
-from palpate.reference.materials import by_cell, energy_by_cell, lame_by_cell
+from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
 from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
-from palpate.reference.principal_laws import StrainCoefficients
+from palpate.reference.principal_laws import StrainCoefficients, energy_by_cell, stretch_sum
 from palpate.reference.result import Formulation
 from palpate.reference.smoothed import SmoothedLaw, SmoothedStress
 from palpate.reference.supports import NodeFrames, hold
+
+
+class LawForms:
+    """What a material's law says of a displacement, in UFL.
+
+    Every law is W = W_0 + lmbda/2 g^2, with W_0 what is left where lmbda = 0 and g a measure of a
+    change of volume: tr E of what is linear in strain, tr U - 3 of the corotational law, J - 1 or
+    ln J of the others.
+
+    Args:
+        space: Displacement space.
+        u: Displacement, in UFL.
+        material: Of which the law is read, and its terms.
+        strain: Strain measure.
+        moduli: Lamé's parameters and c01 [Pa], functions that are constant in each cell; None in
+            the place of lmbda leaves W_0.
+
+    Attributes:
+        degree: Of the quadrature.
+        energy: W [J/m3].
+        piola: First Piola-Kirchhoff stress, dW/dF [Pa]; Cauchy's under linear strain.
+        stress: Second one [Pa]; Cauchy's under linear strain.
+        stress_degree: See `ElasticBody`.
+        coefficients: What has to be brought to u before forms are integrated.
+    """
+
+    def __init__(
+        self,
+        space: TransferredSpace,
+        u: Any,
+        material: Material,
+        strain: Strain,
+        moduli: tuple[Any, Any, Any],
+    ) -> None:
+        lmbda, mu, c01 = moduli
+        self._mesh, self._u, self._law = space.transferred.mesh, u, material.law
+        self._strain = strain
+        self.is_linear_in_strain = strain is Strain.LINEAR or material.law.is_linear_in_strain
+        self.stress_degree: int | None = None
+        self.coefficients: tuple[StrainCoefficients, ...] = ()
+        self.degree = laws.quadrature_degree(space.degree)
+        F = deformation_gradient(u)
+        if self.is_linear_in_strain:
+            # S is of degree 2 (p - 1) or p - 1, F and grad v are of degree p - 1: exact.
+            self.degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
+            E = strain_tensor(u, strain)
+            first = 0 if lmbda is None else lmbda
+            self.stress = second_piola_kirchhoff_stress(E, first, mu)
+            self.energy = strain_energy_density(E, first, mu)
+            self.piola = F * self.stress if strain is Strain.GREEN else self.stress
+        elif material.law.is_of_stretches:
+            function = energy_by_cell(material, lmbda, mu)
+            of_strain = StrainCoefficients(self._mesh, u, function, self.degree)
+            self.coefficients, self.stress_degree = (of_strain,), self.degree
+            self.stress, self.energy = of_strain.slope, of_strain.value
+            self.piola = F * self.stress
+        else:
+            constants = (material.law, 0 if lmbda is None else lmbda, mu, c01)
+            self.piola = laws.first_piola_kirchhoff_stress(F, *constants)
+            self.energy = laws.energy_density(F, *constants)
+            self.stress = ufl.inv(F) * self.piola
+
+    @property
+    def dx(self) -> Any:
+        """The measure of the rest volume."""
+        return ufl.dx(domain=self._mesh, metadata={"quadrature_degree": self.degree})
+
+    def volume(self) -> tuple[Any, Any, Any]:
+        """G [-] with its derivatives dg/dF and dg/dE; the same under linear strain."""
+        F = deformation_gradient(self._u)
+        if self.is_linear_in_strain:
+            one = ufl.Identity(3)
+            slope = F if self._strain is Strain.GREEN else one
+            return ufl.tr(strain_tensor(self._u, self._strain)), slope, one
+        if self._law is Law.COROTATIONAL:
+            total = StrainCoefficients(self._mesh, self._u, lambda _: stretch_sum, self.degree)
+            self.coefficients += (total,)
+            return total.value, F * total.slope, total.slope
+        F = ufl.variable(F)
+        g = laws.volume_change(F, self._law)
+        slope = ufl.diff(g, F)
+        return g, slope, ufl.inv(F) * slope
 
 
 class ElasticBody:
@@ -76,51 +156,38 @@ class ElasticBody:
         self.space = space
         self.strain = strain
         self.element = element
-        mesh = space.transferred.mesh
-        self.lame = lmbda, mu = lame_by_cell(space.transferred, material, inclusions)
         self.u = fem.Function(space.space)
         self.v = ufl.TestFunction(space.space)
-        self.law = material.law
-        is_linear_in_strain = strain is Strain.LINEAR or material.law.is_linear_in_strain
-        c01 = by_cell(space.transferred, material, inclusions, lambda m: m.c01)
+        moduli = self._read_moduli(material, inclusions)
         if element is Element.SMOOTHED:
+            is_linear_in_strain = strain is Strain.LINEAR or material.law.is_linear_in_strain
             self._smoothed = (
                 SmoothedStress(space, self.u, strain, self.lame)
                 if is_linear_in_strain
-                else SmoothedLaw(space, self.u, material, (lmbda, mu, c01))
+                else SmoothedLaw(space, self.u, material, moduli)
             )
             if isinstance(self._smoothed, SmoothedLaw):
                 self._coefficients = self._smoothed.coefficients
             self.stress = self._smoothed.stress
             self.virtual_work = self._smoothed.virtual_work(self.v)
-        elif is_linear_in_strain:
-            # S is of degree 2 (p - 1) or p - 1, F and grad v are of degree p - 1: exact.
-            degree = (4 if strain is Strain.GREEN else 2) * (space.degree - 1)
-            dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
-            E = strain_tensor(self.u, strain)
-            self.stress = second_piola_kirchhoff_stress(E, lmbda, mu)
-            self.energy = strain_energy_density(E, lmbda, mu) * dx
-            F = deformation_gradient(self.u) if strain is Strain.GREEN else ufl.Identity(3)
-            self.virtual_work = ufl.inner(F * self.stress, ufl.grad(self.v)) * dx
         else:
-            order = laws.quadrature_degree(space.degree)
-            dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-            F = deformation_gradient(self.u)
-            if material.law.is_of_stretches:
-                function = energy_by_cell(material, lmbda, mu)
-                energy = StrainCoefficients(mesh, self.u, function, order)
-                self._coefficients, self.stress_degree = (energy,), order
-                self.stress, P, W = energy.slope, F * energy.slope, energy.value
-            else:
-                constants = (material.law, lmbda, mu, c01)
-                P = laws.first_piola_kirchhoff_stress(F, *constants)
-                W = laws.energy_density(F, *constants)
-                self.stress = ufl.inv(F) * P
-            self.energy = W * dx
-            self.virtual_work = ufl.inner(P, ufl.grad(self.v)) * dx
+            forms = LawForms(space, self.u, material, strain, moduli)
+            self._coefficients, self.stress_degree = forms.coefficients, forms.stress_degree
+            self.stress, self.energy = forms.stress, forms.energy * forms.dx
+            self.virtual_work = ufl.inner(forms.piola, ufl.grad(self.v)) * forms.dx
         self.num_dofs = 3 * space.num_blocks  # that this rank owns
         self._unknown = self.u
         self._force = fenicsx.form(self.virtual_work)
+
+    def _read_moduli(
+        self, material: Material, inclusions: Sequence[Inclusion]
+    ) -> tuple[Any, Any, Any]:
+        """Lamé's parameters and c01, functions that are constant in each cell."""
+        self.law, by_cell = material.law, self.space.transferred.by_cell
+        lmbda = by_cell(material, inclusions, lambda m: lame_parameters(m)[0])
+        mu = by_cell(material, inclusions, lambda m: lame_parameters(m)[1])
+        self.lame = lmbda, mu
+        return lmbda, mu, by_cell(material, inclusions, lambda m: m.c01)
 
     def work_change(self, trial: Any) -> Any:
         """Derivative of the virtual work by the unknown along a trial function."""
@@ -230,32 +297,30 @@ class DiscreteProblem(ElasticBody):
     ) -> None:
         space = create_space(transfer(problem.mesh), degree)
         super().__init__(space, problem.material, strain, problem.inclusions, element=element)
-        self.held = hold(space, problem.supports)
+        self._attach(problem)
+
+    def _attach(self, problem: Problem, dofs: Indices | None = None) -> None:
+        """Add supports, loads, springs and tools; `dofs` are those of displacements among all."""
+        space, mesh = self.space, self.space.transferred.mesh
+        held = hold(space, problem.supports)
+        self.held = held if dofs is None else held.renumbered(dofs)
         self.frames = self.held.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
-        self.free_displacements = self.free
-        loads = apply_loads(space, problem.loads, self.u, self.v, strain)
-        self.dead_force = self.to_local(loads.dead)
-        self.contacts = create_contacts(problem, space, self.held.dofs)
-        trial = ufl.TrialFunction(space.space)
+        own = self.free if dofs is None else dofs[: 3 * space.num_blocks]
+        self.free_displacements = np.setdiff1d(own, self.held.dofs)
+        loads = apply_loads(space, problem.loads, self.u, self.v, self.strain)
+        self.dead_force = self.from_nodal(loads.dead)
+        unknowns = None if dofs is None else Unknowns(self.num_dofs, dofs)
+        self.contacts = create_contacts(problem, space, held.dofs, unknowns)
+        trial = ufl.TrialFunction(self._unknown.function_space)
         springs = spring_forces(
-            space, problem.springs, u=self.u, v=self.v, unknown=self.u, trial=trial
+            space, problem.springs, u=self.u, v=self.v, unknown=self._unknown, trial=trial
         )
-        self._linearise(self.work_change(trial), loads.followers, springs, trial)
-
-    def _linearise(
-        self,
-        work_change: Any,
-        follower_works: Sequence[Any],
-        springs: Sequence[SpringForce],
-        trial: Any,
-    ) -> None:
-        mesh = self.space.transferred.mesh
         # Springs follow too, but their tangent is symmetric.
-        self.has_followers = bool(follower_works)
-        followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in follower_works]
+        self.has_followers = bool(loads.followers)
+        followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in loads.followers]
         self._followers = [*followers, *springs]
-        self._tangent = fenicsx.form(work_change)
+        self._tangent = fenicsx.form(self.work_change(trial))
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
 

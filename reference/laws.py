@@ -20,8 +20,14 @@ from __future__ import annotations
 from typing import Any
 
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Material, Strain
 from palpate.reference.fenicsx import ufl
+
+
+def lame_parameters(material: Material) -> tuple[float, float]:
+    """Return lmbda and mu [Pa] of an isotropic material."""
+    E, nu = material.youngs_modulus, material.poissons_ratio
+    return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
 
 
 def deformation_gradient(u: Any) -> Any:

@@ -84,8 +84,8 @@ def apply_loads(
     Args:
         space: Displacement space.
         loads: What pushes.
-        u: Displacement function of the space.
-        v: Its test function.
+        u: Displacement, in UFL.
+        v: Its test function, of what follows it.
         strain: Strain measure of the model.
 
     Raises:
@@ -93,20 +93,22 @@ def apply_loads(
     """
     dead = np.zeros(3 * space.num_blocks)
     followers = []
+    test = ufl.TestFunction(space.space)
     for number, load in enumerate(loads, start=1):
         what = f"load {number} ({type(load).__name__})"
         match load:
             case Traction():
-                dead += fenicsx.assemble_vector(fenicsx.form(traction_work(space, load, v, what)))
+                work = traction_work(space, load, test, what)
+                dead += fenicsx.assemble_vector(fenicsx.form(work))
             case BodyForce():
-                dead += fenicsx.assemble_vector(fenicsx.form(body_force_work(space, load, v, what)))
+                work = body_force_work(space, load, test, what)
+                dead += fenicsx.assemble_vector(fenicsx.form(work))
             case PointForce():
                 dead += _point_forces(space, load, what)
             case Pressure():
                 if strain is Strain.LINEAR:
-                    dead += fenicsx.assemble_vector(
-                        fenicsx.form(pressure_work(space, load, None, v, what))
-                    )
+                    work = pressure_work(space, load, None, test, what)
+                    dead += fenicsx.assemble_vector(fenicsx.form(work))
                 else:
                     followers.append(pressure_work(space, load, u, v, what))
     return Loads(dead, tuple(followers))

@@ -6,6 +6,7 @@ choke on is refused before it sees it.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points, checked_indices
 from palpate.meshes.errors import InputError, MeshError
+from palpate.meshes.problem import Inclusion, Material
 from palpate.meshes.tet_mesh import CELL_FACETS, TetMesh
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import exchange
@@ -79,6 +81,26 @@ class TransferredMesh:
         ranks[self.cell_of_cell] = fenicsx.COMM.rank
         everywhere: Indices = fenicsx.total(ranks)
         return everywhere
+
+    def by_cell(
+        self,
+        material: Material,
+        inclusions: Sequence[Inclusion],
+        value: Callable[[Material], float],
+    ) -> Any:
+        """Return a number of the material in every cell, as a function that is constant in each.
+
+        Always a function, also for one material: then every body compiles to the same forms.
+
+        Args:
+            material: Of the cells in no inclusion.
+            inclusions: Cells of another material (see `Problem`).
+            value: What is wanted of a material.
+        """
+        values = np.full(self.source.num_cells, value(material))
+        for inclusion in inclusions:
+            values[np.asarray(inclusion.cells)] = value(inclusion.material)
+        return fenicsx.cell_function(self.mesh, values[self.cell_of_cell])
 
     def facet_entities(self, facets: Indices, what: str) -> Indices:
         """Numbers of boundary facets in this rank's part of the dolfinx mesh, sorted.

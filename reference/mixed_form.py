@@ -26,26 +26,16 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices
-from palpate.meshes.boundary_conditions import Pressure
 from palpate.meshes.errors import InputError
-from palpate.meshes.material_law import Law
 from palpate.meshes.problem import Element, Problem, Strain
-from palpate.reference import fenicsx, laws
-from palpate.reference.contact.tool_contact import Unknowns, create_contacts
-from palpate.reference.discrete_problem import DiscreteProblem
+from palpate.reference import fenicsx
+from palpate.reference.discrete_problem import DiscreteProblem, LawForms
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.laws import cofactor, deformation_gradient, strain_tensor
-from palpate.reference.loads import apply_loads, spring_forces
 from palpate.reference.materials import (
-    by_cell,
-    energy_by_cell,
-    lame_by_cell,
     lame_parameters,
 )
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
-from palpate.reference.principal_laws import StrainCoefficients, stretch_sum
 from palpate.reference.result import Formulation
-from palpate.reference.supports import hold
 
 
 class MixedProblem(DiscreteProblem):
@@ -96,74 +86,24 @@ class MixedProblem(DiscreteProblem):
         self._own_dofs = self._dofs[: 3 * self.space.num_blocks]
         self.num_pressures = fenicsx.total(self.num_dofs - len(self._own_dofs))
 
-        self.lame = lmbda, mu = lame_by_cell(transferred, problem.material, problem.inclusions)
+        lmbda, mu, c01 = self._read_moduli(problem.material, problem.inclusions)
         self._unknown = fem.Function(self._mixed)
         self.u, scaled = ufl.split(self._unknown)
-        both = ufl.TestFunction(self._mixed)
-        v = self._displacement_in(both)
+        self.v, scaled_test = ufl.TestFunctions(self._mixed)
         source = problem.mesh
         cell_size = (source.volume / source.num_cells) ** (1.0 / 3.0)
         self.pressure_unit = lame_parameters(problem.material)[1] / cell_size
-        scale = fem.Constant(mesh, PETSc.ScalarType(self.pressure_unit))
-        p = scale * scaled
-        self.law = law = problem.material.law
-        work: Any = None
-        if strain is Strain.LINEAR or law.is_linear_in_strain:
-            E = strain_tensor(self.u, strain)
-            # mu E : E is of degree 4 (p - 1); p tr(E) and p^2 of no higher one from p = 2 on.
-            order = (4 if strain is Strain.GREEN else 2) * (degree - 1)
-            shape, volume = mu * ufl.inner(E, E), ufl.tr(E)
-            self.stress = p * ufl.Identity(3) + 2 * mu * E
-        elif law.is_of_stretches:
-            order = self.stress_degree = laws.quadrature_degree(degree)
-            by_shape = StrainCoefficients(
-                mesh, self.u, energy_by_cell(problem.material, None, mu), order
-            )
-            F = deformation_gradient(self.u)
-            S, self._coefficients = by_shape.slope, (by_shape,)
-            if law is Law.COROTATIONAL:
-                total = StrainCoefficients(mesh, self.u, lambda _: stretch_sum, order)
-                self._coefficients += (total,)
-                volume, S = total.value, S + p * total.slope
-                self.stress = S
-            else:
-                volume = laws.volume_change(F, law)
-                self.stress = S + p * ufl.inv(F) * cofactor(F)
-            # What UFL cannot derive of the potential below: coefficients are constants to it.
-            shape, work = by_shape.value, ufl.inner(F * S, ufl.grad(v))
-        else:
-            c01 = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.c01)
-            order = laws.quadrature_degree(degree)
-            F = ufl.variable(deformation_gradient(self.u))
-            shape = laws.energy_density(F, law, 0, mu, c01)
-            volume = laws.volume_change(F, law)
-            self.stress = ufl.inv(F) * (ufl.diff(shape, F) + p * ufl.diff(volume, F))
-        dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": order})
-        potential = (shape + p * volume - p**2 / (2 * lmbda)) * dx
-        self.energy = (shape + p**2 / (2 * lmbda)) * dx
-        self.virtual_work = ufl.derivative(potential, self._unknown, both)
-        if work is not None:
-            self.virtual_work += work * dx
+        scale = fem.Constant(transferred.mesh, PETSc.ScalarType(self.pressure_unit))
+        p, q = scale * scaled, scale * scaled_test
+        forms = LawForms(self.space, self.u, problem.material, strain, (None, mu, c01))
+        volume, by_gradient, by_strain = forms.volume()
+        self._coefficients, self.stress_degree = forms.coefficients, forms.stress_degree
+        self.stress = forms.stress + p * by_strain
+        self.energy = (forms.energy + p**2 / (2 * lmbda)) * forms.dx
+        balance = ufl.inner(forms.piola + p * by_gradient, ufl.grad(self.v))
+        self.virtual_work = (balance + (volume - p / lmbda) * q) * forms.dx
         self._force = fenicsx.form(self.virtual_work)
-
-        held = hold(self.space, problem.supports)
-        self.held = held.renumbered(self._dofs)
-        self.frames = self.held.frames
-        self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
-        self.free_displacements = np.setdiff1d(self._own_dofs, self.held.dofs)
-
-        followers = [x for x in problem.loads if isinstance(x, Pressure) and strain is Strain.GREEN]
-        dead = [x for x in problem.loads if x not in followers]
-        plain = apply_loads(self.space, dead, None, ufl.TestFunction(displacements), strain)
-        self.dead_force = self.from_nodal(plain.dead)
-        works = apply_loads(self.space, followers, self.u, v, strain).followers
-        unknowns = Unknowns(self.num_dofs, self._dofs)
-        self.contacts = create_contacts(problem, self.space, held.dofs, unknowns)
-        trial = ufl.TrialFunction(self._mixed)
-        springs = spring_forces(
-            self.space, problem.springs, u=self.u, v=v, unknown=self._unknown, trial=trial
-        )
-        self._linearise(self.work_change(trial), works, springs, trial)
+        self._attach(problem, self._dofs)
 
     def _displacement_in(self, unknown: Any) -> Any:
         """See `ElasticBody`."""

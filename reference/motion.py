@@ -30,7 +30,6 @@ from palpate.reference.discrete_problem import ElasticBody
 from palpate.reference.fenicsx import PETSc, fem, ufl
 from palpate.reference.laws import second_piola_kirchhoff_stress, strain_tensor
 from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
-from palpate.reference.materials import by_cell
 from palpate.reference.mesh_transfer import create_space, transfer
 from palpate.reference.schemes import Stencil
 from palpate.reference.smoothed import Smoothing, smoothing_of
@@ -199,8 +198,7 @@ class MovingBody:
     @cached_property
     def density(self) -> Any:
         """Of each cell [kg/m3], as a function."""
-        transferred, problem = self.body.space.transferred, self.problem
-        return by_cell(transferred, problem.material, problem.inclusions, lambda m: m.density)
+        return density_by_cell(self.body, self.problem)
 
     @cached_property
     def mass_measure(self) -> Any:
@@ -285,12 +283,16 @@ class StepLostError(Exception):
 
 def row_sums_of_mass(body: ElasticBody, problem: Problem) -> Floats:
     """Integral of rho N_a: a quarter of each cell's mass to its corners [kg], flat."""
-    transferred = body.space.transferred
-    mesh = transferred.mesh
-    rho = by_cell(transferred, problem.material, problem.inclusions, lambda m: m.density)
     one = ufl.as_vector([1.0, 1.0, 1.0])
-    dx = ufl.dx(domain=mesh, metadata={"quadrature_degree": 1})
-    return fenicsx.assemble_vector(fenicsx.form(rho * ufl.inner(one, body.v) * dx))
+    dx = ufl.dx(domain=body.space.transferred.mesh, metadata={"quadrature_degree": 1})
+    density = density_by_cell(body, problem)
+    return fenicsx.assemble_vector(fenicsx.form(density * ufl.inner(one, body.v) * dx))
+
+
+def density_by_cell(body: ElasticBody, problem: Problem) -> Any:
+    """[kg/m3], as a function that is constant in each cell."""
+    transferred = body.space.transferred
+    return transferred.by_cell(problem.material, problem.inclusions, lambda m: m.density)
 
 
 def _one_each(given: Amplitudes, count: int, what: str) -> list[Amplitude]:

@@ -30,7 +30,7 @@ import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.meshes.material_law import Law
-from palpate.meshes.problem import Strain
+from palpate.meshes.problem import Material, Strain
 from palpate.reference import fenicsx
 from palpate.reference.fenicsx import fem, ufl
 from palpate.reference.laws import deformation_gradient, strain_tensor
@@ -258,3 +258,27 @@ def _tensor(rows: Any) -> Any:
     number = np.zeros((3, 3), dtype=int)
     number[ROWS, COLUMNS] = number[COLUMNS, ROWS] = np.arange(6)
     return ufl.as_matrix([[rows[k] / WEIGHTS[k] for k in row] for row in number.tolist()])
+
+
+def energy_by_cell(
+    material: Material, lmbda: Any | None, mu: Any
+) -> Callable[[int], PrincipalFunction]:
+    """W of principal strains at some points of each cell, by a law that is written in stretches.
+
+    Args:
+        material: Of which the law is read, and its terms.
+        lmbda: Lamé's parameters [Pa], functions that are constant in each cell; None for 0.
+        mu: The second.
+
+    Returns:
+        What makes the function of the number of points in each cell.
+    """
+
+    def function(num_points: int) -> PrincipalFunction:
+        shear = np.repeat(fenicsx.cell_values(mu), num_points)
+        first = 0.0 * shear
+        if lmbda is not None:
+            first = np.repeat(fenicsx.cell_values(lmbda), num_points)
+        return energy_of_stretches(material.law, first, shear, material.ogden_terms)
+
+    return function

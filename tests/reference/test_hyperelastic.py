@@ -21,7 +21,7 @@ from palpate.validation.diagnosis.law_simulators import example_material as mate
 
 if is_available():
     from palpate.reference.dynamics import simulate_implicit
-    from palpate.reference.materials import lame_parameters
+    from palpate.reference.laws import lame_parameters
     from palpate.reference.result import Formulation
     from palpate.reference.statics import solve_static
     from palpate.reference.stepping import simulate_explicit

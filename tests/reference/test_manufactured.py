@@ -20,7 +20,7 @@ if is_available():
     from palpate.reference.deformed_state import DetFSampler
     from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.fenicsx import ufl
-    from palpate.reference.materials import lame_parameters
+    from palpate.reference.laws import lame_parameters
     from palpate.reference.newton import Newton
 
 pytestmark = pytest.mark.dolfinx

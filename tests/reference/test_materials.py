@@ -11,7 +11,7 @@ from palpate.meshes.tet_mesh import signed_volumes
 from palpate.reference.availability import is_available
 
 if is_available():
-    from palpate.reference.materials import lame_parameters
+    from palpate.reference.laws import lame_parameters
     from palpate.reference.statics import solve_static
     from palpate.reference.stepping import simulate_explicit
 
