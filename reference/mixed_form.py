@@ -31,9 +31,7 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference import fenicsx
 from palpate.reference.discrete_problem import DiscreteProblem, LawForms
 from palpate.reference.fenicsx import PETSc, fem, ufl
-from palpate.reference.materials import (
-    lame_parameters,
-)
+from palpate.reference.laws import lame_parameters
 from palpate.reference.mesh_transfer import carry_field, map_points, transfer
 from palpate.reference.result import Formulation
 
