@@ -26,7 +26,7 @@ from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
 from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
 from palpate.reference.principal_laws import StrainCoefficients, energy_by_cell, stretch_sum
 from palpate.reference.result import Formulation
-from palpate.reference.smoothed import SmoothedLaw, SmoothedStress
+from palpate.reference.smoothed import SmoothedBody
 from palpate.reference.supports import NodeFrames, hold
 
 
@@ -137,7 +137,7 @@ class ElasticBody:
     """
 
     stress_degree: int | None = None
-    _smoothed: SmoothedStress | SmoothedLaw | None = None
+    _smoothed: SmoothedBody | None = None
     # Of laws that are written in stretches.
     _coefficients: tuple[StrainCoefficients, ...] = ()
     # Of nodes on slanted planes, whose degrees of freedom are along axes of their own: all flat
@@ -160,14 +160,8 @@ class ElasticBody:
         self.v = ufl.TestFunction(space.space)
         moduli = self._read_moduli(material, inclusions)
         if element is Element.SMOOTHED:
-            is_linear_in_strain = strain is Strain.LINEAR or material.law.is_linear_in_strain
-            self._smoothed = (
-                SmoothedStress(space, self.u, strain, self.lame)
-                if is_linear_in_strain
-                else SmoothedLaw(space, self.u, material, moduli)
-            )
-            if isinstance(self._smoothed, SmoothedLaw):
-                self._coefficients = self._smoothed.coefficients
+            self._smoothed = SmoothedBody(space, self.u, material, strain, moduli)
+            self._coefficients = self._smoothed.coefficients
             self.stress = self._smoothed.stress
             self.virtual_work = self._smoothed.virtual_work(self.v)
         else:
@@ -183,7 +177,7 @@ class ElasticBody:
         self, material: Material, inclusions: Sequence[Inclusion]
     ) -> tuple[Any, Any, Any]:
         """Lamé's parameters and c01, functions that are constant in each cell."""
-        self.law, by_cell = material.law, self.space.transferred.by_cell
+        self.material, self.law, by_cell = material, material.law, self.space.transferred.by_cell
         lmbda = by_cell(material, inclusions, lambda m: lame_parameters(m)[0])
         mu = by_cell(material, inclusions, lambda m: lame_parameters(m)[1])
         self.lame = lmbda, mu

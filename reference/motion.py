@@ -32,7 +32,7 @@ from palpate.reference.laws import second_piola_kirchhoff_stress, strain_tensor
 from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
 from palpate.reference.mesh_transfer import create_space, transfer
 from palpate.reference.schemes import Stencil
-from palpate.reference.smoothed import Smoothing, smoothing_of
+from palpate.reference.smoothed import Smoothing
 from palpate.reference.supports import hold
 
 Amplitude: TypeAlias = Callable[[float], float]
@@ -333,17 +333,27 @@ class Viscosity:
         self._dx = dx = ufl.dx(domain=self._mesh, metadata={"quadrature_degree": degree})
         self._smoothing: Smoothing | None = None
         if body.element is Element.SMOOTHED:
-            self._smoothing = smoothing_of(space, body.lame)
-            self._tensors = fenicsx.cell_tensor_space(self._mesh)
-            self._stress = stress = fem.Function(self._tensors)
-            self._integrals = ufl.inner(strains, ufl.TestFunction(self._tensors)) * dx
-            self._strains = fenicsx.form(self._integrals)
+            self._smoothing = Smoothing(space, body.material, body.lame, is_hookean=True)
+            S, p = (fem.Function(of) for of in (self._smoothing.tensors, self._smoothing.scalars))
+            self._cell_stress, stress = (S, p), S + p * ufl.Identity(3)
+            self._integrals = self._integrals_of(strains)
+            self._forms = [fenicsx.form(of) for of in self._integrals]
         else:
             stress = factor * second_piola_kirchhoff_stress(strains, *body.lame)
         self._work = ufl.inner(F * stress, ufl.grad(body.v)) * dx
         self._force = fenicsx.form(self._work)
         self._weights = [self._constant(0.0) for _ in range(2)]
         self._tangents: list[tuple[Any, Any]] = []
+
+    def _integrals_of(self, strains: Any) -> tuple[Any, Any]:
+        """Forms of the integrals of strains and of their traces over each cell."""
+        assert self._smoothing is not None
+        T, q = (ufl.TestFunction(x) for x in (self._smoothing.tensors, self._smoothing.scalars))
+        return ufl.inner(strains, T) * self._dx, ufl.tr(strains) * q * self._dx
+
+    def _assembled(self) -> tuple[Floats, Floats]:
+        strains, traces = (fenicsx.assemble_vector(of) for of in self._forms)
+        return strains, traces
 
     def _constant(self, value: float) -> Any:
         return fem.Constant(self._mesh, PETSc.ScalarType(value))
@@ -360,8 +370,9 @@ class Viscosity:
         self._w.x.array[: len(other)] = body.to_global(other)
         self._w.x.scatter_forward()
         if self._smoothing is not None:
-            found = self._smoothing.stress(fenicsx.assemble_vector(self._strains))
-            self._stress.x.array[:] = self._factor * found
+            found = self._smoothing.stress(self._assembled())
+            for function, values in zip(self._cell_stress, found, strict=True):
+                function.x.array[:] = self._factor * values
         return body.to_local(fenicsx.assemble_vector(self._force))
 
     def add_tangent(self, matrix: Any, by_displacement: float, by_rate: float) -> None:
@@ -383,7 +394,10 @@ class Viscosity:
         part = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
         matrix.axpy(1.0, self._tangents[0][1], structure=part if self._smoothing else same)
         if self._smoothing is not None:
-            averaged = self._smoothing.stiffness(*(of for _, of in self._tangents[1:]))
+            strains, traces, *changes = (of for _, of in self._tangents[1:])
+            averaged = self._smoothing.stiffness(
+                self._assembled(), (strains, traces), (changes[0], changes[1])
+            )
             matrix.axpy(self._factor, averaged, structure=part)
             averaged.destroy()
 
@@ -392,9 +406,9 @@ class Viscosity:
         du = ufl.TrialFunction(body.space.space)
         forms = [self._along(self._work, du)]
         if self._smoothing is not None:
-            own = strain_tensor(body.u, body.strain)
-            integrals = ufl.inner(own, ufl.TestFunction(self._tensors)) * self._dx
-            forms += [ufl.derivative(integrals, body.u, du), self._along(self._integrals, du)]
+            own = self._integrals_of(strain_tensor(body.u, body.strain))
+            forms += [ufl.derivative(of, body.u, du) for of in own]
+            forms += [self._along(of, du) for of in self._integrals]
         compiled = [fenicsx.form(form) for form in forms]
         self._tangents = [(form, fenicsx.create_matrix(form)) for form in compiled]
 

@@ -293,24 +293,41 @@ class ImplicitResult:
 
 
 @dataclass(frozen=True, eq=False)
-class ExplicitResult:
-    """A trajectory of linear tetrahedra.
+class SteppedResult:
+    """A trajectory of tetrahedra of degree 1 with lumped mass, every step solved.
 
     Attributes:
         times: [s], shape (num_outputs + 1,), from 0.
         displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
-        strain_energies: Integral of psi(F) at those times [J], shape (num_outputs + 1,).
+        velocities: [m/s], likewise, as the scheme has them; by central differences that since the
+            step before.
+        kinetic_energies: [J], shape (num_outputs + 1,).
+        strain_energies: [J], likewise.
+        integrator: The scheme.
         time_step: [s].
         num_steps: Steps done.
+        newton_iterations: Linear solves in all.
+        largest_residual: Of any step, relative as in `simulate_by` [-]; 0 of explicit schemes.
+        strain: Strain measure.
+        element: What the tetrahedra are.
+        versions: Of Python and the parts of FEniCSx.
         tool_forces: On each tool, mean since the output before [N], shape
             (num_tools, num_outputs + 1, 3); the first is zero.
     """
 
     times: Floats
     displacements: Floats
+    velocities: Floats
+    kinetic_energies: Floats
     strain_energies: Floats
+    integrator: Integrator
     time_step: float
     num_steps: int
+    newton_iterations: int
+    largest_residual: float
+    strain: Strain
+    element: Element
+    versions: dict[str, str] = field(default_factory=dict)
     tool_forces: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
@@ -381,38 +398,3 @@ def _made(kind: type[Any], values: dict[str, Any]) -> Any:
     if "tools" in values:
         values["tools"] = tuple(_history(rows) for rows in values["tools"])
     return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
-
-
-@dataclass(frozen=True, eq=False)
-class SteppedResult:
-    """A trajectory of tetrahedra of degree 1 with lumped mass, every step solved.
-
-    Attributes:
-        times: [s], shape (num_outputs + 1,), from 0.
-        displacements: [m], shape (num_outputs + 1, num_points, 3), in the mesh's order of points.
-        velocities: [m/s], likewise, as the scheme has them.
-        kinetic_energies: [J], shape (num_outputs + 1,).
-        strain_energies: [J], likewise.
-        integrator: The scheme.
-        time_step: [s].
-        num_steps: Steps done.
-        newton_iterations: Linear solves in all.
-        largest_residual: Of any step, relative as in `simulate_by` [-]; 0 of explicit schemes.
-        strain: Strain measure.
-        element: What the tetrahedra are.
-        versions: Of Python and the parts of FEniCSx.
-    """
-
-    times: Floats
-    displacements: Floats
-    velocities: Floats
-    kinetic_energies: Floats
-    strain_energies: Floats
-    integrator: Integrator
-    time_step: float
-    num_steps: int
-    newton_iterations: int
-    largest_residual: float
-    strain: Strain
-    element: Element
-    versions: dict[str, str] = field(default_factory=dict)

@@ -27,7 +27,6 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Points
-from palpate.meshes.errors import InputError
 from palpate.meshes.problem import Element, Problem, Strain, require_no_tools
 from palpate.reference import fenicsx
 from palpate.reference.availability import versions
@@ -36,7 +35,7 @@ from palpate.reference.errors import ReferenceBlowUpError, ReferenceStepError
 from palpate.reference.fenicsx import PETSc, ufl
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver
 from palpate.reference.motion import Amplitudes, MovingBody, StepLostError
-from palpate.reference.result import ExplicitResult, SteppedResult
+from palpate.reference.result import SteppedResult
 from palpate.reference.schemes import (
     Integrator,
     State,
@@ -52,81 +51,9 @@ _MAX_ITERATIONS = 60
 _MAX_CUTS = 12
 
 
-def simulate_explicit(
-    problem: Problem,
-    *,
-    strain: Strain = Strain.GREEN,
-    displacement: Points | None = None,
-    velocity: Points | None = None,
-    amplitude: Amplitudes = None,
-    support_amplitude: Amplitudes = None,
-    element: Element = Element.LINEAR,
-) -> ExplicitResult:
-    """Step a problem through its time span.
-
-    Args:
-        problem: With `time` set, its `time_step` too: the outputs lie whole steps apart.
-        strain: Strain measure.
-        displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
-        velocity: Initial [m/s], shape (num_points, 3); None is the problem's. Of held components
-            it is not read.
-        amplitude: Factor over time [-] on all loads, or one for each load (None is 1). None
-            takes each load's own.
-        support_amplitude: The same for the supports' displacements.
-        element: SMOOTHED averages strains over edges and nodes; not under mpirun.
-
-    Returns:
-        The trajectory; every number in it is finite.
-
-    Raises:
-        InputError: No time span or step, outputs that are not whole steps apart, or a load,
-            support or tool that cannot be used.
-        ReferenceBlowUpError: A value stopped being finite; carries the last good state.
-
-    Note:
-        Degree 1 only: the row sums of a quadratic mass matrix are negative at the vertices.
-        Conditionally stable: dt < 2 / omega_max, with stiffness damping beta
-        dt < sqrt((2 / omega_max)^2 + beta^2) - beta.
-    """
-    span, dt, per_output = stated_steps(problem, "an explicit run")
-    run = MovingBody(
-        problem,
-        strain,
-        element=element,
-        loads_by=amplitude,
-        supports_by=support_amplitude,
-        is_viscous_by_change=True,
-    )
-    body, mass, half = run.body, run.row_sums, 0.5 * span.mass_damping * dt
-    assert mass is not None
-    now, speed = run.start(displacement, velocity)
-    speed[run.held] = 0.0
-    acceleration = run.force(now, now - dt * speed, 0.0) / mass - span.mass_damping * speed
-    before = now - dt * speed + 0.5 * dt**2 * acceleration
-    before[run.held] = now[run.held]
-    tools = SteppedTools(problem, body.space, run.held, dt**2 / (mass * (1.0 + half)))
-    tools.require_outside(now)
-    states, energies = [body.at_points(now)], [body.strain_energy(now)]
-    felt = [tools.mean_forces()]
-    for step in range(per_output * span.num_outputs):
-        force = run.force(now, before, step * dt)
-        ahead = (dt**2 * force / mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
-        ahead = tools.keep_out(now, run.at_supports(ahead, (step + 1) * dt), (step + 1) * dt, dt)
-        if fenicsx.is_anywhere(not np.isfinite(ahead).all()):
-            raise ReferenceBlowUpError(step, step * dt, body.at_points(now))
-        now, before = ahead, now
-        if (step + 1) % per_output == 0:
-            states.append(body.at_points(now))
-            energies.append(body.strain_energy(now))
-            felt.append(tools.mean_forces())
-    return ExplicitResult(
-        times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
-        displacements=np.array(states),
-        strain_energies=np.array(energies),
-        time_step=dt,
-        num_steps=per_output * span.num_outputs,
-        tool_forces=np.array(felt).swapaxes(0, 1),
-    )
+def simulate_explicit(problem: Problem, **options: Any) -> SteppedResult:
+    """`simulate_by` with central differences, whose arguments it takes."""
+    return simulate_by(problem, Integrator.CENTRAL_DIFFERENCES, **options)
 
 
 def simulate_by(
@@ -147,8 +74,7 @@ def simulate_by(
     Args:
         problem: With `time` set, its `time_step` too: the outputs lie whole steps apart. Of any
             law that the element knows.
-        integrator: The scheme; its equations stand in `schemes`. For central differences see
-            `simulate_explicit`.
+        integrator: The scheme; its equations stand in `schemes`.
         strain: Strain measure.
         element: SMOOTHED averages strains over edges and nodes; not under mpirun.
         displacement: Initial, at the mesh's points [m], shape (num_points, 3); None is rest.
@@ -165,20 +91,24 @@ def simulate_by(
         The trajectory at the outputs; every number in it is finite.
 
     Raises:
-        InputError: No time span or step, outputs that are not whole steps apart, a tool, central
-            differences, or a load, support or element that cannot be used.
+        InputError: No time span or step, outputs that are not whole steps apart, a tool by another
+            scheme than central differences, or a load, support, tool or element that cannot be
+            used.
         ReferenceStepError: A step's equations have no solution; carries the last good state.
-        ReferenceBlowUpError: Semi-implicit Euler left the finite numbers; likewise.
+        ReferenceBlowUpError: An explicit scheme left the finite numbers; likewise.
 
     Note:
-        Degree 1 with lumped mass, as simulators have it. A step is never cut: of what it does not
-        resolve, the scheme's result is the result. Where the equations of a long step have several
-        solutions, this is the one that Newton's method finds from u + dt v.
+        Degree 1 with lumped mass, as simulators have it: the row sums of a quadratic mass matrix
+        are negative at the vertices. A step is never cut: of what it does not resolve, the scheme's
+        result is the result. Where the equations of a long step have several solutions, this is the
+        one that Newton's method finds from u + dt v.
+        Central differences are stable for dt < 2 / omega_max, with stiffness damping beta for
+        dt < sqrt((2 / omega_max)^2 + beta^2) - beta.
     """
     integrator = read_integrator(integrator)
-    if integrator is Integrator.CENTRAL_DIFFERENCES:
-        raise InputError("central differences are stepped by the explicit reference: leave these")
-    require_no_tools(problem, f"the reference by {integrator}")
+    is_central = integrator is Integrator.CENTRAL_DIFFERENCES
+    if not is_central:
+        require_no_tools(problem, f"the reference by {integrator}")
     span, dt, per_output = stated_steps(problem, f"a motion by {integrator}")
     run = SteppedBody(
         problem,
@@ -186,12 +116,17 @@ def simulate_by(
         element=element,
         loads_by=amplitude,
         supports_by=support_amplitude,
+        is_viscous_by_change=is_central,
     )
     run.tolerance = relative_tolerance
     tell = progress or (lambda _line: None)
     body = run.body
-    state = run.begin(displacement, velocity)
-    states = [state]
+    state = run.begin(displacement, velocity, integrator, dt)
+    tools: SteppedTools | None = None
+    if is_central:
+        tools = SteppedTools(problem, body.space, run.held, run.mobility(dt))
+        tools.require_outside(state.u)
+    states, felt = [state], [] if tools is None else [tools.mean_forces()]
     for step in range(per_output * span.num_outputs):
         time = step * dt
         if integrator.is_implicit:
@@ -201,12 +136,18 @@ def simulate_by(
                 at_points = body.at_points(state.u)
                 raise ReferenceStepError(time, dt, str(error), at_points) from None
         else:
-            new = run.step_semi_implicitly(state, time, dt)
-            if not math.isfinite(fenicsx.norm(new.u)):
+            new = (
+                run.step_semi_implicitly(state, time, dt)
+                if tools is None
+                else run.step_by_central_differences(state, tools, step, dt)
+            )
+            if fenicsx.is_anywhere(not np.isfinite(new.u).all()):
                 raise ReferenceBlowUpError(step, time, body.at_points(state.u))
             state = new
         if (step + 1) % per_output == 0:
             states.append(state)
+            if tools is not None:
+                felt.append(tools.mean_forces())
             tell(f"t = {time + dt:.4g} s of {span.end_time:g} s")
     return SteppedResult(
         times=span.end_time / span.num_outputs * np.arange(span.num_outputs + 1),
@@ -222,6 +163,7 @@ def simulate_by(
         strain=body.strain,
         element=body.element,
         versions=versions(),
+        tool_forces=np.array(felt).swapaxes(0, 1) if felt else np.zeros((0, len(states), 3)),
     )
 
 
@@ -260,13 +202,37 @@ class SteppedBody(MovingBody):
         )
         return form, matrix, solver
 
-    def begin(self, displacement: Points | None, velocity: Points | None) -> State:
+    def mobility(self, dt: float) -> Floats:
+        """How far a force moves each degree of freedom in a step by central differences [m/N]."""
+        return dt**2 / (self.mass * (1.0 + 0.5 * self.damping * dt))
+
+    def step_by_central_differences(
+        self, state: State, tools: SteppedTools, step: int, dt: float
+    ) -> State:
+        """A step by the recurrence above; its velocity is that since the state before."""
+        assert state.before is not None
+        now, before, end = state.u, state.before.u, (step + 1) * dt
+        half, force = 0.5 * self.damping * dt, self.force(now, before, step * dt)
+        ahead = (dt**2 * force / self.mass + 2.0 * now - (1.0 - half) * before) / (1.0 + half)
+        ahead = tools.keep_out(now, self.at_supports(ahead, end), end, dt)
+        return State(ahead, (ahead - now) / dt, state.a, State(now, state.v, state.a))
+
+    def begin(
+        self,
+        displacement: Points | None,
+        velocity: Points | None,
+        integrator: Integrator,
+        dt: float,
+    ) -> State:
         """The state at time 0: at rest and still, where nothing else is given."""
         u, v = self.start(displacement, velocity)
         v[self.held] = 0.0
-        a = self.force(u, v, 0.0) / self.mass - self.damping * v
+        is_central = integrator is Integrator.CENTRAL_DIFFERENCES
+        a = self.force(u, u - dt * v if is_central else v, 0.0) / self.mass - self.damping * v
         a[self.held] = 0.0
-        return State(u, v, a)
+        # Eq. 13; no other scheme begins with a state before.
+        before = State(u - dt * v + 0.5 * dt**2 * a, v, a)
+        return State(u, v, a, before if is_central else None)
 
     def step_semi_implicitly(self, state: State, time: float, dt: float) -> State:
         """Velocity by the forces at the start, displacement by the velocity at the end."""

@@ -19,7 +19,6 @@ from palpate.meshes.problem import Element, Problem, Strain
 from palpate.reference.result import (
     AdaptiveResult,
     Audit,
-    ExplicitResult,
     Formulation,
     ImplicitResult,
     ReferenceResult,
@@ -183,23 +182,6 @@ class ImplicitTask:
 
 
 @dataclass(frozen=True)
-class ExplicitTask(_OfElement):
-    """`palpate.reference.stepping.simulate_explicit`, from rest."""
-
-    strain: Strain = Strain.GREEN
-    element: Element = Element.LINEAR
-
-    answer = ExplicitResult
-
-    def __call__(self, problem: Problem, progress: Progress) -> ExplicitResult:
-        """Step."""
-        del progress
-        from palpate.reference.stepping import simulate_explicit
-
-        return simulate_explicit(problem, **vars(self))
-
-
-@dataclass(frozen=True)
 class SteppedTask(_OfElement):
     """`palpate.reference.stepping.simulate_by`, from rest."""
 
@@ -224,6 +206,6 @@ def load_task(path: str | Path) -> Task[Any]:
         FileFormatError: Missing, damaged, or not a task.
     """
     task: Task[Any] = load_result(
-        path, StaticTask, AdaptiveTask, AuditTask, ImplicitTask, ExplicitTask, SteppedTask
+        path, StaticTask, AdaptiveTask, AuditTask, ImplicitTask, SteppedTask
     )
     return task

@@ -38,7 +38,7 @@ OFFERED = {
     "meshes.files": ["read_mesh", "read_surface", "write_mesh", "write_surface"],
     "meshes.refinement": ["refine_problem"],
     "reference.child": ["run_task"],
-    "reference.result": ["Audit", "ExplicitResult", "ImplicitResult", "ReferenceResult"],
+    "reference.result": ["Audit", "ImplicitResult", "ReferenceResult", "SteppedResult"],
 }
 THINGS = {
     **{name: getattr(palpate, name) for name in palpate.api.__all__},

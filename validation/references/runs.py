@@ -106,12 +106,14 @@ def solve_explicit(
         InputError: The case states no time step: then there is nothing to be equal to.
         ReferenceFailedError: No FEniCSx, or the run failed.
     """
-    from palpate.reference.tasks import ExplicitTask
+    from palpate.reference.tasks import SteppedTask
 
     if problem.time is None or problem.time.time_step is None:
         raise InputError("a dynamic case needs time_step in [time] for its reference")
     progress(f"{OF_ELEMENT[element]} in motion, {strain} strain, {problem.mesh.num_cells} cells")
-    found, seconds = _timed(ExplicitTask(strain, element), problem, time_limit)
+    found, seconds = _timed(
+        SteppedTask(Integrator.CENTRAL_DIFFERENCES, strain, element), problem, time_limit
+    )
     return _motion_state(
         problem,
         strain,
