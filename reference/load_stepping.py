@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from palpate.meshes.arrays import Floats
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.newton import Newton, NewtonOutcome
+from palpate.reference.newton import Newton, Outcome
 
 # The load at which equilibrium ends is found to this fraction of the full load.
 _SMALLEST_STEP = 1.0 / 1024.0
@@ -26,9 +26,7 @@ Report = Callable[[int, float, float], None]
 class Stage(Protocol):
     """Equilibria by a parameter from 0 to 1, of a load or along a tool's path."""
 
-    def solve(
-        self, start: Floats, parameter: float, *, report: Report | None = None
-    ) -> NewtonOutcome:
+    def solve(self, start: Floats, parameter: float, *, report: Report | None = None) -> Outcome:
         """Iterate from a displacement to the equilibrium at a parameter."""
 
     def is_stable(self, displacement: Floats, parameter: float) -> bool:
@@ -38,43 +36,18 @@ class Stage(Protocol):
         """Go on from a stable equilibrium: called once for each step of the way."""
 
 
-@dataclass(frozen=True, eq=False)
-class LoadPath:
-    """The equilibria found on the way.
-
-    Attributes:
-        displacement: The last one, flat [m].
-        load_factors: Those with an equilibrium, growing.
-        relative_residual: Of the last one [-].
-        iterations: Linear solves in all, lost ones included.
-        reason: Why the path ended before 1; empty when it did not.
-    """
-
-    displacement: Floats
-    load_factors: tuple[float, ...]
-    relative_residual: float
-    iterations: int
-    reason: str
-
-
 def follow_load(
     newton: Newton,
     sampler: DetFSampler,
     num_dofs: int,
     *,
     progress: Progress,
-) -> LoadPath:
+) -> Outcome:
     """Raise the load from zero to full, from the body at rest."""
     rest = np.zeros(num_dofs)
     step, guess, iterations = _first_step(newton, sampler, rest)
     path = follow(newton, sampler, rest, step, guess=guess, progress=progress)
-    return LoadPath(
-        path.displacement,
-        path.load_factors,
-        path.relative_residual,
-        path.iterations + iterations,
-        path.reason,
-    )
+    return dataclasses.replace(path, iterations=path.iterations + iterations)
 
 
 def follow(
@@ -88,7 +61,7 @@ def follow(
     few_iterations: int = _FEW_ITERATIONS,
     largest_step: float = 1.0,
     progress: Progress,
-) -> LoadPath:
+) -> Outcome:
     """Go from 0 to 1; halve the step where Newton fails, double it where it is easy.
 
     Each step starts from the last equilibrium, or from the extrapolation of the last two where
@@ -133,8 +106,8 @@ def follow(
         step = (target - last) / 2.0
         progress(f"{name} {target:.4f}: {reason}; back to {last:.4f}, step {step:.4f}")
         if step < _SMALLEST_STEP:
-            return LoadPath(path[-1][1], tuple(reached), residual, iterations, reason)
-    return LoadPath(path[-1][1], tuple(reached), residual, iterations, "")
+            return Outcome(path[-1][1], residual, iterations, reason, tuple(reached))
+    return Outcome(path[-1][1], residual, iterations, "", tuple(reached))
 
 
 def _first_step(

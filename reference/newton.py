@@ -21,6 +21,7 @@ from palpate.reference import fenicsx
 from palpate.reference.deformed_state import DetFSampler
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.linear_solver import LinearSolveError, LinearSolver, symmetric_part
+from palpate.reference.result import ToolHistory
 
 _SMALLEST_STEP_LENGTH = 1.0 / 64.0
 _LARGEST_GROWTH = 1e6
@@ -38,22 +39,29 @@ Report = Callable[[int, float, float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class NewtonOutcome:
-    """Where an iteration ended.
+class Outcome:
+    """Where a search for equilibrium ended, by Newton's method or along a path.
 
     Attributes:
-        displacement: Last iterate, flat [m].
-        converged: Whether it is an equilibrium.
-        reason: Why it ended, when it did not converge.
-        iterations: Linear solves.
-        relative_residual: Last relative residual [-].
+        displacement: The last iterate, or a path's last equilibrium, flat [m].
+        relative_residual: Its last relative residual [-].
+        iterations: Linear solves in all, lost ones included.
+        reason: Why it ended without the equilibrium that was sought; empty when with it.
+        load_factors: Of a path, those with an equilibrium, growing.
+        tools: What each tool felt on the path.
     """
 
     displacement: Floats
-    converged: bool
-    reason: str
-    iterations: int
     relative_residual: float
+    iterations: int
+    reason: str = ""
+    load_factors: tuple[float, ...] = ()
+    tools: tuple[ToolHistory, ...] = ()
+
+    @property
+    def converged(self) -> bool:
+        """Whether it ended with the equilibrium."""
+        return not self.reason
 
 
 class Newton:
@@ -187,7 +195,7 @@ class Newton:
         *,
         report: Report | None = None,
         least_tolerance: float = 0.0,
-    ) -> NewtonOutcome:
+    ) -> Outcome:
         """Iterate from a displacement to the equilibrium at a load factor.
 
         Args:
@@ -211,7 +219,7 @@ class Newton:
             norm = fenicsx.norm(residual[free])
             scale = max(fenicsx.norm(internal), fenicsx.norm(external))
             if not math.isfinite(norm):
-                return NewtonOutcome(u, False, "the residual is not finite", iteration, math.inf)
+                return Outcome(u, math.inf, iteration, "the residual is not finite")
             relative = norm / scale if scale > 0.0 else 0.0
             if report:
                 report(iteration, relative, det_f)
@@ -219,13 +227,13 @@ class Newton:
             is_stalled = norm > 0.5 * last_norm and norm <= rounding
             last_norm = norm
             if is_at_supports and (norm <= enough * scale or is_stalled):
-                return NewtonOutcome(u, True, "", iteration, relative)
+                return Outcome(u, relative, iteration)
             # Under prescribed displacements alone the first residual is zero: judge by the second.
             if iteration > 1 and not norm <= _LARGEST_GROWTH * first:
-                return NewtonOutcome(u, False, "the iteration diverges", iteration, relative)
+                return Outcome(u, relative, iteration, "the iteration diverges")
             best, since_best = (norm, 0) if norm < best else (best, since_best + 1)
             if since_best >= _PATIENCE:
-                return NewtonOutcome(u, False, "the iteration stalls", iteration, relative)
+                return Outcome(u, relative, iteration, "the iteration stalls")
             if iteration == self._max_iterations:
                 break
             matrix = eq.tangent(u, load_factor)
@@ -239,22 +247,22 @@ class Newton:
                     is_near=is_near,
                 )  # fmt: skip
             except LinearSolveError as error:
-                return NewtonOutcome(u, False, str(error), iteration, relative)
+                return Outcome(u, relative, iteration, str(error))
             self._is_prepared = True
             is_near = is_near or relative < _NEAR
             length, det_f = self._step_length(u, du, det_f)
             if self._has_contact and length > 0.0:
                 length *= self._part_in_balance(u, length * du, residual, load_factor)
             if length == 0.0:
-                return NewtonOutcome(u, False, "a cell would invert", iteration + 1, relative)
+                return Outcome(u, relative, iteration + 1, "a cell would invert")
             u = u + length * du
             if length == 1.0:
                 u[held] = target
             if iteration <= 1:
                 first = max(first, norm)
                 best = math.inf
-        return NewtonOutcome(
-            u, False, f"no convergence in {self._max_iterations} iterations", iteration, relative
+        return Outcome(
+            u, relative, iteration, f"no convergence in {self._max_iterations} iterations"
         )
 
     def _step_length(self, u: Floats, du: Floats, det_f: float) -> tuple[float, float]:

@@ -24,10 +24,10 @@ from palpate.reference.deformed_state import (
 )
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.errors import ReferenceNotConvergedError
-from palpate.reference.load_stepping import LoadPath, follow_load
+from palpate.reference.load_stepping import follow_load
 from palpate.reference.mixed_form import MixedProblem
-from palpate.reference.newton import Newton
-from palpate.reference.result import Formulation, ReferenceResult, ToolHistory
+from palpate.reference.newton import Newton, Outcome
+from palpate.reference.result import Formulation, ReferenceResult
 
 Progress = Callable[[str], None]
 
@@ -108,20 +108,21 @@ class Equilibrium:
     Attributes:
         problem: Mesh, material, supports, loads and tools.
         discrete: Its equations.
-        displacement: All unknowns, flat.
         newton: What solved them; may go on from here.
-        path: Of the load, or of the tools.
-        tools: What each tool felt.
+        path: Of the load, or of the tools, to it.
         smallest_det_f: [-].
     """
 
     problem: Problem
     discrete: DiscreteProblem
-    displacement: Floats
     newton: Newton
-    path: LoadPath
-    tools: tuple[ToolHistory, ...]
+    path: Outcome
     smallest_det_f: float
+
+    @property
+    def displacement(self) -> Floats:
+        """All unknowns, flat."""
+        return self.path.displacement
 
     def result(self) -> ReferenceResult:
         """Everything that is measured of it."""
@@ -144,7 +145,7 @@ class Equilibrium:
             newton_iterations=self.path.iterations,
             load_steps=self.path.load_factors,
             versions=fenicsx.versions(),
-            tools=self.tools,
+            tools=self.path.tools,
             formulation=discrete.formulation,
             element=discrete.element,
             second_piola_kirchhoff_stress=second_piola_kirchhoff,
@@ -213,15 +214,11 @@ def find_equilibrium(
     near = _near(discrete, guess, start) if is_known else None
     # Where degrees differ, forces are those of the kinks between cells.
     knows_forces = start is not None and degree == 1
-    path, tools = (
-        (None, ())
-        if near is None
-        else _go_on(discrete, newton, near, tell, knows_forces=knows_forces)
-    )
+    path = None if near is None else _go_on(discrete, newton, near, tell, knows_forces=knows_forces)
     if path is None or (path.reason and (discrete.contacts or start is not None)):
         for contact in discrete.contacts:
             contact.begin()
-        path, tools = _follow(discrete, sampler, newton, tell)
+        path = _follow(discrete, sampler, newton, tell)
     smallest_det_f = sampler.smallest(path.displacement)
     is_inverted = discrete.strain is Strain.GREEN and not smallest_det_f > 0.0
     reason = path.reason or ("a cell is inverted" if is_inverted else "")
@@ -232,7 +229,7 @@ def find_equilibrium(
         newton.destroy()
         discrete.destroy()
         raise ReferenceNotConvergedError(reached, reason, smallest_det_f, nodal, *where)
-    return Equilibrium(problem, discrete, path.displacement, newton, path, tools, smallest_det_f)
+    return Equilibrium(problem, discrete, newton, path, smallest_det_f)
 
 
 def _near(
@@ -252,7 +249,7 @@ def _go_on(
     tell: Progress,
     *,
     knows_forces: bool,
-) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
+) -> Outcome:
     """The equilibrium under the full load that Newton's method finds from nearby."""
 
     def report(iteration: int, relative: float, det_f: float) -> None:
@@ -262,19 +259,18 @@ def _go_on(
         )
 
     needed = discrete.internal_force(near) - discrete.external_force(near) if knows_forces else None
-    run = go_on_at_end(newton, discrete.contacts, near, needed=needed, report=report)
-    return run.path, run.histories
+    return go_on_at_end(newton, discrete.contacts, near, needed=needed, report=report)
 
 
 def _follow(
     discrete: DiscreteProblem, sampler: DetFSampler, newton: Newton, tell: Progress
-) -> tuple[LoadPath, tuple[ToolHistory, ...]]:
+) -> Outcome:
     """Loads first, with the tools where they begin; then the tools as they are driven."""
     given = fenicsx.norm(discrete.held.values) + fenicsx.norm(discrete.dead_force)
     if given > 0.0 or discrete.has_follower_forces or not discrete.contacts:
         path = follow_load(newton, sampler, discrete.num_dofs, progress=tell)
         if path.reason or not discrete.contacts:
-            return path, ()
+            return path
         start = path.displacement
     else:
         start = np.zeros(discrete.num_dofs)
@@ -282,10 +278,9 @@ def _follow(
         run = press(newton, discrete.contacts[0], start, progress=tell)
     else:
         run = follow_tools(newton, sampler, discrete.contacts, start, progress=tell)
-    if run.path.reason:
-        where = f"on the way of the tools: {run.path.reason}"
-        return dataclasses.replace(run.path, reason=where), run.histories
-    return run.path, run.histories
+    if run.reason:
+        return dataclasses.replace(run, reason=f"on the way of the tools: {run.reason}")
+    return run
 
 
 def _say_nothing(_line: str) -> None:

@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 
 from palpate.meshes.arrays import Floats, Indices, Points
-from palpate.meshes.field_norms import l2_gradient, l2_norm, size_of_change
+from palpate.meshes.field_norms import l2_gradient, l2_norm
 from palpate.meshes.tet_mesh import TetMesh, signed_volumes
 from palpate.reference import fenicsx
-from palpate.reference.adaptivity.goals import Goal, Part, Quantity
+from palpate.reference.adaptivity.goals import Goal, Part, Quantity, scale_of
 from palpate.reference.discrete_problem import DiscreteProblem
 from palpate.reference.fenicsx import PETSc, different_rows, fem, ufl
 from palpate.reference.laws import cofactor, deformation_gradient
@@ -214,38 +214,33 @@ class Solved:
         return ufl.dx(domain=mesh, metadata={"quadrature_degree": degree})
 
 
-def _l2(solved: Solved, _: Part | None) -> tuple[Any, float]:
+def _l2(solved: Solved, _: Part | None) -> Any:
     u = solved.discrete.u
-    squared = ufl.inner(u, u) * solved.dx(2 * solved.discrete.space.degree)
-    return 0.5 * squared, fenicsx.assemble_scalar(fenicsx.form(squared))
+    return ufl.inner(u, u) * solved.dx(2 * solved.discrete.space.degree)
 
 
-def _volume(solved: Solved, _: Part | None) -> tuple[Any, float]:
-    discrete, state = solved.discrete, solved.state
-    dx = solved.dx(3 * (discrete.space.degree - 1))
-    volume = ufl.det(deformation_gradient(discrete.u)) * dx
-    return volume, size_of_change(state.volume, state.rest_volume)
+def _volume(solved: Solved, _: Part | None) -> Any:
+    F = deformation_gradient(solved.discrete.u)
+    return ufl.det(F) * solved.dx(3 * (solved.discrete.space.degree - 1))
 
 
-def _area(solved: Solved, _: Part | None) -> tuple[Any, float]:
-    discrete, state = solved.discrete, solved.state
+def _area(solved: Solved, _: Part | None) -> Any:
+    discrete = solved.discrete
     mesh = discrete.space.transferred.mesh
     # A weight needs fewer digits than the area itself.
     ds = ufl.ds(domain=mesh, metadata={"quadrature_degree": 2 * discrete.space.degree})
     vector = cofactor(deformation_gradient(discrete.u)) * ufl.FacetNormal(mesh)
-    area = ufl.sqrt(ufl.inner(vector, vector)) * ds
-    return area, size_of_change(state.surface_area, state.rest_surface_area)
+    return ufl.sqrt(ufl.inner(vector, vector)) * ds
 
 
-def _stress(solved: Solved, part: Part | None) -> tuple[Any, float]:
+def _stress(solved: Solved, part: Part | None) -> Any:
     assert part is not None
     discrete = solved.discrete
     mesh = discrete.space.transferred.mesh
     inside = fenicsx.cell_function(mesh, solved.here(part.is_inside(solved.case_mesh)))
     # A weight needs fewer digits than the norm: S is of degree 2 (p - 1).
     dx = solved.dx(discrete.stress_degree or 2 * discrete.space.degree)
-    squared = inside * ufl.inner(discrete.stress, discrete.stress) * dx
-    return 0.5 * squared, fenicsx.assemble_scalar(fenicsx.form(squared))
+    return inside * ufl.inner(discrete.stress, discrete.stress) * dx
 
 
 def _of_tools(solved: Solved) -> Floats:
@@ -265,7 +260,8 @@ def _of_tools(solved: Solved) -> Floats:
     return gradient
 
 
-_FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], tuple[Any, float]]] = {
+# Of a norm, its square.
+_FUNCTIONALS: dict[Quantity, Callable[[Solved, Part | None], Any]] = {
     Quantity.DISPLACEMENT_L2: _l2,
     Quantity.VOLUME: _volume,
     Quantity.SURFACE_AREA: _area,
@@ -350,7 +346,13 @@ def _gradient(solved: Solved, key: Key) -> Floats:
     quantity, part = key
     if quantity is Quantity.TOOL_FORCE:
         return _of_tools(solved)
-    functional, scale = _FUNCTIONALS[quantity](solved, part)
+    functional = _FUNCTIONALS[quantity](solved, part)
+    if quantity.is_norm:
+        # Half the square of a norm stands for the norm.
+        scale = fenicsx.assemble_scalar(fenicsx.form(functional))
+        functional *= 0.5
+    else:
+        scale = scale_of(quantity, solved.case_mesh, part, solved.state)
     along = ufl.TestFunction(discrete.unknown.function_space)
     form = fenicsx.form(discrete.derivative(functional, along))
     return discrete.to_local(fenicsx.assemble_vector(form) / (scale or 1.0))

@@ -10,9 +10,9 @@ What the truth is asked for, and how far two meshes are apart in it; no FEniCSx.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -47,59 +47,6 @@ class Part:
         inside = np.zeros(mesh.num_cells)
         inside[self.cells] = 1.0
         return inside
-
-
-def stress_apart(
-    mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult, part: Part
-) -> tuple[float, float]:
-    """L2 norms [Pa m^(3/2)] of two states' difference in Cauchy's stress, and of the finer's.
-
-    Along the axes of space, so that a difference in how far a cell is turned counts too.
-    """
-    volumes = signed_volumes(mesh.points, mesh.cells)[part.cells]
-
-    def norm(stress: Floats) -> float:
-        return math.sqrt(float(volumes @ np.einsum("cij,cij->c", stress, stress)))
-
-    own, other = (state.cauchy_stress[part.cells] for state in (fine, coarse))
-    return norm(own - other), norm(own)
-
-
-def force_apart(
-    mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult, part: Part
-) -> tuple[float, float]:
-    """Size of two states' difference in force [N], and the largest force of a support.
-
-    1 N where every support is balanced in itself.
-    """
-    own, other = (_nodal_forces(mesh, state) for state in (fine, coarse))
-    apart = (part.weights * (own - other)).sum(axis=0)
-    if part.support is not None:
-        apart = fine.support_forces[part.support] - coarse.support_forces[part.support]
-    largest = float(np.linalg.norm(fine.support_forces, axis=1).max(initial=0.0))
-    is_force = largest > _NO_SUPPORT_FORCE * float(np.linalg.norm(own, axis=1).sum())
-    return float(np.linalg.norm(apart)), largest if is_force else 1.0
-
-
-def _nodal_forces(mesh: TetMesh, state: ReferenceResult) -> Points:
-    volumes = signed_volumes(mesh.points, mesh.cells)
-    P = state.first_piola_kirchhoff_stress
-    by_corner = volumes[:, None, None] * _shape_gradients(mesh) @ P.transpose(0, 2, 1)
-    forces = np.zeros_like(mesh.points)
-    np.add.at(forces, mesh.cells, by_corner)
-    return forces
-
-
-def _shape_gradients(mesh: TetMesh) -> Floats:
-    """Gradients of the corners' linear shape functions [1/m], (num_cells, 4, 3)."""
-    corners = mesh.points[mesh.cells]
-    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    gradients: Floats = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
-    return gradients
-
-
-# Relative to the largest force.
-_NO_FORCE = 1e-6
 
 
 class Quantity(StrEnum):
@@ -238,66 +185,88 @@ def has_point_forces(problem: Problem, state: ReferenceResult) -> bool:
     return bool((sizes[single] > _NO_FORCE * scale).any())
 
 
-def _largest(displacement: Points) -> float:
-    return float(np.linalg.norm(displacement, axis=1).max(initial=0.0))
+def _nodal_forces(mesh: TetMesh, state: ReferenceResult) -> Points:
+    volumes = signed_volumes(mesh.points, mesh.cells)
+    P = state.first_piola_kirchhoff_stress
+    by_corner = volumes[:, None, None] * _shape_gradients(mesh) @ P.transpose(0, 2, 1)
+    forces = np.zeros_like(mesh.points)
+    np.add.at(forces, mesh.cells, by_corner)
+    return forces
 
 
-def _l2(mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    apart = fine.displacement - coarse.displacement
-    return l2_norm(mesh, apart), l2_norm(mesh, fine.displacement)
+def _shape_gradients(mesh: TetMesh) -> Floats:
+    """Gradients of the corners' linear shape functions [1/m], (num_cells, 4, 3)."""
+    corners = mesh.points[mesh.cells]
+    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    gradients: Floats = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
+    return gradients
 
 
-def _worst(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    return _largest(fine.displacement - coarse.displacement), _largest(fine.displacement)
+# Relative to the largest force.
+_NO_FORCE = 1e-6
 
 
-def _size(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    sizes = [_largest(state.displacement) for state in (fine, coarse)]
-    return abs(sizes[0] - sizes[1]), sizes[0]
+def _value(quantity: Quantity, mesh: TetMesh, part: Part | None, state: ReferenceResult) -> Any:
+    """What a quantity is of a state: differences of it are taken."""
+    match quantity:
+        case Quantity.DISPLACEMENT_L2 | Quantity.DISPLACEMENT_MAX:
+            return state.displacement
+        case Quantity.MAX_DISPLACEMENT:
+            return _largest(state.displacement)
+        case Quantity.VOLUME | Quantity.SURFACE_AREA | Quantity.STRAIN_ENERGY:
+            return getattr(state, quantity)
+        case Quantity.TOOL_FORCE:
+            return np.array([tool.forces[-1] for tool in state.tools])
+    assert part is not None
+    if quantity is Quantity.STRESS_L2:
+        return state.cauchy_stress[part.cells]
+    if part.support is not None:
+        return state.support_forces[part.support]
+    return (part.weights * _nodal_forces(mesh, state)).sum(axis=0)
 
 
-def _volume(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    return abs(fine.volume - coarse.volume), size_of_change(fine.volume, fine.rest_volume)
+def _size(quantity: Quantity, mesh: TetMesh, part: Part | None, value: Any) -> float:
+    """Of a quantity's value, or of a difference of two, >= 0."""
+    match quantity:
+        case Quantity.DISPLACEMENT_L2:
+            return l2_norm(mesh, value)
+        case Quantity.STRESS_L2:
+            # Along the axes of space, so that a difference in how far a cell is turned counts too.
+            assert part is not None
+            volumes = signed_volumes(mesh.points, mesh.cells)[part.cells]
+            return math.sqrt(float(volumes @ np.einsum("cij,cij->c", value, value)))
+        case Quantity.DISPLACEMENT_MAX | Quantity.TOOL_FORCE:
+            return _largest(value)
+    return float(np.linalg.norm(value))
 
 
-def _area(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    return (
-        abs(fine.surface_area - coarse.surface_area),
-        size_of_change(fine.surface_area, fine.rest_surface_area),
-    )
+def scale_of(quantity: Quantity, mesh: TetMesh, part: Part | None, state: ReferenceResult) -> float:
+    """What a difference of a quantity counts over.
+
+    Args:
+        quantity: Which.
+        mesh: That of the case.
+        part: See `Goal`.
+        state: The better one of two.
+
+    Returns:
+        The size of its value, or of its change, or of the largest force of a support: 1 N where
+        every support is balanced in itself.
+    """
+    match quantity:
+        case Quantity.VOLUME:
+            return size_of_change(state.volume, state.rest_volume)
+        case Quantity.SURFACE_AREA:
+            return size_of_change(state.surface_area, state.rest_surface_area)
+        case Quantity.TRACTION_RESULTANT:
+            largest = _largest(state.support_forces)
+            of_all = float(np.linalg.norm(_nodal_forces(mesh, state), axis=1).sum())
+            return largest if largest > _NO_SUPPORT_FORCE * of_all else 1.0
+    return _size(quantity, mesh, part, _value(quantity, mesh, part, state))
 
 
-def _energy(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    return abs(fine.strain_energy - coarse.strain_energy), fine.strain_energy
-
-
-def _tools(_: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> tuple[float, float]:
-    own, other = (np.array([tool.forces[-1] for tool in s.tools]) for s in (fine, coarse))
-    return (
-        float(np.linalg.norm(own - other, axis=1).max(initial=0.0)),
-        float(np.linalg.norm(own, axis=1).max(initial=0.0)),
-    )
-
-
-_OF_WHOLE: dict[
-    Quantity, Callable[[TetMesh, ReferenceResult, ReferenceResult], tuple[float, float]]
-] = {
-    Quantity.DISPLACEMENT_L2: _l2,
-    Quantity.DISPLACEMENT_MAX: _worst,
-    Quantity.MAX_DISPLACEMENT: _size,
-    Quantity.VOLUME: _volume,
-    Quantity.SURFACE_AREA: _area,
-    Quantity.STRAIN_ENERGY: _energy,
-    Quantity.TOOL_FORCE: _tools,
-}
-
-
-_OF_PART: dict[
-    Quantity, Callable[[TetMesh, ReferenceResult, ReferenceResult, Part], tuple[float, float]]
-] = {
-    Quantity.STRESS_L2: stress_apart,
-    Quantity.TRACTION_RESULTANT: force_apart,
-}
+def _largest(rows: Points) -> float:
+    return float(np.linalg.norm(rows, axis=1).max(initial=0.0))
 
 
 def difference(goal: Goal, mesh: TetMesh, fine: ReferenceResult, coarse: ReferenceResult) -> float:
@@ -312,10 +281,10 @@ def difference(goal: Goal, mesh: TetMesh, fine: ReferenceResult, coarse: Referen
     Returns:
         At least 0; 0 where both are nothing, infinite where the better one alone is.
     """
-    if goal.part is None:
-        apart, scale = _OF_WHOLE[goal.quantity](mesh, fine, coarse)
-    else:
-        apart, scale = _OF_PART[goal.quantity](mesh, fine, coarse, goal.part)
+    quantity, part = goal.quantity, goal.part
+    own, other = (_value(quantity, mesh, part, state) for state in (fine, coarse))
+    apart = _size(quantity, mesh, part, own - other)
+    scale = scale_of(quantity, mesh, part, fine)
     if scale == 0.0:
         return 0.0 if apart == 0.0 else math.inf
     return apart / scale

@@ -9,9 +9,9 @@ with halved ends (M. Dowell, P. Jarratt, BIT 11, 1971: "Illinois").
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from palpate.meshes.rigid_tool import BoxShape, CapsuleShape, SphereShape, Surfa
 from palpate.reference import fenicsx
 from palpate.reference.contact.tool_contact import ToolContact, ToolState
 from palpate.reference.deformed_state import DetFSampler
-from palpate.reference.load_stepping import LoadPath, follow
-from palpate.reference.newton import Newton, NewtonOutcome
+from palpate.reference.load_stepping import follow
+from palpate.reference.newton import Newton, Outcome
 from palpate.reference.result import ToolHistory, Vector
 
 # Uzawa steps end when the multipliers carry all but this of the contact forces: this many times
@@ -44,19 +44,6 @@ _REACH_OF_ROUND = 0.25
 Report = Callable[[int, float, float], None]
 
 
-@dataclass(frozen=True, eq=False)
-class ToolRun:
-    """Where a run along the paths ended.
-
-    Attributes:
-        path: Over the whole of the paths' time, 0 to 1.
-        histories: Of each tool, at the knots with an equilibrium.
-    """
-
-    path: LoadPath
-    histories: tuple[ToolHistory, ...]
-
-
 class _Stretch:
     """The tools on the way from one time to another, under the full load."""
 
@@ -74,9 +61,7 @@ class _Stretch:
     def _time(self, parameter: float) -> float:
         return self._begin + parameter * (self._end - self._begin)
 
-    def solve(
-        self, start: Floats, parameter: float, *, report: Report | None = None
-    ) -> NewtonOutcome:
+    def solve(self, start: Floats, parameter: float, *, report: Report | None = None) -> Outcome:
         for contact in self._contacts:
             contact.set_time(self._time(parameter))
             contact.go_back()
@@ -103,7 +88,7 @@ def settle(
     carried: float,
     *,
     report: Report | None = None,
-) -> NewtonOutcome:
+) -> Outcome:
     """Find the equilibrium with the tools where they are: Newton inside, Uzawa outside."""
     u, iterations = start, 0
     outcome = newton.solve(u, 1.0, report=report)
@@ -115,7 +100,7 @@ def settle(
         slid = [contact.let_go(u) for contact in contacts]
         if any(again for _, again in slid):
             reason = "a node slides to and fro over an edge of a box"
-            return NewtonOutcome(u, False, reason, iterations, outcome.relative_residual)
+            return Outcome(u, outcome.relative_residual, iterations, reason)
         if any(count for count, _ in slid):
             outcome = newton.solve(u, 1.0, report=report)
             continue
@@ -128,16 +113,9 @@ def settle(
             break
         outcome = newton.solve(u, 1.0, report=report)
     else:
-        return NewtonOutcome(
-            u,
-            False,
-            f"the contact forces do not settle in {_MOST_UZAWA_STEPS} steps",
-            iterations,
-            outcome.relative_residual,
-        )
-    return NewtonOutcome(
-        u, outcome.converged, outcome.reason, iterations, outcome.relative_residual
-    )
+        reason = f"the contact forces do not settle in {_MOST_UZAWA_STEPS} steps"
+        return Outcome(u, outcome.relative_residual, iterations, reason)
+    return dataclasses.replace(outcome, displacement=u, iterations=iterations)
 
 
 def follow_tools(
@@ -147,7 +125,7 @@ def follow_tools(
     start: Floats,
     *,
     progress: Callable[[str], None],
-) -> ToolRun:
+) -> Outcome:
     """Move the tools along their paths under the full load, and note the forces at the knots.
 
     Args:
@@ -185,9 +163,7 @@ def follow_tools(
         times.append(knot)
         states.append(tuple(contact.state(u) for contact in contacts))
         before = knot
-    return ToolRun(
-        LoadPath(u, tuple(factors), residual, iterations, reason), histories(times, states)
-    )
+    return Outcome(u, residual, iterations, reason, tuple(factors), histories(times, states))
 
 
 def go_on_at_end(
@@ -197,7 +173,7 @@ def go_on_at_end(
     *,
     needed: Floats | None = None,
     report: Report,
-) -> ToolRun:
+) -> Outcome:
     """The equilibrium where the paths end, from a displacement near it, without going there.
 
     Args:
@@ -240,8 +216,12 @@ def go_on_at_end(
     u, reason = found.displacement, found.reason
     if found.converged and not newton.is_stable(u, 1.0):
         reason = "the equilibrium found is not stable"
-    path = LoadPath(u, () if reason else (1.0,), found.relative_residual, found.iterations, reason)
-    return ToolRun(path, histories((end,), [[contact.state(u) for contact in contacts]]))
+    return dataclasses.replace(
+        found,
+        reason=reason,
+        load_factors=() if reason else (1.0,),
+        tools=histories((end,), [[contact.state(u) for contact in contacts]]),
+    )
 
 
 def histories(
@@ -323,7 +303,7 @@ class _Drive:
         self.displacement, self.iterations = start, 0
         self._carried = OVER_NEWTON * newton.relative_tolerance
 
-    def at(self, way: float) -> tuple[NewtonOutcome, float]:
+    def at(self, way: float) -> tuple[Outcome, float]:
         """The equilibrium with the tool so far along [m], and the force it lacks [N]."""
         self.contact.move(way)
         self.contact.go_back()
@@ -335,14 +315,14 @@ class _Drive:
         self.tell(f"tool {way:.6g} m along: {pushed:.6g} N of {self.wanted:.6g} N")
         return found, self.wanted - pushed
 
-    def keep(self, found: NewtonOutcome) -> None:
+    def keep(self, found: Outcome) -> None:
         self.displacement = found.displacement
         self.contact.keep(self.displacement)
 
 
 def press(
     newton: Newton, contact: ToolContact, start: Floats, *, progress: Callable[[str], None]
-) -> ToolRun:
+) -> Outcome:
     """Push a tool along its line until the body takes all of the force.
 
     Args:
@@ -393,9 +373,10 @@ def press(
     for _ in range(_MOST_TRIES):
         if abs(lacking) <= _REACHED * drive.wanted:
             drive.keep(found)
-            run = _ended(drive, found, way, "")
             states = [(before,), (contact.state(found.displacement),)]
-            return ToolRun(run.path, histories((0.0, 1.0), states))
+            return dataclasses.replace(
+                _ended(drive, found, way, ""), tools=histories((0.0, 1.0), states)
+            )
         way = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1])
         found, lacking = drive.at(way)
         if not found.converged:
@@ -409,15 +390,12 @@ def press(
     return _ended(drive, found, low[0], f"the force is not met in {_MOST_TRIES} tries")
 
 
-def _ended(drive: _Drive, found: NewtonOutcome, way: float, reason: str) -> ToolRun:
+def _ended(drive: _Drive, found: Outcome, way: float, reason: str) -> Outcome:
     where = f", {way:.4g} m along its line" if reason else ""
-    return ToolRun(
-        LoadPath(
-            drive.displacement,
-            (1.0,) if not reason else (0.0,),
-            found.relative_residual,
-            drive.iterations,
-            f"{reason}{where}",
-        ),
-        (),
+    return Outcome(
+        drive.displacement,
+        found.relative_residual,
+        drive.iterations,
+        f"{reason}{where}",
+        (0.0,) if reason else (1.0,),
     )

@@ -19,7 +19,7 @@ if is_available():
     from palpate.reference import fenicsx
     from palpate.reference.discrete_problem import DiscreteProblem
     from palpate.reference.fenicsx import ufl
-    from palpate.reference.stepping import row_sums_of_mass
+    from palpate.reference.motion import row_sums_of_mass
 
 pytestmark = pytest.mark.dolfinx
 
