@@ -1,11 +1,8 @@
-"""A process of its own for the reference: time limit, progress lines, exit codes.
+"""The reference in a process of its own: time limit, progress lines, exit codes.
 
-dolfinx can abort, hang or be killed for memory; the caller must survive all three. Problem and
-answer travel as files, progress as lines on standard output.
-
-The reference in a process of its own.
-
-The child is python -m palpate.reference.child PROBLEM.npz TASK.npz RESULT.npz.
+dolfinx can abort, hang or be killed for memory; the caller must survive all three. The child is
+python -m palpate.reference.child PROBLEM.npz TASK.npz RESULT.npz; its progress comes as lines on
+standard output.
 """
 
 from __future__ import annotations
@@ -91,7 +88,7 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     """
     if not time_limit > 0.0:
         raise InputError(f"time_limit = {time_limit:g} s: needs a value above 0")
-    tell = progress or say_nothing
+    tell = progress or _say_nothing
     errors: deque[str] = deque(maxlen=_STDERR_LINES)
     lines: deque[str] = deque()
     readers: list[threading.Thread] = []
@@ -115,10 +112,6 @@ def run_child(command: Sequence[str], time_limit: float, progress: Say | None) -
     return process.returncode, "".join(errors)
 
 
-def say_nothing(_line: str) -> None:
-    """Where nobody wants to hear of progress."""
-
-
 def _drain(stream: IO[str], lines: deque[str]) -> None:
     with stream:
         lines.extend(stream)
@@ -134,43 +127,6 @@ def _pass_on(lines: deque[str], progress: Callable[[str], None]) -> None:
         line = lines.popleft()
         if line.startswith(_PROGRESS):
             progress(line.removeprefix(_PROGRESS).rstrip("\n"))
-
-
-def raise_for(exit_code: int, errors: str) -> None:
-    """Raise what the child could not: bad input, no FEniCSx, a crash; nothing for 0 and failure.
-
-    Raises:
-        InputError, ReferenceUnavailableError, ReferenceCrashedError: As the exit status says.
-    """
-    message = errors.strip().splitlines()[-1:] or [""]
-    if exit_code == EXIT_INPUT:
-        raise InputError(message[0])
-    if exit_code == EXIT_UNAVAILABLE:
-        raise ReferenceUnavailableError(message[0])
-    if exit_code not in (0, EXIT_FAILED):
-        raise ReferenceCrashedError(exit_code, errors)
-
-
-def serve(solve: Callable[[Say], int]) -> int:
-    """The child's side: run `solve` with a way to say lines; return the exit status."""
-
-    def say(line: str) -> None:
-        print(f"{_PROGRESS}{line}", flush=True)
-
-    try:
-        require_available()
-        return solve(say)
-    except InputError as error:
-        print(one_line(error), file=sys.stderr)
-        return EXIT_INPUT
-    except (ReferenceUnavailableError, ImportError) as error:
-        print(f"FEniCSx cannot be imported: {one_line(error)}", file=sys.stderr)
-        return EXIT_UNAVAILABLE
-
-
-def one_line(error: BaseException) -> str:
-    """An error's message without line breaks."""
-    return " ".join(str(error).split())
 
 
 # How a solve may end without an answer; they travel as files too.
@@ -207,7 +163,7 @@ def run_task(
     require_available()
     if num_ranks() > 1 and not task.needs_one_rank:
         answered: Answer = solve_on_ranks(
-            task, problem, time_limit=time_limit, progress=progress or say_nothing
+            task, problem, time_limit=time_limit, progress=progress or _say_nothing
         )
         return answered
     with scratch_folder("reference") as folder:
@@ -224,7 +180,13 @@ def _command(*files: Path) -> list[str]:
 
 
 def _read_answer(answer: Path, exit_code: int, errors: str, task: Task[Answer]) -> Answer:
-    raise_for(exit_code, errors)
+    message = (errors.strip().splitlines() or [""])[-1]
+    if exit_code == EXIT_INPUT:
+        raise InputError(message)
+    if exit_code == EXIT_UNAVAILABLE:
+        raise ReferenceUnavailableError(message)
+    if exit_code not in (0, EXIT_FAILED):
+        raise ReferenceCrashedError(exit_code, errors)
     try:
         if exit_code == EXIT_FAILED:
             raise _load_failure(answer)
@@ -256,18 +218,31 @@ def main(arguments: Sequence[str]) -> int:
     """Do the task of a file with the problem of another; return the exit status."""
     given, todo, answer = map(Path, arguments)
 
-    def solve(say: Say) -> int:
+    def say(line: str) -> None:
+        print(f"{_PROGRESS}{line}", flush=True)
+
+    def end(exit_code: int, error: BaseException, what: str = "") -> int:
+        """Leave the error as one line."""
+        print(what + " ".join(str(error).split()), file=sys.stderr)
+        return exit_code
+
+    try:
+        require_available()
         problem, task = load_problem(given), load_task(todo)
         say("loading FEniCSx")
-        try:
-            save_result(answer, task(problem, say))
-        except _FAILURES as error:
-            _save_failure(answer, error)
-            print(one_line(error), file=sys.stderr)
-            return EXIT_FAILED
-        return 0
+        save_result(answer, task(problem, say))
+    except _FAILURES as error:
+        _save_failure(answer, error)
+        return end(EXIT_FAILED, error)
+    except InputError as error:
+        return end(EXIT_INPUT, error)
+    except (ReferenceUnavailableError, ImportError) as error:
+        return end(EXIT_UNAVAILABLE, error, "FEniCSx cannot be imported: ")
+    return 0
 
-    return serve(solve)
+
+def _say_nothing(_line: str) -> None:
+    pass
 
 
 if __name__ == "__main__":

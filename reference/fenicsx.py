@@ -145,11 +145,19 @@ def create_mesh(points: Points, cells: np.ndarray[Any, Any]) -> Any:
 
 
 @_compiles
-def vector_space(mesh: Any, degree: int) -> Any:
-    """Return the space of continuous displacements of a polynomial degree."""
+def function_space(mesh: Any, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
+    """Return the space of scalars, of vectors (3,) or of tensors (3, 3) of a polynomial degree.
+
+    Args:
+        mesh: Of dolfinx.
+        family: "Lagrange", continuous; or "DG", which of degree 0 is constant in each cell.
+        degree: Of the polynomials.
+        shape: Of the values.
+    """
     if _IS_OLD:
-        return fem.VectorFunctionSpace(mesh, ("Lagrange", degree))
-    return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+        kinds = (fem.FunctionSpace, fem.VectorFunctionSpace, fem.TensorFunctionSpace)
+        return kinds[len(shape)](mesh, (family, degree))
+    return fem.functionspace(mesh, (family, degree, shape) if shape else (family, degree))
 
 
 @_compiles
@@ -201,17 +209,9 @@ def num_local_blocks(space: Any) -> int:
     return int(index_map.size_local + index_map.num_ghosts)
 
 
-@_compiles
-def cell_space(mesh: Any) -> Any:
-    """Return the space of scalars that are constant in each cell."""
-    if _IS_OLD:
-        return fem.FunctionSpace(mesh, ("DG", 0))
-    return fem.functionspace(mesh, ("DG", 0))
-
-
 def cell_function(mesh: Any, values: Floats) -> Any:
     """Return the function with a constant value in each cell, dolfinx numbering."""
-    function = fem.Function(cell_space(mesh))
+    function = fem.Function(function_space(mesh, "DG", 0))
     set_cell_values(function, values)
     return function
 
@@ -224,14 +224,6 @@ def set_cell_values(function: Any, values: Floats) -> None:
 def cell_values(function: Any) -> Floats:
     """Values of a `cell_function`, dolfinx numbering."""
     return np.array(function.x.array[cell_dofs(function.function_space)[:, 0]])
-
-
-@_compiles
-def cell_tensor_space(mesh: Any) -> Any:
-    """Return the space of 3 x 3 tensors that are constant in each cell."""
-    if _IS_OLD:
-        return fem.TensorFunctionSpace(mesh, ("DG", 0))
-    return fem.functionspace(mesh, ("DG", 0, (3, 3)))
 
 
 def quadrature_points(degree: int) -> Points:
@@ -259,22 +251,6 @@ def quadrature_space(mesh: Any, degree: int, size: int) -> Any:
         return fem.functionspace(mesh, ("DG", 0, (size,)))
     element = basix.ufl.quadrature_element("tetrahedron", (size,), degree=degree)
     return fem.functionspace(mesh, element)
-
-
-@_compiles
-def scalar_space(mesh: Any, degree: int) -> Any:
-    """Return the space of continuous scalars of a polynomial degree."""
-    if _IS_OLD:
-        return fem.FunctionSpace(mesh, ("Lagrange", degree))
-    return fem.functionspace(mesh, ("Lagrange", degree))
-
-
-@_compiles
-def tensor_space(mesh: Any, degree: int) -> Any:
-    """Return the space of continuous 3 x 3 tensors of a polynomial degree."""
-    if _IS_OLD:
-        return fem.TensorFunctionSpace(mesh, ("Lagrange", degree))
-    return fem.functionspace(mesh, ("Lagrange", degree, (3, 3)))
 
 
 def part_of(function: Any, space: Any, dofs: np.ndarray[Any, Any]) -> Any:

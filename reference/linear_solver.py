@@ -68,6 +68,26 @@ def hold(matrix: Any, held: Indices, x: Any, b: Any, *, is_symmetric: bool) -> N
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
 
+def _prescribed(
+    matrix: Any, rhs: Floats, held: Indices, values: Floats, *, is_symmetric: bool
+) -> tuple[Any, Any]:
+    """The vectors x and b of a system with some entries of x prescribed."""
+    fenicsx.give_back_dropped()
+    x, b = matrix.createVecs()
+    b.array[:] = rhs
+    x.array[held] = values
+    hold(matrix, held, x, b, is_symmetric=is_symmetric)
+    return x, b
+
+
+def _solution(x: Any, held: Indices, values: Floats) -> Floats:
+    solution: Floats = np.array(x.array)
+    if not math.isfinite(fenicsx.norm(solution)):
+        raise LinearSolveError("the tangent stiffness is singular")
+    solution[held] = values
+    return solution
+
+
 def symmetric_part(matrix: Any) -> Any:
     """(A + A^T) / 2 as a PETSc matrix of its own, to be destroyed by the caller."""
     part = PETSc.Mat()
@@ -151,18 +171,12 @@ class LinearSolver:
         Raises:
             LinearSolveError: No finite solution was found.
         """
-        fenicsx.give_back_dropped()
-        x, b = matrix.createVecs()
-        b.array[:] = rhs
-        x.array[held] = values
-        hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
+        x, b = _prescribed(matrix, rhs, held, values, is_symmetric=self._is_symmetric)
         if is_same_matrix:
             tried = [True]
         else:
             tried = [True, False] if is_near and not self._is_direct else [False]
-        solution = self._solve_held(matrix, b, x, held, tried, tolerance)
-        solution[held] = values
-        return solution
+        return self._solve_held(matrix, b, x, held, values, tried, tolerance)
 
     def solve_once_more(
         self, matrix: Any, rhs: Floats, held: Indices, *, tolerance: float
@@ -181,9 +195,7 @@ class LinearSolver:
         x, b = matrix.createVecs()
         b.array[:] = rhs
         b.array[held] = 0.0
-        solution = self._solve_held(matrix, b, x, held, [True], tolerance)
-        solution[held] = 0.0
-        return solution
+        return self._solve_held(matrix, b, x, held, np.zeros(len(held)), [True], tolerance)
 
     def _solve_held(
         self,
@@ -191,6 +203,7 @@ class LinearSolver:
         b: Any,
         x: Any,
         held: Indices,
+        values: Floats,
         tried: Sequence[bool],
         tolerance: float,
     ) -> Floats:
@@ -209,14 +222,11 @@ class LinearSolver:
                     continue
             else:
                 self._factor_instead(matrix, b, x)
-            solution: Floats = np.array(x.array)
+            return _solution(x, held, values)
         finally:
             self._ksp.getPC().setReusePreconditioner(False)
             x.destroy()
             b.destroy()
-        if not math.isfinite(fenicsx.norm(solution)):
-            raise LinearSolveError("the tangent stiffness is singular")
-        return solution
 
     def destroy(self) -> None:
         """Give factors or multigrid levels back at once."""
@@ -402,22 +412,14 @@ class LaggedFactors:
         Raises:
             LinearSolveError: No finite solution was found.
         """
-        fenicsx.give_back_dropped()
-        x, b = matrix.createVecs()
-        b.array[:] = rhs
-        x.array[held] = values
-        hold(matrix, held, x, b, is_symmetric=self._is_symmetric)
+        x, b = _prescribed(matrix, rhs, held, values, is_symmetric=self._is_symmetric)
         self._ksp.setTolerances(rtol=max(tolerance, _ROUGH))
         try:
             self._run(matrix, b, x)
-            solution: Floats = np.array(x.array)
+            return _solution(x, held, values)
         finally:
             x.destroy()
             b.destroy()
-        if not np.isfinite(fenicsx.norm(solution)):
-            raise LinearSolveError("the tangent stiffness is singular")
-        solution[held] = values
-        return solution
 
     def _run(self, matrix: Any, b: Any, x: Any) -> None:
         pc = self._ksp.getPC()

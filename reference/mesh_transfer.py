@@ -241,7 +241,8 @@ class TransferredSpace:
 
 def create_space(transferred: TransferredMesh, degree: int) -> TransferredSpace:
     """Return the continuous displacement space of a degree on a transferred mesh."""
-    return map_points(transferred, degree, fenicsx.vector_space(transferred.mesh, degree))
+    space = fenicsx.function_space(transferred.mesh, "Lagrange", degree, (3,))
+    return map_points(transferred, degree, space)
 
 
 def map_points(transferred: TransferredMesh, degree: int, space: Any) -> TransferredSpace:

@@ -137,7 +137,10 @@ class Smoothing:
         volumes = signed_volumes(source.points, source.cells)[transferred.cell_of_cell]
         edges, nodes = (find_patches(mesh, k, constants, volumes) for k in (1, 0))
         self._edge_volumes, self._node_volumes = edges.volumes, nodes.volumes
-        self.tensors, self.scalars = fenicsx.cell_tensor_space(mesh), fenicsx.cell_space(mesh)
+        self.tensors, self.scalars = (
+            fenicsx.function_space(mesh, "DG", 0, (3, 3)),
+            fenicsx.function_space(mesh, "DG", 0),
+        )
         self._of_edges = _averages(edges, fenicsx.cell_dofs(self.tensors)[:, 0], 9)
         self._of_nodes = _averages(nodes, fenicsx.cell_dofs(self.scalars)[:, 0], 1)
         of_edge = np.empty((len(edges.volumes), constants.shape[1]))
@@ -316,7 +319,10 @@ class _EdgeLaw:
             np.tile(_CORNERS, (count, 1)), np.arange(4 * count).reshape(count, 4)
         )
         # Which cell a patch has does not matter: that of its number in dolfinx.
-        tensors, scalars = fenicsx.cell_tensor_space(mesh), fenicsx.cell_space(mesh)
+        tensors, scalars = (
+            fenicsx.function_space(mesh, "DG", 0, (3, 3)),
+            fenicsx.function_space(mesh, "DG", 0),
+        )
         self._rows = fenicsx.cell_dofs(tensors)[:, 0]
         self._strain = fem.Function(tensors)
         constants = [fenicsx.cell_function(mesh, of) for of in (mu, c01)]

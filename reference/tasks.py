@@ -6,11 +6,12 @@ file and to the ranks of mpirun as it is.
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -28,39 +29,42 @@ from palpate.reference.result import (
 from palpate.reference.schemes import Integrator
 
 Progress: TypeAlias = Callable[[str], None]
-Answer = TypeVar("Answer", covariant=True)
+Answer = TypeVar("Answer")
 
 
-class Task(Protocol[Answer]):
-    """What is done with a problem.
+class Task(Generic[Answer]):
+    """What is done with a problem: a function, whose options are the fields of the task.
 
     Attributes:
         answer: The class of what comes out.
-        needs_one_rank: Whether it cannot be spread over the ranks of mpirun.
+        function: "module:name" below palpate.reference, which says what the fields mean.
     """
 
-    @property
-    def answer(self) -> type[Answer]: ...  # noqa: D102  (above)
-
-    @property
-    def needs_one_rank(self) -> bool: ...  # noqa: D102  (above)
-
-    def __call__(self, problem: Problem, progress: Progress) -> Answer: ...  # noqa: D102
-
-
-class _OfElement:
-    """Averages of smoothed tetrahedra need all cells at an edge, those of other ranks too."""
-
-    element: Element
+    answer: ClassVar[type[Any]]
+    function: ClassVar[str]
 
     @property
     def needs_one_rank(self) -> bool:
-        return self.element is Element.SMOOTHED
+        """Whether it cannot be spread over the ranks of mpirun.
+
+        Averages of smoothed tetrahedra need all cells at an edge, those of other ranks too.
+        """
+        return getattr(self, "element", None) is Element.SMOOTHED
+
+    def options(self) -> dict[str, Any]:
+        """What the function is called with, beside the problem and a place for progress."""
+        return dict(vars(self))
+
+    def __call__(self, problem: Problem, progress: Progress) -> Answer:
+        """Call the function."""
+        module, name = self.function.split(":")
+        function = getattr(importlib.import_module(f"palpate.reference.{module}"), name)
+        answer: Answer = function(problem, **self.options(), progress=progress)
+        return answer
 
 
-# The fields of a task are the options of what it calls, which says what they mean.
 @dataclass(frozen=True)
-class StaticTask(_OfElement):
+class StaticTask(Task[ReferenceResult]):
     """`palpate.reference.statics.solve_static`."""
 
     strain: Strain = Strain.GREEN
@@ -70,17 +74,11 @@ class StaticTask(_OfElement):
     element: Element = Element.LINEAR
     start: Points | None = None
 
-    answer = ReferenceResult
-
-    def __call__(self, problem: Problem, progress: Progress) -> ReferenceResult:
-        """Solve."""
-        from palpate.reference.statics import solve_static
-
-        return solve_static(problem, **vars(self), progress=progress)
+    answer, function = ReferenceResult, "statics:solve_static"
 
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveTask:
+class AdaptiveTask(Task[AdaptiveResult]):
     """`palpate.reference.adaptivity.adaptive.solve_adaptively`.
 
     Attributes:
@@ -108,12 +106,10 @@ class AdaptiveTask:
     part_supports: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     start: Points | None = None
 
-    answer = AdaptiveResult
-    needs_one_rank = False
+    answer, function = AdaptiveResult, "adaptivity.adaptive:solve_adaptively"
 
-    def __call__(self, problem: Problem, progress: Progress) -> AdaptiveResult:
-        """Solve, estimate, refine."""
-        from palpate.reference.adaptivity.adaptive import solve_adaptively
+    def options(self) -> dict[str, Any]:
+        """Goals and budget of the plain fields."""
         from palpate.reference.adaptivity.goals import Budget, Goal, Part, Quantity
 
         rows = zip(self.part_cells, self.part_weights, self.part_supports, strict=True)
@@ -123,46 +119,31 @@ class AdaptiveTask:
                 for inside, weights, support in rows
             ]
         )
-        return solve_adaptively(
-            problem,
-            [
-                Goal(
-                    Quantity(name.split("@")[0]),
-                    tolerance,
-                    next(parts) if "@" in name else None,
-                    name,
-                )
-                for name, tolerance in self.goals
-            ],
-            budget=Budget(self.seconds, self.memory, self.unknowns),
-            strain=self.strain,
-            degree=self.degree,
-            formulation=self.formulation,
-            start=self.start,
-            progress=progress,
-        )
+        goals = [
+            Goal(Quantity(name.split("@")[0]), bar, next(parts) if "@" in name else None, name)
+            for name, bar in self.goals
+        ]
+        same = ("strain", "degree", "formulation", "start")
+        return {
+            "goals": goals,
+            "budget": Budget(self.seconds, self.memory, self.unknowns),
+            **{name: getattr(self, name) for name in same},
+        }
 
 
 @dataclass(frozen=True, eq=False)
-class AuditTask:
+class AuditTask(Task[Audit]):
     """`palpate.reference.audit.audit_displacement`."""
 
     displacement: Points
     strain: Strain = Strain.GREEN
     degree: int = 2
 
-    answer = Audit
-    needs_one_rank = False
-
-    def __call__(self, problem: Problem, progress: Progress) -> Audit:
-        """Audit."""
-        from palpate.reference.audit import audit_displacement
-
-        return audit_displacement(problem, **vars(self), progress=progress)
+    answer, function = Audit, "audit:audit_displacement"
 
 
 @dataclass(frozen=True)
-class ImplicitTask:
+class ImplicitTask(Task[ImplicitResult]):
     """`palpate.reference.dynamics.simulate_implicit`, from rest."""
 
     strain: Strain = Strain.GREEN
@@ -171,18 +152,11 @@ class ImplicitTask:
     is_mass_lumped: bool = False
     relative_tolerance: float = 1e-9
 
-    answer = ImplicitResult
-    needs_one_rank = False
-
-    def __call__(self, problem: Problem, progress: Progress) -> ImplicitResult:
-        """Simulate."""
-        from palpate.reference.dynamics import simulate_implicit
-
-        return simulate_implicit(problem, **vars(self), progress=progress)
+    answer, function = ImplicitResult, "dynamics:simulate_implicit"
 
 
 @dataclass(frozen=True)
-class SteppedTask(_OfElement):
+class SteppedTask(Task[SteppedResult]):
     """`palpate.reference.stepping.simulate_by`, from rest."""
 
     integrator: Integrator
@@ -190,13 +164,7 @@ class SteppedTask(_OfElement):
     element: Element = Element.LINEAR
     relative_tolerance: float = 1e-10
 
-    answer = SteppedResult
-
-    def __call__(self, problem: Problem, progress: Progress) -> SteppedResult:
-        """Step."""
-        from palpate.reference.stepping import simulate_by
-
-        return simulate_by(problem, **vars(self), progress=progress)
+    answer, function = SteppedResult, "stepping:simulate_by"
 
 
 def load_task(path: str | Path) -> Task[Any]:
@@ -205,7 +173,5 @@ def load_task(path: str | Path) -> Task[Any]:
     Raises:
         FileFormatError: Missing, damaged, or not a task.
     """
-    task: Task[Any] = load_result(
-        path, StaticTask, AdaptiveTask, AuditTask, ImplicitTask, SteppedTask
-    )
+    task: Task[Any] = load_result(path, *Task.__subclasses__())
     return task

@@ -60,8 +60,8 @@ class GradientRecovery:
         transferred = discrete.space.transferred
         mesh, degree = transferred.mesh, discrete.space.degree
         self._field = fem.Function(discrete.space.space)
-        tensors = fenicsx.tensor_space(mesh, degree - 1)
-        scalars = fenicsx.scalar_space(mesh, degree - 1)
+        tensors = fenicsx.function_space(mesh, "Lagrange", degree - 1, (3, 3))
+        scalars = fenicsx.function_space(mesh, "Lagrange", degree - 1)
         self._smooth = fem.Function(tensors)
         # Blocks of the tensors in the order of the scalars, whose matrix is a ninth as large.
         self._num_owned = int(scalars.dofmap.index_map.size_local)
@@ -85,7 +85,7 @@ class GradientRecovery:
         gradient = ufl.grad(self._field)
         t = ufl.TestFunction(tensors)
         self._moments = fenicsx.form(self._inside * ufl.inner(gradient, t) * dx)
-        self._cells = fenicsx.cell_space(mesh)
+        self._cells = fenicsx.function_space(mesh, "DG", 0)
         rough = self._smooth - gradient
         q = ufl.TestFunction(self._cells)
         self._squared = fenicsx.form(self._inside * mu * ufl.inner(rough, rough) * q * dx)
