@@ -22,7 +22,7 @@ from palpate.reference.laws import (
     strain_energy_density,
     strain_tensor,
 )
-from palpate.reference.loads import FollowerLoad, apply_loads, spring_forces
+from palpate.reference.loads import apply_loads, spring_forces
 from palpate.reference.mesh_transfer import TransferredSpace, carry_field, create_space, transfer
 from palpate.reference.principal_laws import StrainCoefficients, energy_by_cell, stretch_sum
 from palpate.reference.result import Formulation
@@ -295,25 +295,21 @@ class DiscreteProblem(ElasticBody):
 
     def _attach(self, problem: Problem, dofs: Indices | None = None) -> None:
         """Add supports, loads, springs and tools; `dofs` are those of displacements among all."""
-        space, mesh = self.space, self.space.transferred.mesh
+        space = self.space
         held = hold(space, problem.supports)
         self.held = held if dofs is None else held.renumbered(dofs)
         self.frames = self.held.frames
         self.free = np.setdiff1d(np.arange(self.num_dofs), self.held.dofs)
         own = self.free if dofs is None else dofs[: 3 * space.num_blocks]
         self.free_displacements = np.setdiff1d(own, self.held.dofs)
-        loads = apply_loads(space, problem.loads, self.u, self.v, self.strain)
-        self.dead_force = self.from_nodal(loads.dead)
+        dead, followers = apply_loads(self, problem.loads)
+        self.dead_force = self.from_nodal(dead)
         unknowns = None if dofs is None else Unknowns(self.num_dofs, dofs)
         self.contacts = create_contacts(problem, space, held.dofs, unknowns)
-        trial = ufl.TrialFunction(self._unknown.function_space)
-        springs = spring_forces(
-            space, problem.springs, u=self.u, v=self.v, unknown=self._unknown, trial=trial
-        )
         # Springs follow too, but their tangent is symmetric.
-        self.has_followers = bool(loads.followers)
-        followers = [FollowerLoad(mesh, w, self._unknown, trial) for w in loads.followers]
-        self._followers = [*followers, *springs]
+        self.has_followers = bool(followers)
+        self._followers = [*followers, *spring_forces(self, problem.springs)]
+        trial = ufl.TrialFunction(self._unknown.function_space)
         self._tangent = fenicsx.form(self.work_change(trial))
         self._matrix = fenicsx.create_matrix(self._tangent)
         self._matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)

@@ -1,11 +1,9 @@
-"""A load whose direction follows the body, in one form for statics, pressures apart, and motion.
+"""Loads and springs as virtual work in UFL; the full load, which the solver scales.
 
-Loads as virtual work in UFL; the full load, which the solver scales by the load factor.
-
-Every load of one kind compiles to the same form, whatever its value or place, so nothing is
-compiled twice.
-
-Springs over patches of the surface as virtual work in UFL; see `palpate.meshes.spring`.
+Every load of one kind compiles to the same form, whatever its value or region, so nothing is
+compiled twice. A load whose direction follows the body has one form for statics, for pressures
+among the unknowns, and for motion. Of springs over patches of the surface, see
+`palpate.meshes.spring`,
 
     W(u; v) = integral of kappa (d - u) . v over the patch,
 
@@ -18,8 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -35,21 +32,36 @@ from palpate.reference.laws import cofactor, deformation_gradient
 from palpate.reference.mesh_transfer import TransferredSpace, create_space
 
 
+class Loaded(Protocol):
+    """A body: its space, displacement, test function and strain measure.
+
+    `unknown` is the function that `u` is of, pressures among it where they are apart.
+    """
+
+    space: TransferredSpace
+    u: Any
+    v: Any
+    strain: Strain
+
+    @property
+    def unknown(self) -> Any: ...  # noqa: D102  (above)
+
+
 class FollowerLoad:
     """The forces of a follower, and their derivative.
 
     Args:
-        mesh: The dolfinx mesh.
+        body: On which it acts.
         work: Virtual work of the full load, as a UFL form [J].
-        unknown: The function that the work depends on; it holds its place for every call.
-        trial: A trial function of the unknown's space.
     """
 
-    def __init__(self, mesh: Any, work: Any, unknown: Any, trial: Any) -> None:
+    def __init__(self, body: Loaded, work: Any) -> None:
         self._force = fenicsx.form(work)
         # The tangent of R has the tangent of the load with a minus sign and a factor.
-        self._factor = fem.Constant(mesh, PETSc.ScalarType(0.0))
-        self._tangent = fenicsx.form(-self._factor * ufl.derivative(work, unknown, trial))
+        self._factor = fem.Constant(body.space.transferred.mesh, PETSc.ScalarType(0.0))
+        trial = ufl.TrialFunction(body.unknown.function_space)
+        change = ufl.derivative(work, body.unknown, trial)
+        self._tangent = fenicsx.form(-self._factor * change)
 
     def force(self) -> Floats:
         """Nodal forces of the full load [N], flat."""
@@ -61,36 +73,23 @@ class FollowerLoad:
         fenicsx.assemble_into_matrix(matrix, self._tangent)
 
 
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """The loads of a problem on a space.
-
-    Attributes:
-        dead: Nodal forces that do not depend on the displacement [N], flat over the space.
-        followers: Virtual work [J] of each load that does, as UFL forms of u and v.
-    """
-
-    dead: Floats
-    followers: tuple[Any, ...]
-
-
-def apply_loads(
-    space: TransferredSpace, loads: Sequence[Load], u: Any, v: Any, strain: Strain
-) -> Loads:
-    """Turn loads into nodal forces and forms.
+def apply_loads(body: Loaded, loads: Sequence[Load]) -> tuple[Floats, list[FollowerLoad]]:
+    """Turn loads into nodal forces and followers.
 
     Under linear strain a pressure acts on the rest surface, as in the linear theory, and is dead.
 
     Args:
-        space: Displacement space.
+        body: On which they act.
         loads: What pushes.
-        u: Displacement, in UFL.
-        v: Its test function, of what follows it.
-        strain: Strain measure of the model.
+
+    Returns:
+        Nodal forces that do not depend on the displacement [N], flat over the body's space, and
+        each load that does.
 
     Raises:
         InputError: A value that is not finite.
     """
+    space = body.space
     dead = np.zeros(3 * space.num_blocks)
     followers = []
     test = ufl.TestFunction(space.space)
@@ -106,12 +105,13 @@ def apply_loads(
             case PointForce():
                 dead += _point_forces(space, load, what)
             case Pressure():
-                if strain is Strain.LINEAR:
+                if body.strain is Strain.LINEAR:
                     work = pressure_work(space, load, None, test, what)
                     dead += fenicsx.assemble_vector(fenicsx.form(work))
                 else:
-                    followers.append(pressure_work(space, load, u, v, what))
-    return Loads(dead, tuple(followers))
+                    work = pressure_work(space, load, body.u, body.v, what)
+                    followers.append(FollowerLoad(body, work))
+    return dead, followers
 
 
 def traction_work(space: TransferredSpace, load: Traction, v: Any, what: str) -> Any:
@@ -178,33 +178,20 @@ class SpringForce(FollowerLoad):
     The anchor is where the spring's path ends, until `move_to` says otherwise.
 
     Args:
-        space: Of the displacements.
+        body: That it holds.
         spring: Which.
-        u: Displacement, in UFL.
-        v: Its test function.
-        unknown: See `FollowerLoad`.
-        trial: See `FollowerLoad`.
         what: "spring 2": for messages.
     """
 
-    def __init__(
-        self,
-        space: TransferredSpace,
-        spring: Spring,
-        *,
-        u: Any,
-        v: Any,
-        unknown: Any,
-        trial: Any,
-        what: str,
-    ) -> None:
+    def __init__(self, body: Loaded, spring: Spring, what: str) -> None:
+        space = body.space
         mesh = space.transferred.mesh
         self._path = spring.path.components()
         self._amplitude: TabularAmplitude | None = spring.amplitude
         self._anchor = fem.Constant(mesh, spring.path.end.astype(PETSc.ScalarType))
         kappa = _density(space, spring)
         area = space.transferred.facet_measure(spring.facets, what, degree=1 + 2 * space.degree)
-        super().__init__(mesh, kappa * ufl.inner(self._anchor - u, v) * area, unknown, trial)
+        super().__init__(body, kappa * ufl.inner(self._anchor - body.u, body.v) * area)
 
     @property
     def is_steady(self) -> bool:
@@ -232,19 +219,9 @@ def _density(space: TransferredSpace, spring: Spring) -> Any:
     return found[0]
 
 
-def spring_forces(
-    space: TransferredSpace,
-    springs: tuple[Spring, ...],
-    *,
-    u: Any,
-    v: Any,
-    unknown: Any,
-    trial: Any,
-) -> list[SpringForce]:
-    """Each of a problem's springs; arguments as `SpringForce` has them."""
+def spring_forces(body: Loaded, springs: Sequence[Spring]) -> list[SpringForce]:
+    """Each of a problem's springs on a body."""
     return [
-        SpringForce(
-            space, spring, u=u, v=v, unknown=unknown, trial=trial, what=f"spring {number} (Spring)"
-        )
+        SpringForce(body, spring, f"spring {number} (Spring)")
         for number, spring in enumerate(springs, start=1)
     ]

@@ -93,16 +93,11 @@ class MovingBody:
         self.held: Indices = self._supports.dofs
         self.free: Indices = np.setdiff1d(np.arange(body.num_dofs), self.held)
         body.frames = self._supports.frames
-        du = ufl.TrialFunction(space.space)
         for load, factor in zip(problem.loads, factors, strict=True):
-            applied = apply_loads(space, [load], body.u, body.v, body.strain)
-            self._dead.append((factor, body.to_local(applied.dead)))
-            for work in applied.followers:
-                follower = FollowerLoad(space.transferred.mesh, work, body.u, du)
-                self._followers.append((factor, follower))
-        self._springs = spring_forces(
-            space, problem.springs, u=body.u, v=body.v, unknown=body.u, trial=du
-        )
+            dead, followers = apply_loads(body, [load])
+            self._dead.append((factor, body.to_local(dead)))
+            self._followers += [(factor, follower) for follower in followers]
+        self._springs = spring_forces(body, problem.springs)
         own = [support.amplitude for support in problem.supports]
         self._support_factors = _one_each(
             own if supports_by is None else supports_by, len(problem.supports), "supports"
