@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -34,7 +35,6 @@ from palpate.validation.references.reference_set import OF_ELEMENT
 from palpate.validation.report import FigureForm
 from palpate.validation.report.case_plots import budget_svg, checks_svg, motion_svg, write_figures
 from palpate.validation.report.comparisons import comparisons_of
-from palpate.validation.report.credibility import credibility
 from palpate.validation.report.pictures import draw_pictures
 from palpate.validation.report.tables import provenance_rows, record_text, state_table, write_tables
 from palpate.validation.report.trust import trust_of
@@ -179,10 +179,30 @@ def _case_view(result: CaseResult, folder: Path, figures: FigureForm | None) -> 
         "loads": [type(load).__name__ for load in (*problem.loads, *problem.springs)],
         "tools": [type(tool.shape).__name__ for tool in problem.tools],
         "num_inclusions": len(problem.inclusions),
-        "credibility": credibility(result),
+        "credibility": credibility_html(result),
         "provenance": provenance_rows(result.provenance),
         "record": record_text(result.provenance),
     }
+
+
+def credibility_html(result: CaseResult) -> Markup:
+    """What the report contributes to a credibility file, factor by factor, and what it leaves."""
+
+    def counted(against: str) -> dict[str, Any]:
+        checks = [check for check in result.checks if check.against == against]
+        passed = sum(check.verdict is Verdict.PASSED for check in checks)
+        bars = [check.reference_error for check in checks if check.reference_error < math.inf]
+        return {
+            "total": len(checks),
+            "passed": passed,
+            "state": "yours" if not checks else "given" if passed == len(checks) else "in part",
+            "bar": max(bars, default=0.0),
+            "largest": max((c.value for c in checks if c.value is not None), default=None),
+        }
+
+    template = report_environment().get_template("credibility.html.j2")
+    page = template.render(r=result, same=counted("same_mesh"), truth=counted("truth"))
+    return Markup(page)  # its texts are escaped
 
 
 def _small(path: Path) -> str:

@@ -22,7 +22,6 @@ from palpate.validation.judging.results import CaseResult
 from palpate.validation.quoting import for_json
 from palpate.validation.report import html
 from palpate.validation.report.comparisons import choose_camera, comparisons_of
-from palpate.validation.report.credibility import credibility
 from palpate.validation.report.tables import provenance_rows, record_text, state_table
 from palpate.validation.report.viewer import viewer_json
 from palpate.validation.states import Verdict
@@ -205,14 +204,28 @@ def test_fifty_thousand_cells_stay_under_five_megabytes(
     assert html.write_report([result], tmp_path).stat().st_size < 4_500_000
 
 
+def credibility(result: CaseResult) -> tuple[str, dict[str, tuple[str, str]]]:
+    """The words of the page's part, and evidence and state of each factor."""
+    page = html.credibility_html(result)
+    rows = re.findall(r"<tr.*?<td>(.*?)<span.*?<td>(.*?)</td><td class=.*?>(.*?)</td>", page)
+    return page, {name: (evidence, state) for name, evidence, state in rows}
+
+
 def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
-    found = credibility(kidney)
-    states = {factor.name: factor.state for factor in found.factors}
-    assert len(states) == 13
-    assert states["numerical code verification"] == "given"
-    assert states["test samples"] == "yours"
-    assert found.context_of_use == kidney.evidence["context_of_use"]
-    assert "Not stated" in credibility(dataclasses.replace(kidney, evidence={})).context_of_use
+    page, factors = credibility(kidney)
+    assert len(factors) == 13
+    assert factors["numerical code verification"][1] == "given"
+    assert factors["test samples"][1] == "yours"
+    assert kidney.evidence["context_of_use"] in page
+    names = "material.poissons_ratio, load[0].force"
+    assert factors["model inputs"][0].endswith(f"Fitted, as [evidence] says: {names}.")
+    # What was fitted is read from the author, not from the words of the file.
+    page, factors = credibility(
+        dataclasses.replace(kidney, evidence={}, case_text="# nothing here was fitted")
+    )
+    assert "Not stated: the case has no context_of_use" in page
+    nothing = "[evidence] of the case names none that was fitted."
+    assert factors["model inputs"][0].endswith(nothing)
     stated = dataclasses.replace(
         kidney,
         evidence={
@@ -220,27 +233,12 @@ def test_the_credibility_table_says_what_is_whose(kidney: CaseResult) -> None:
             "quantities_of_interest": "volume",
         },
     )  # fmt: skip
-    found = credibility(stated)
-    assert found.context_of_use == "training"
-    assert "low" in found.risk
-    assert "high" in found.risk
-    inputs = {factor.name: factor.evidence for factor in found.factors}["model inputs"]
-    assert inputs.endswith("[evidence] of the case names none that was fitted.")
+    page, factors = credibility(stated)
+    assert "<b>Context of use.</b> training" in page
+    assert "decision: low; consequence of a wrong decision: high." in page
     failed = [dataclasses.replace(c, verdict=Verdict.FAILED) for c in kidney.checks]
-    red = credibility(dataclasses.replace(kidney, checks=tuple(failed)))
-    assert {f.name: f.state for f in red.factors}["numerical code verification"] == "in part"
-
-
-def test_what_was_fitted_is_read_from_the_author_not_from_the_words_of_the_file(
-    kidney: CaseResult,
-) -> None:
-    def inputs(result: CaseResult) -> str:
-        return {f.name: f.evidence for f in credibility(result).factors}["model inputs"]
-
-    names = "material.poissons_ratio, load[0].force"
-    assert inputs(kidney).endswith(f"Fitted, as [evidence] says: {names}.")
-    loud = dataclasses.replace(kidney, evidence={}, case_text="# nothing here was fitted")
-    assert inputs(loud).endswith("[evidence] of the case names none that was fitted.")
+    _, red = credibility(dataclasses.replace(kidney, checks=tuple(failed)))
+    assert red["numerical code verification"][1] == "in part"
 
 
 def test_only_a_case_that_says_so_is_said_to_be_fitted(
